@@ -1,0 +1,37 @@
+//! BRDFs at a shading point.
+
+mod lambert;
+
+pub use lambert::Lambert;
+
+use glam::{Vec2, Vec3A};
+
+/// The BRDF of a surface at one point, its textures already looked up.
+#[derive(Clone, Copy, Debug)]
+pub enum Brdf {
+    /// Ideal diffuse reflection.
+    Lambert(Lambert),
+}
+
+impl Brdf {
+    /// `f_r(wo, wi) max(0, n . wi)` per channel, in 1/sr.
+    pub fn evaluate_cosine(&self, normal: Vec3A, wo: Vec3A, wi: Vec3A) -> Vec3A {
+        match self {
+            Self::Lambert(lambert) => lambert.evaluate_cosine(normal, wo, wi),
+        }
+    }
+
+    /// Draws a direction in proportion to (a close approximation of) `f_r cos`; `(wi, solid-angle pdf)`.
+    pub fn sample(&self, normal: Vec3A, wo: Vec3A, u: Vec2) -> Option<(Vec3A, f32)> {
+        match self {
+            Self::Lambert(lambert) => lambert.sample(normal, wo, u),
+        }
+    }
+
+    /// The solid-angle pdf of [`Self::sample`].
+    pub fn pdf(&self, normal: Vec3A, wo: Vec3A, wi: Vec3A) -> f32 {
+        match self {
+            Self::Lambert(lambert) => lambert.pdf(normal, wo, wi),
+        }
+    }
+}

@@ -1,0 +1,32 @@
+//! Linear RGB images: reading radiance maps, writing results.
+
+mod read;
+// mod write;
+
+pub use read::read_radiance;
+// pub use write::{Attribute, write_exr, write_png};
+
+use glam::Vec3A;
+
+/// A linear Rec.709 image, row-major from the top left, `pixels[y * width + x]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `[height * width]` linear radiance.
+    pub pixels: Vec<[f32; 3]>,
+}
+
+impl Image {
+    /// A black image.
+    pub fn black(width: usize, height: usize) -> Self {
+        Self { width, height, pixels: vec![[0.0; 3]; width * height] }
+    }
+
+    /// The pixel at column `x`, row `y`.
+    pub fn get(&self, x: usize, y: usize) -> Vec3A {
+        Vec3A::from_array(self.pixels[y * self.width + x])
+    }
+}

@@ -1,0 +1,5 @@
+//! Direct illumination: estimators over samplers, and the tiled integrator.
+
+mod estimator;
+
+pub use estimator::{DirectEstimator, Estimate, Visibility};

@@ -1,0 +1,16 @@
+//! Importance samplers for environment light, native inference of exported heads, scenes and a direct-light integrator.
+//!
+//! This crate reads what headtail exports and knows nothing of the library that trained it.
+
+pub mod brdf;
+pub mod color;
+pub mod error;
+pub mod frame;
+pub mod image;
+pub mod integrator;
+pub mod latlong;
+pub mod random;
+pub mod sampler;
+pub mod scene;
+
+pub use error::{Error, Result};

@@ -1,0 +1,68 @@
+//! Direction samplers for direct light, and the traits behind which they stand.
+//!
+//! Every pdf at these interfaces is over solid angle. `None` means "no sample": the estimate of that draw is zero.
+
+use glam::{Vec2, Vec3A};
+
+use crate::brdf::Brdf;
+
+/// A point to be shaded; all vectors are unit length, in world space, and point away from the surface.
+#[derive(Clone, Copy, Debug)]
+pub struct ShadingPoint {
+    /// Position in metres.
+    pub p: Vec3A,
+    /// Geometric normal, on the side of `wo`.
+    pub ng: Vec3A,
+    /// Shading normal, on the side of `wo`.
+    pub ns: Vec3A,
+    /// Direction to the viewer.
+    pub wo: Vec3A,
+    /// The surface's BRDF, textures looked up.
+    pub brdf: Brdf,
+}
+
+impl ShadingPoint {
+    /// `f_r cos` towards `wi`, per channel; zero where `wi` is below the geometric surface.
+    pub fn brdf_cosine(&self, wi: Vec3A) -> Vec3A {
+        if self.ng.dot(wi) <= 0.0 { Vec3A::ZERO } else { self.brdf.evaluate_cosine(self.ns, self.wo, wi) }
+    }
+}
+
+/// A sampled direction towards the environment.
+#[derive(Clone, Copy, Debug)]
+pub struct DirectionSample {
+    /// Unit direction.
+    pub wi: Vec3A,
+    /// Solid-angle pdf of `wi`, positive and finite.
+    pub pdf: f32,
+    /// The environment's radiance from `wi`.
+    pub radiance: Vec3A,
+}
+
+/// A distribution of directions at a shading point, with a pdf that can be evaluated anywhere.
+pub trait DirectionSampler: Send + Sync {
+    /// What depends on the shading point alone and is computed once for all of its samples.
+    type Prepared: Send;
+
+    /// Computes what depends on the shading point alone.
+    fn prepare(&self, at: &ShadingPoint) -> Self::Prepared;
+
+    /// Draws a direction from a uniform point `u` of `[0, 1)^2`.
+    fn sample(&self, prepared: &Self::Prepared, at: &ShadingPoint, u: Vec2) -> Option<DirectionSample>;
+
+    /// The solid-angle pdf with which [`Self::sample`] draws `wi`; 0 where it never does.
+    fn pdf(&self, prepared: &Self::Prepared, at: &ShadingPoint, wi: Vec3A) -> f32;
+
+    /// Draws one direction for each of many shading points: `at`, `u` and `out` have equal length.
+    /// The wavefront form; networks override it.
+    fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
+        for ((at, &u), out) in at.iter().zip(u).zip(out) {
+            *out = self.sample(&self.prepare(at), at, u);
+        }
+    }
+}
+
+/// Marks a sampler whose pdf is positive wherever light x BRDF x cosine is: it may be used alone without bias.
+///
+/// A sampler that leaves parts to a partner (MIS compensation) does not have it, so the compiler refuses to use it alone.
+pub trait CoversIntegrand: DirectionSampler {}

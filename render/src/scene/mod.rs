@@ -1,0 +1,1 @@
+//! Scenes: triangle meshes, materials, cameras.

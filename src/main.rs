@@ -1,0 +1,2 @@
+//! headtail
+fn main() {}
