@@ -2,8 +2,10 @@
 //!
 //! This crate reads what headtail exports and knows nothing of the library that trained it.
 
+pub mod bake;
 pub mod brdf;
 pub mod color;
+pub mod environment;
 pub mod error;
 pub mod frame;
 pub mod image;
@@ -12,5 +14,6 @@ pub mod latlong;
 pub mod random;
 pub mod sampler;
 pub mod scene;
+pub mod tail;
 
 pub use error::{Error, Result};
