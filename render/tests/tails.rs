@@ -121,7 +121,8 @@ fn equal_areas_of_y_carry_equal_light() {
             assert!((share - above).abs() < 4.0 / 512.0, "{name}: {share} above row {row}, expected {above}");
             let v = (row as f32 + 0.5) / rows as f32;
             let middle = |column| Vec2::new(((column as f32 + 1.0) / columns as f32).fract(), v);
-            above += (0..columns).map(|column| f64::from(tail.density(middle(column)))).sum::<f64>() / (columns * rows) as f64;
+            above += (0..columns).map(|column| f64::from(tail.density(middle(column)))).sum::<f64>()
+                / (columns * rows) as f64;
             if row > 24 {
                 break;
             }

@@ -27,7 +27,8 @@ impl CellPoints {
         let positions: Vec<Vec2> = (0..cells.cells() * per_cell)
             .map(|index| {
                 let (cell, point) = (index / per_cell, index % per_cell);
-                let inside = Vec2::new((point % per_side) as f32 + 0.5, (point / per_side) as f32 + 0.5) / per_side as f32;
+                let inside =
+                    Vec2::new((point % per_side) as f32 + 0.5, (point / per_side) as f32 + 0.5) / per_side as f32;
                 Vec2::new(
                     ((cell % columns) as f32 + inside.x) / columns as f32,
                     ((cell / columns) as f32 + inside.y) / rows as f32,

@@ -120,7 +120,9 @@ mod tests {
     #[test]
     fn poles_and_seam_are_covered() {
         let grid = NormalGrid::new(2, 3).unwrap();
-        for normal in [Vec3A::Y, -Vec3A::Y, Vec3A::Z, -Vec3A::Z, Vec3A::new(-1e-20, 0.0, -1.0), Vec3A::new(-0.0, 1.0, 0.0)] {
+        for normal in
+            [Vec3A::Y, -Vec3A::Y, Vec3A::Z, -Vec3A::Z, Vec3A::new(-1e-20, 0.0, -1.0), Vec3A::new(-0.0, 1.0, 0.0)]
+        {
             let stencil = grid.stencil(normal);
             assert!(stencil.nodes.iter().all(|&node| node < grid.nodes()));
             assert!((stencil.weights.iter().sum::<f32>() - 1.0).abs() < 1e-6);

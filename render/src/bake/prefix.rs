@@ -39,7 +39,13 @@ mod tests {
 
     #[test]
     fn counting_and_bisecting_agree() {
-        let long: Vec<f32> = (0..200).map(|k| ((k * k) % 7 * k) as f32).scan(0.0, |s, x| { *s += x; Some(*s) }).collect();
+        let long: Vec<f32> = (0..200)
+            .map(|k| ((k * k) % 7 * k) as f32)
+            .scan(0.0, |s, x| {
+                *s += x;
+                Some(*s)
+            })
+            .collect();
         for k in 0..500 {
             let u = k as f32 / 500.0;
             let counted = long[..199].iter().filter(|&&sum| sum <= u * long[199]).count();

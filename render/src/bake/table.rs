@@ -99,7 +99,8 @@ impl BakedTable {
             .map(|node| node.iter().map(|&mass| f64::from(mass)).sum::<f64>())
             .fold(0.0, f64::max);
         let scale = if largest > 0.0 { 1.0 / largest } else { 1.0 };
-        let (mut along, mut down) = (Vec::with_capacity(masses.len()), Vec::with_capacity(normals.nodes() * cells.rows));
+        let (mut along, mut down) =
+            (Vec::with_capacity(masses.len()), Vec::with_capacity(normals.nodes() * cells.rows));
         for node in masses.chunks_exact(cells.cells()) {
             let sum = scale * node.iter().map(|&mass| f64::from(mass)).sum::<f64>();
             // A node that sees no light at all still needs a distribution; a tiny one lets its neighbours decide.

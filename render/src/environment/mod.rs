@@ -120,7 +120,7 @@ impl Environment {
 
     /// The map as an image.
     pub fn to_image(&self) -> Image {
-        Image { width: self.width, height: self.height, pixels: self.texels.iter().map(|t| t.to_array()).collect() }
+        Image { width: self.width, height: self.height, pixels: self.texels.iter().map(Vec3A::to_array).collect() }
     }
 
     /// Radiance at a point of the square; `x.x` in `[0, 1]`, `x.y` in `[0, 1]`.
@@ -196,7 +196,8 @@ mod tests {
 
     #[test]
     fn values_without_meaning_are_repaired_and_reported() {
-        let map = of(2, 2, vec![[f32::NAN, 1.0, -2.0], [f32::INFINITY, 3.0, 0.0], [0.0; 3], [1e30, 0.5, -0.0]]).unwrap();
+        let map =
+            of(2, 2, vec![[f32::NAN, 1.0, -2.0], [f32::INFINITY, 3.0, 0.0], [0.0; 3], [1e30, 0.5, -0.0]]).unwrap();
         assert_eq!(map.texels[0].to_array(), [0.0, 1.0, 0.0]);
         assert_eq!(map.texels[1].to_array(), [3.0, 3.0, 0.0]);
         assert_eq!(map.texels[3].to_array(), [3.0, 0.5, -0.0]);

@@ -2,4 +2,6 @@
 
 mod estimator;
 
-pub use estimator::{DirectEstimator, Estimate, Visibility};
+pub use estimator::{
+    DirectEstimator, Estimate, ResampledEstimator, SingleSample, TwoSampleMis, Unshadowed, Visibility,
+};

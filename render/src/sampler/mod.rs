@@ -9,6 +9,7 @@ mod one_sample_mis;
 mod oracle;
 mod product;
 mod resampled;
+mod spec;
 
 pub use brdf::BrdfSampler;
 pub use emitter::{CompensatedEmitterSampler, EmitterSampler};
@@ -17,6 +18,7 @@ pub use one_sample_mis::OneSampleMis;
 pub use oracle::{Oracle, OracleTable};
 pub use product::{IntermediateDensity, ProductSampler};
 pub use resampled::{Resampled, ResampledDirection, ResampledSampler};
+pub use spec::SamplerSpec;
 
 use glam::{Vec2, Vec3A};
 

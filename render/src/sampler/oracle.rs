@@ -30,7 +30,8 @@ pub struct OracleTable {
 impl Oracle {
     /// Computes the directions of the cells' centres.
     pub fn new(tail: &Tail) -> Self {
-        let centre = |index: usize| Vec2::new((index % CELLS) as f32 + 0.5, (index / CELLS) as f32 + 0.5) / CELLS as f32;
+        let centre =
+            |index: usize| Vec2::new((index % CELLS) as f32 + 0.5, (index / CELLS) as f32 + 0.5) / CELLS as f32;
         Self { centres: (0..CELLS * CELLS).map(|index| tail.forward_direction(centre(index)).1).collect() }
     }
 }

@@ -52,7 +52,8 @@ impl<A: CoversIntegrand, B: CoversIntegrand> ResampledSampler for Resampled<A, B
         let (mut total, mut chosen) = (0.0_f32, None);
         for index in 0..self.candidates {
             let u = random.uniform2();
-            let drawn = if index % 2 == 0 { self.first.sample(&first, at, u) } else { self.second.sample(&second, at, u) };
+            let drawn =
+                if index % 2 == 0 { self.first.sample(&first, at, u) } else { self.second.sample(&second, at, u) };
             let survives = random.uniform();
             let Some(drawn) = drawn else { continue };
             let target = luminance(at.brdf_cosine(drawn.wi) * drawn.radiance);
