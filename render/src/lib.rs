@@ -5,6 +5,7 @@
 pub mod brdf;
 pub mod color;
 pub mod error;
+pub mod file;
 pub mod frame;
 pub mod image;
 pub mod integrator;
