@@ -243,7 +243,6 @@ fn what_is_not_a_map_gets_one_sentence_with_file_and_field() {
     let message = |name: &str, bytes: &[u8]| {
         let error = read_radiance(&write(folder.path(), name, bytes)).unwrap_err().to_string();
         assert!(error.contains(name) && !error.contains('\n'), "{error}");
-        println!("{error}");
         error
     };
     assert!(message("empty.hdr", b"").contains("the file is empty"));
@@ -290,7 +289,8 @@ fn exr_headers_that_promise_too_much_are_refused_before_allocation() {
     let error = read_radiance(&write(folder.path(), "a.exr", &damaged)).unwrap_err().to_string();
     assert!(error.contains("dataWindow: 134217729 x 1 pixels"), "{error}");
 
-    let mut damaged = exr_file((16, 16), tiles(8, 8), f32_channels(&image));
+    // A single tile, whose number does not change when it grows.
+    let mut damaged = exr_file((16, 16), tiles(16, 16), f32_channels(&image));
     let tile = attribute_value(&damaged, b"tiles\0tiledesc\0");
     for at in [tile, tile + 4] {
         damaged[at..at + 4].copy_from_slice(&(1_i32 << 14).to_le_bytes());
@@ -338,11 +338,11 @@ fn damaged_files_never_panic() {
         // Every byte of the header region set to the values that break sizes and signs, then random damage of several bytes.
         let mut cases = Vec::new();
         for at in 0..bytes.len().min(600) {
-            for value in [0, 1, 0x7f, 0x80, 0xff] {
+            for value in [0, 0x7f, 0x80, 0xff] {
                 cases.push(vec![(at, value)]);
             }
         }
-        for _ in 0..2000 {
+        for _ in 0..1000 {
             cases.push((0..1 + below(4)).map(|_| (below(bytes.len()), below(256) as u8)).collect());
         }
         for case in cases {

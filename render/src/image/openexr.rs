@@ -156,7 +156,8 @@ fn prefixes(names: &[String]) -> Vec<&str> {
 fn invalid(path: &Path, field: &str, error: &exr::error::Error) -> Error {
     use exr::error::Error as Exr;
     match error {
-        Exr::Io(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
+        // The crate's words for an unexpected end of file.
+        Exr::Invalid(what) if what == "reference to missing bytes" => {
             Error::invalid(path, field, "the file ends too early")
         }
         Exr::Io(e) => Error::invalid(path, field, e.to_string()),
