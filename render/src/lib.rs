@@ -8,6 +8,7 @@ pub mod color;
 pub mod environment;
 pub mod error;
 pub mod export;
+pub mod file;
 pub mod frame;
 pub mod head;
 pub mod image;

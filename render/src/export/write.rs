@@ -1,11 +1,14 @@
 //! Writing an exported sampler.
 
-use std::{collections::HashMap, io::Write, path::Path};
+use std::{collections::HashMap, path::Path};
 
 use safetensors::tensor::{Dtype, TensorView, serialize};
 
 use super::{ExportedSampler, Intermediate};
-use crate::error::{Error, Result};
+use crate::{
+    error::{Error, Result},
+    file,
+};
 
 impl ExportedSampler {
     /// Writes the file to a temporary name beside `path` and renames it. The same sampler gives the same bytes.
@@ -14,11 +17,7 @@ impl ExportedSampler {
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         let bytes = self.to_bytes().map_err(|reason| Error::invalid(path, "tensors", reason))?;
-        let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut file = tempfile::NamedTempFile::new_in(folder).map_err(|error| Error::io(path, error))?;
-        file.write_all(&bytes).and_then(|()| file.as_file().sync_all()).map_err(|error| Error::io(path, error))?;
-        file.persist(path).map_err(|error| Error::io(path, error.error))?;
-        Ok(())
+        file::replace(path, &bytes)
     }
 
     fn to_bytes(&self) -> std::result::Result<Vec<u8>, String> {
