@@ -3,21 +3,35 @@
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3A};
+use rayon::prelude::*;
 
 use super::{ShadingPoint, product::IntermediateDensity};
 use crate::{bake::search_prefix, color::luminance, tail::Tail};
 
 /// Cells along each side of Y.
 const CELLS: usize = 256;
-/// Share of the light that is sampled whatever the table says: a cell can hold directions that its centre does not show.
-const FLOOR: f32 = 1e-3;
+/// Points along each side of a cell, by the angle (as a chord) that the cell's directions span: dark regions of a map are
+/// squeezed into few cells of Y, and such a cell is not described by its centre.
+const POINTS: [(f32, usize); 3] = [(0.02, 1), (0.2, 4), (f32::INFINITY, 8)];
+/// Share of the mean over all cells that every cell is given, for each unit of the chord that it spans, and at least.
+/// Whatever direction the points of a cell do not show is drawn with this density.
+const FLOOR: f32 = 0.05;
+const LEAST_FLOOR: f32 = 1e-3;
 
-/// Tabulates BRDF x cosine over 256 x 256 cells of Y, 65,536 evaluations for each shading point. Through the exact tail the
+/// Tabulates BRDF x cosine over 256 x 256 cells of Y, some 1e5 evaluations for each shading point. Through the exact tail the
 /// environment is no part of the table, so no highlight of the map is blurred by it.
 #[derive(Clone, Debug)]
 pub struct Oracle {
-    /// Directions of the cells' centres, `[CELLS * CELLS]`, row-major.
-    centres: Arc<[Vec3A]>,
+    cells: Arc<[Cell]>,
+}
+
+/// What is known of a cell of Y before any shading point.
+#[derive(Clone, Debug)]
+struct Cell {
+    /// Directions of evenly spaced points.
+    directions: Box<[Vec3A]>,
+    /// Share of the mean that the cell is given in any case.
+    floor: f32,
 }
 
 /// The table of one shading point: running sums over the cells of each row, and over rows.
@@ -28,11 +42,32 @@ pub struct OracleTable {
 }
 
 impl Oracle {
-    /// Computes the directions of the cells' centres.
+    /// Evaluates the tail at the points of all cells.
     pub fn new(tail: &Tail) -> Self {
-        let centre =
-            |index: usize| Vec2::new((index % CELLS) as f32 + 0.5, (index / CELLS) as f32 + 0.5) / CELLS as f32;
-        Self { centres: (0..CELLS * CELLS).map(|index| tail.forward_direction(centre(index)).1).collect() }
+        Self { cells: (0..CELLS * CELLS).into_par_iter().map(|index| Cell::new(tail, index)).collect() }
+    }
+}
+
+impl Cell {
+    fn new(tail: &Tail, index: usize) -> Self {
+        let corner = Vec2::new((index % CELLS) as f32, (index / CELLS) as f32);
+        let directions = |side: usize| -> Box<[Vec3A]> {
+            let inside = |k: usize| Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32;
+            (0..side * side).map(|k| tail.forward_direction((corner + inside(k)) / CELLS as f32).1).collect()
+        };
+        let probe = directions(3);
+        let chord = probe.iter().map(|w| (*w - probe[4]).length()).fold(0.0, f32::max);
+        let (_, side) = POINTS[POINTS.iter().position(|(most, _)| chord <= *most).unwrap_or(2)];
+        Self { directions: directions(side), floor: (FLOOR * chord).max(LEAST_FLOOR) }
+    }
+
+    /// Root mean square over the cell's points: the constant density of least variance.
+    fn value(&self, at: &ShadingPoint) -> f32 {
+        let target = |wi: &Vec3A| luminance(at.brdf_cosine(*wi));
+        match &*self.directions {
+            [only] => target(only),
+            many => (many.iter().map(|wi| target(wi).powi(2)).sum::<f32>() / many.len() as f32).sqrt(),
+        }
     }
 }
 
@@ -40,14 +75,14 @@ impl IntermediateDensity for Oracle {
     type Prepared = OracleTable;
 
     fn prepare(&self, at: &ShadingPoint) -> OracleTable {
-        let mut prefix: Vec<f32> = self.centres.iter().map(|&wi| luminance(at.brdf_cosine(wi))).collect();
-        let floor = (FLOOR * prefix.iter().sum::<f32>() / prefix.len() as f32).max(f32::MIN_POSITIVE);
+        let mut prefix: Vec<f32> = self.cells.iter().map(|cell| cell.value(at)).collect();
+        let mean = (prefix.iter().sum::<f32>() / prefix.len() as f32).max(f32::MIN_POSITIVE / LEAST_FLOOR);
         let mut rows = Vec::with_capacity(CELLS);
         let mut above = 0.0;
-        for row in prefix.chunks_exact_mut(CELLS) {
+        for (values, cells) in prefix.chunks_exact_mut(CELLS).zip(self.cells.chunks_exact(CELLS)) {
             let mut sum = 0.0;
-            for value in row {
-                sum += *value + floor;
+            for (value, cell) in values.iter_mut().zip(cells) {
+                sum += *value + mean * cell.floor;
                 *value = sum;
             }
             above += sum;
