@@ -13,5 +13,6 @@ pub mod latlong;
 pub mod random;
 pub mod sampler;
 pub mod scene;
+pub mod statistics;
 
 pub use error::{Error, Result};
