@@ -49,28 +49,35 @@ impl Quadrature {
     }
 
     fn measure<S: DirectionSampler>(&self, light: &EnvironmentLight, sampler: &S) -> Quality {
-        let per_normal: Vec<_> = (0..NORMALS).into_par_iter().map(|k| {
-            let at = shading_point(Stream::new(7, Purpose::Test, k).direction());
-            let prepared = sampler.prepare(&at);
-            let (mut first, mut second, mut entropy, mut n) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0);
-            let mut logs = 0.0_f64;
-            for &(wi, emitter) in &self.0 {
-                n += 1.0;
-                let f = luminance(at.brdf_cosine(wi) * light.environment().radiance(wi));
-                if f <= 0.0 { continue; }
-                let g = f64::from(f) / f64::from(emitter);
-                let pdf = f64::from(sampler.pdf(&prepared, &at, wi));
-                first += g;
-                second += f64::from(f) * g / pdf;
-                entropy += g * f64::from(f).ln();
-                logs += g * pdf.ln();
-            }
-            let mean = first / n;
-            // A normal that sees no light has no variance to speak of.
-            if mean <= 0.0 { return None; }
-            let kl = (entropy - logs) / first - mean.ln();
-            Some((second / n / (mean * mean) - 1.0, kl))
-        }).collect();
+        let per_normal: Vec<_> = (0..NORMALS)
+            .into_par_iter()
+            .map(|k| {
+                let at = shading_point(Stream::new(7, Purpose::Test, k).direction());
+                let prepared = sampler.prepare(&at);
+                let (mut first, mut second, mut entropy, mut n) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0);
+                let mut logs = 0.0_f64;
+                for &(wi, emitter) in &self.0 {
+                    n += 1.0;
+                    let f = luminance(at.brdf_cosine(wi) * light.environment().radiance(wi));
+                    if f <= 0.0 {
+                        continue;
+                    }
+                    let g = f64::from(f) / f64::from(emitter);
+                    let pdf = f64::from(sampler.pdf(&prepared, &at, wi));
+                    first += g;
+                    second += f64::from(f) * g / pdf;
+                    entropy += g * f64::from(f).ln();
+                    logs += g * pdf.ln();
+                }
+                let mean = first / n;
+                // A normal that sees no light has no variance to speak of.
+                if mean <= 0.0 {
+                    return None;
+                }
+                let kl = (entropy - logs) / first - mean.ln();
+                Some((second / n / (mean * mean) - 1.0, kl))
+            })
+            .collect();
         average(per_normal.into_iter().flatten())
     }
 }
@@ -86,17 +93,20 @@ fn average(values: impl Iterator<Item = (f64, f64)>) -> Quality {
 }
 
 fn measure_by_draws(estimator: &dyn DirectEstimator) -> Quality {
-    let per_normal: Vec<_> = (0..NORMALS).into_par_iter().map(|k| {
-        let at = shading_point(Stream::new(7, Purpose::Test, k).direction());
-        let mut random = Stream::new(8, Purpose::Test, k);
-        let (mut first, mut second) = (0.0_f64, 0.0_f64);
-        for _ in 0..DRAWS {
-            let value = f64::from(luminance(estimator.estimate(&at, &Unshadowed, &mut random).radiance));
-            first += value;
-            second += value * value;
-        }
-        (first > 0.0).then(|| (second * DRAWS as f64 / (first * first) - 1.0, f64::NAN))
-    }).collect();
+    let per_normal: Vec<_> = (0..NORMALS)
+        .into_par_iter()
+        .map(|k| {
+            let at = shading_point(Stream::new(7, Purpose::Test, k).direction());
+            let mut random = Stream::new(8, Purpose::Test, k);
+            let (mut first, mut second) = (0.0_f64, 0.0_f64);
+            for _ in 0..DRAWS {
+                let value = f64::from(luminance(estimator.estimate(&at, &Unshadowed, &mut random).radiance));
+                first += value;
+                second += value * value;
+            }
+            (first > 0.0).then(|| (second * DRAWS as f64 / (first * first) - 1.0, f64::NAN))
+        })
+        .collect();
     average(per_normal.into_iter().flatten())
 }
 
@@ -113,7 +123,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let cosine = BrdfSampler::new(environment.clone());
             let mis = quadrature.measure(&light, &OneSampleMis::new(emitter.clone(), cosine.clone()));
             let report = |label: &str, quality: &Quality| {
-                println!("{:24} {:14} {:22} {:10.2} {:10.4} {:10.4}", environment.name(), kind.name(), label, mis.variance / quality.variance, quality.variance, quality.kl);
+                println!(
+                    "{:24} {:14} {:22} {:10.2} {:10.4} {:10.4}",
+                    environment.name(),
+                    kind.name(),
+                    label,
+                    mis.variance / quality.variance,
+                    quality.variance,
+                    quality.kl
+                );
             };
             report("mis", &mis);
             if kind == TailKind::Hierarchical {
@@ -126,20 +144,38 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 let oracle = Oracle::new(light.tail());
                 report("oracle", &quadrature.measure(&light, &ProductSampler::new(light.clone(), oracle)));
             }
-            let sizes: &[(usize,usize,usize,usize)] = if extra { &[(16,32,8,8),(16,32,16,16),(16,32,32,32),(24,48,32,32),(32,64,32,32),(16,32,64,64)] } else { &[(16, 32, 32, 32)] };
+            let sizes: &[(usize, usize, usize, usize)] = if extra {
+                &[
+                    (16, 32, 8, 8),
+                    (16, 32, 16, 16),
+                    (16, 32, 32, 32),
+                    (24, 48, 32, 32),
+                    (32, 64, 32, 32),
+                    (16, 32, 64, 64),
+                ]
+            } else {
+                &[(16, 32, 32, 32)]
+            };
             for &(p, a, r, c) in sizes {
                 let start = Instant::now();
                 let table = direct_bake(light.tail(), NormalGrid::new(p, a)?, CellGrid::new(r, c)?)?;
                 let time = start.elapsed().as_secs_f64();
-                report(&format!("direct {p}x{a} {r}x{c} {time:.2}s"), &quadrature.measure(&light, &ProductSampler::new(light.clone(), table)));
+                report(
+                    &format!("direct {p}x{a} {r}x{c} {time:.2}s"),
+                    &quadrature.measure(&light, &ProductSampler::new(light.clone(), table)),
+                );
             }
             for file in &files {
                 let exported = ExportedSampler::read(file.as_ref())?;
-                if exported.check_environment(&environment).is_err() || exported.tail.kind() != kind { continue; }
+                if exported.check_environment(&environment).is_err() || exported.tail.kind() != kind {
+                    continue;
+                }
                 let short = std::path::Path::new(file).file_stem().unwrap().to_string_lossy().into_owned();
                 let quality = match exported.intermediate {
                     Intermediate::Head(head) => quadrature.measure(&light, &ProductSampler::new(light.clone(), head)),
-                    Intermediate::Bake(table) | Intermediate::DirectBake(table) => quadrature.measure(&light, &ProductSampler::new(light.clone(), table)),
+                    Intermediate::Bake(table) | Intermediate::DirectBake(table) => {
+                        quadrature.measure(&light, &ProductSampler::new(light.clone(), table))
+                    }
                 };
                 report(&short, &quality);
             }

@@ -57,6 +57,8 @@ pub struct Rendering {
     pub surfaces: Image,
     /// The environment where the camera sees it; black elsewhere.
     pub background: Image,
+    /// Share of each pixel's camera rays that hit a surface, `[height * width]`.
+    pub coverage: Vec<f32>,
     /// Samples per pixel that were taken.
     pub spp: u32,
     /// Wall-clock seconds.
@@ -184,6 +186,7 @@ fn develop(view: &View<'_>, pixels: &[Pixel], spp: u32, seconds: f64) -> Renderi
     Rendering {
         surfaces: image(|pixel| pixel.surfaces),
         background: image(|pixel| pixel.background),
+        coverage: pixels.iter().map(|pixel| pixel.estimates as f32 / spp as f32).collect(),
         spp,
         seconds,
         rays_per_sample: rays as f64 / estimates.max(1) as f64,

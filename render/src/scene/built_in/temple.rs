@@ -142,7 +142,9 @@ fn entablature(model: &mut Model, paint: Paint) {
     let ring = |out: f32, inner: f32, y: [f32; 2]| {
         let mut ring = Mesh::default();
         for side in [-1.0, 1.0_f32] {
-            let span = |half: f32| [(side * (half - inner)).min(side * (half + out)), (side * (half - inner)).max(side * (half + out))];
+            let span = |half: f32| {
+                [(side * (half - inner)).min(side * (half + out)), (side * (half - inner)).max(side * (half + out))]
+            };
             ring.append(&block(span(x), y, [-z - out, z + out]));
             ring.append(&block([-x + inner, x - inner], y, span(z)));
         }
