@@ -26,10 +26,13 @@ pub fn plane() -> Model {
     let mut model = Model::seen([0.0, 1.5, 2.5], [0.0; 3], 45.0);
     let white = model.paint([1.0; 3]);
     let corner = |x: f32, z: f32| Vec3::new(x, 0.0, z);
-    model.add(white, Mesh {
-        positions: vec![corner(-1.0, 1.0), corner(1.0, 1.0), corner(1.0, -1.0), corner(-1.0, -1.0)],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        ..Mesh::default()
-    });
+    model.add(
+        white,
+        Mesh {
+            positions: vec![corner(-1.0, 1.0), corner(1.0, 1.0), corner(1.0, -1.0), corner(-1.0, -1.0)],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..Mesh::default()
+        },
+    );
     model
 }
