@@ -42,7 +42,7 @@ impl Mesh {
                 return Err(Error::argument(what, format!("there are {length}, but {vertices} positions")));
             }
         }
-        if let Some(i) = positions.iter().position(|p| !(p.abs().max_element() <= MAX_COORDINATE) || p.is_nan()) {
+        if let Some(i) = positions.iter().position(|p| !p.abs().cmple(Vec3::splat(MAX_COORDINATE)).all()) {
             let reason =
                 format!("vertex {i} is at {}, which is not finite or beyond {MAX_COORDINATE:e} m", positions[i]);
             return Err(Error::argument("positions", reason));
@@ -127,7 +127,9 @@ mod tests {
     fn normals_stay_perpendicular_and_on_the_wound_side_under_any_transform() {
         let turn = glam::Quat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.7);
         for scale in [[1.0, 1.0, 1.0], [3.0, 0.2, 1.0], [-1.0, 1.0, 1.0], [-2.0, -0.5, -3.0], [1e-6, 2e-6, 1e-6]] {
-            let transform = Affine3A::from_scale_rotation_translation(scale.into(), turn, Vec3::new(5.0, -2.0, 1.0));
+            let scale = Vec3::from(scale);
+            let place = scale.abs().max_element() * Vec3::new(5.0, -2.0, 1.0);
+            let transform = Affine3A::from_scale_rotation_translation(scale, turn, place);
             let moved = sloped_triangle().transformed(&transform);
             let [a, b, c] = moved.corners(0);
             let wound = (b - a).cross(c - a).normalize();

@@ -3,6 +3,7 @@
 mod built_in;
 mod bvh;
 mod camera;
+mod gltf;
 mod ground;
 mod material;
 mod mesh;
@@ -19,7 +20,7 @@ pub use texture::{Texture, Wrap};
 
 use std::path::Path;
 
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3, Vec3A};
 
 use crate::{
     error::{Error, Result},
@@ -142,6 +143,11 @@ impl Scene {
         self.faces.len()
     }
 
+    /// The corners (metres) of the triangles that rays can hit.
+    pub fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
+        self.faces.iter().map(|face| self.meshes[face.mesh as usize].corners(face.triangle as usize))
+    }
+
     /// The scene's own camera, or one that frames it.
     pub fn camera(&self) -> Camera {
         self.camera.unwrap_or_else(|| Camera::framing(&self.bounds))
@@ -201,9 +207,27 @@ impl Visibility for Scene {
     }
 }
 
-impl Scene {
-    /// Loads.
-    pub fn load(path: &Path) -> Result<Self> {
-        Err(Error::invalid(path, "x", "y"))
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Purpose, Stream};
+
+    #[test]
+    fn shading_normals_are_unit_and_face_the_viewer() {
+        let mut random = Stream::new(3, Purpose::Test, 0);
+        for _ in 0..20_000 {
+            let (ng, wo, interpolated) = (random.direction(), random.direction(), random.direction());
+            let ng = if ng.dot(wo) < 0.0 { -ng } else { ng };
+            let ns = shading_normal(random.uniform() * interpolated, ng, wo);
+            assert!(ns.is_normalized() && ns.dot(wo) > 0.0 && ns.dot(ng) > 0.0, "{interpolated} {ng} {wo} -> {ns}");
+        }
+        assert_eq!(shading_normal(Vec3A::ZERO, Vec3A::Y, Vec3A::Y), Vec3A::Y);
+    }
+
+    #[test]
+    fn agreeing_normals_are_kept() {
+        let ns = Vec3A::new(0.1, 1.0, -0.2).normalize();
+        assert_eq!(shading_normal(2.0 * ns, Vec3A::Y, Vec3A::Y), ns);
+        assert_eq!(shading_normal(-ns, Vec3A::Y, Vec3A::Y), ns);
     }
 }

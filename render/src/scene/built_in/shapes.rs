@@ -59,7 +59,7 @@ pub fn fluted_lathe(curves: &[Vec<Vec2>], segments: usize, flute: impl Fn(f32) -
                 let profile = Vec3::new(along.x * flute(turn) * sin, along.y, along.x * flute(turn) * cos);
                 let around = Vec3::new(slope * sin + radius * cos, 0.0, slope * cos - radius * sin);
                 // On the axis there is no "around": the surface is taken to be level there.
-                let normal = around.cross(-profile).try_normalize().unwrap_or(Vec3::Y * -along.x.signum());
+                let normal = around.cross(profile).try_normalize().unwrap_or(Vec3::Y * -along.x.signum());
                 mesh.positions.push(Vec3::new(radius * sin, point.y, radius * cos));
                 mesh.normals.push(normal);
             }
@@ -77,7 +77,7 @@ pub fn tube(path: &[Vec3], radii: &[f32], segments: usize) -> Mesh {
     for (i, (&center, &radius)) in path.iter().zip(radii).enumerate() {
         // Carried along the path, so that the tube does not twist.
         side = side.reject_from_normalized(tangent(i)).normalize();
-        let other = side.cross(tangent(i));
+        let other = tangent(i).cross(side);
         for k in 0..=segments {
             let normal = Vec2::from_angle(TAU * k as f32 / segments as f32);
             let normal = normal.x * side + normal.y * other;

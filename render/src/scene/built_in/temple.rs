@@ -21,11 +21,11 @@ const BEAMS: f32 = CAPITALS + 1.5;
 /// Half width of the roof, its half length, and the height of its ridge over the eaves.
 const ROOF: [f32; 3] = [7.3, 10.9, 2.3];
 /// Flutes of a column.
-const FLUTES: f32 = 20.0;
+const FLUTES: u8 = 20;
 
 /// The temple, its front towards +Z.
 pub fn model() -> Model {
-    let mut model = Model::seen([15.5, 3.6, 24.0], [0.3, 4.3, 1.5], 34.0);
+    let mut model = Model::seen([18.5, 5.2, 28.5], [-0.6, 5.3, 1.0], 35.0);
     let limestone = model.paint([0.60, 0.55, 0.46]);
     let marble = model.paint([0.68, 0.64, 0.57]);
     let plaster = model.paint([0.58, 0.50, 0.40]);
@@ -78,23 +78,25 @@ fn column_places() -> impl Iterator<Item = [f32; 2]> {
 fn column() -> Mesh {
     const SHAFT: [f32; 2] = [0.50, 5.30];
     let radius = |t: f32| 0.46 - 0.085 * t * t;
-    let shaft = (0..=8).map(|i| i as f32 / 8.0);
+    let shaft = (0..=4).map(|i| i as f32 / 4.0);
     let shaft = shaft.map(|t| Vec2::new(radius(t), SHAFT[0] + t * (SHAFT[1] - SHAFT[0]))).collect();
-    let mut column = fluted_lathe(&[shaft], 160, |turn| 1.0 - 0.07 * (PI * FLUTES * turn).sin().abs());
+    let mut column = fluted_lathe(&[shaft], 6 * usize::from(FLUTES), |turn| {
+        1.0 - 0.07 * (PI * f32::from(FLUTES) * turn).sin().abs()
+    });
 
     let rings = [
-        curve([[0.60, 0.16], [0.66, 0.20], [0.66, 0.27], [0.60, 0.31]], 4),
-        curve([[0.54, 0.31], [0.51, 0.36], [0.53, 0.40]], 4),
-        curve([[0.55, 0.40], [0.59, 0.43], [0.59, 0.47], [0.52, 0.50]], 4),
+        curve([[0.60, 0.16], [0.66, 0.20], [0.66, 0.27], [0.60, 0.31]], 3),
+        curve([[0.54, 0.31], [0.51, 0.36], [0.53, 0.40]], 3),
+        curve([[0.55, 0.40], [0.59, 0.43], [0.59, 0.47], [0.52, 0.50]], 3),
         line([0.52, 0.50], [0.0, 0.50]),
     ];
     let capital = [
-        curve([[0.37, 5.28], [0.42, 5.30], [0.42, 5.35], [0.38, 5.37]], 4),
+        curve([[0.37, 5.28], [0.42, 5.30], [0.42, 5.35], [0.38, 5.37]], 3),
         line([0.385, 5.37], [0.385, 5.47]),
-        curve([[0.40, 5.47], [0.50, 5.55], [0.62, 5.68], [0.65, 5.75], [0.63, 5.78]], 5),
+        curve([[0.40, 5.47], [0.50, 5.55], [0.62, 5.68], [0.65, 5.75], [0.63, 5.78]], 3),
     ];
-    column.append(&lathe(&rings, 40));
-    column.append(&lathe(&capital, 40));
+    column.append(&lathe(&rings, 32));
+    column.append(&lathe(&capital, 32));
     column.append(&with_face_normals(&block([-0.68, 0.68], [0.0, 0.16], [-0.68, 0.68])));
     column.append(&with_face_normals(&block([-0.68, 0.68], [5.77, 6.0], [-0.68, 0.68])));
     column
