@@ -97,6 +97,8 @@ pub fn fit(
         skipped: 0,
     };
 
+    // Reading logits back is cheap on the host and a synchronisation elsewhere.
+    let gradients = if config.backend.is_host() { injection::injected } else { injection::in_graph };
     for step in 0..config.steps {
         if interrupt.load(Ordering::Relaxed) {
             summary.interrupted = true;
@@ -104,7 +106,7 @@ pub fn fit(
         }
         let shape = (config.conditions, config.strata);
         let batch = Batch::draw(target, shape, config.seed, Purpose::Batch, step as u64)?;
-        if let Some((loss, gradients)) = injection::gradients(&head, config.loss, &batch, &trained) {
+        if let Some((loss, gradients)) = gradients(&head, config.loss, &batch, &trained) {
             let moved;
             (head, moved) = if loss.is_finite() { optimizer.step(step, head, gradients) } else { (head, false) };
             if !moved {

@@ -108,15 +108,18 @@ impl Head {
         }
     }
 
-    /// The splines' logits at `y` where they do not depend on each other, i.e. in [`Mode::Autoregressive`]:
-    /// elevation `[conditions, 1, 3K + 1]` and azimuth `[conditions, samples, 3K + 1]`; `None` in [`Mode::Coupled`].
-    pub fn independent_logits(&self, y: Tensor<3>, c: Tensor<2>) -> Option<[Tensor<3>; 2]> {
-        if self.config.mode != Mode::Autoregressive {
-            return None;
-        }
-        let condition = self.encode(c);
-        let [u, v] = split(y);
-        Some([self.layers[0].logits(&u, condition.clone()), self.layers[1].logits(&v, condition)])
+    /// The elevation spline's logits at `y`: `[conditions, samples, 3K + 1]`, in [`Mode::Autoregressive`] `[conditions, 1, 3K + 1]`.
+    ///
+    /// With [`azimuth_logits`](Self::azimuth_logits) this takes the networks apart from the splines, for whoever evaluates splines otherwise.
+    pub fn elevation_logits(&self, y: &Tensor<3>, c: Tensor<2>) -> Tensor<3> {
+        let [u, _] = split(y.clone());
+        self.layers[0].logits(&u, self.encode(c))
+    }
+
+    /// The azimuth spline's logits, `[conditions, samples, 3K + 1]`, given the elevation that its network sees
+    /// (`[conditions, samples]`): `y_v` in [`Mode::Autoregressive`], `z_v` in [`Mode::Coupled`].
+    pub fn azimuth_logits(&self, elevation: &Tensor<2>, c: Tensor<2>) -> Tensor<3> {
+        self.layers[1].logits(elevation, self.encode(c))
     }
 
     /// Every weight, row-major `[out, in]`, in the order in which they are drawn: `encoder.linear{0,1}.{weight,bias}` (where

@@ -8,7 +8,11 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::{EncoderConfig, Head, HeadConfig, Mode};
-use crate::{Error, NamedTensor, linear::read};
+use crate::{
+    Error, NamedTensor,
+    linear::read,
+    spline::{self, Topology},
+};
 
 const MODES: [Mode; 2] = [Mode::Coupled, Mode::Autoregressive];
 
@@ -233,16 +237,17 @@ fn configurations_out_of_range_are_refused() {
 }
 
 #[test]
-fn independent_logits_give_the_density_of_the_autoregressive_mode() {
+fn logits_taken_apart_give_the_density() {
     let device = Device::flex();
-    let head = random_head(HeadConfig::COSINE, 50, &device);
-    let (y, c) = (points(3, 4, 12, &device), conditions(3, 3, 13, &device));
-    let [elevation, azimuth] = head.independent_logits(y.clone(), c.clone()).unwrap();
-    assert_eq!((elevation.dims(), azimuth.dims()), ([3, 1, 13], [3, 4, 13]));
-    let [u, v] = super::split(y.clone());
-    let (_, log_v) = crate::spline::inverse(crate::spline::Topology::Interval, v, &elevation);
-    let (_, log_u) = crate::spline::inverse(crate::spline::Topology::Circle, u, &azimuth);
-    assert_eq!(read(log_v + log_u), read(head.log_density(y.clone(), c.clone())));
-    let coupled = random_head(HeadConfig { mode: Mode::Coupled, ..HeadConfig::COSINE }, 50, &device);
-    assert!(coupled.independent_logits(y, c).is_none());
+    for (mode, shared) in [(Mode::Coupled, 4), (Mode::Autoregressive, 1)] {
+        let head = random_head(HeadConfig { mode, ..HeadConfig::COSINE }, 50, &device);
+        let (y, c) = (points(3, 4, 12, &device), conditions(3, 3, 13, &device));
+        let [u, v] = super::split(y.clone());
+        let elevation = head.elevation_logits(&y, c.clone());
+        let (z_v, log_v) = spline::inverse(Topology::Interval, v.clone(), &elevation);
+        let azimuth = head.azimuth_logits(if mode == Mode::Coupled { &z_v } else { &v }, c.clone());
+        assert_eq!((elevation.dims(), azimuth.dims()), ([3, shared, 13], [3, 4, 13]));
+        let (_, log_u) = spline::inverse(Topology::Circle, u, &azimuth);
+        assert_eq!(read(log_v + log_u), read(head.log_density(y, c)));
+    }
 }

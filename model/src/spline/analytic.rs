@@ -1,4 +1,5 @@
-//! The log-density of one spline and its analytic gradient with respect to the logits, for one point at a time on the host.
+//! Value and log-slope of one spline and their analytic gradients with respect to the logits, for one point at a time on the
+//! host.
 //!
 //! The same mathematics as [`inverse`](super::inverse), which stays the reference: a training step evaluates this form outside of
 //! the tensor library's graph and injects the gradient at the logits. The cost per point is one search and some sixty
@@ -14,7 +15,9 @@ pub struct AnalyticSpline {
     widths: Sizes,
     heights: Sizes,
     /// Left knots on the width axis.
-    knots: Vec<f32>,
+    lefts: Vec<f32>,
+    /// Left knots on the height axis.
+    bottoms: Vec<f32>,
     /// Slope logits plus offset; `K + 1` of them, on the circle the last is the first.
     slope_arguments: Vec<f32>,
     shift: f32,
@@ -27,18 +30,31 @@ struct Sizes {
     sizes: Vec<f32>,
 }
 
-/// The log-density at one point and its derivatives with respect to the constrained parameters of its bin.
+/// A spline at one point, in the density direction.
 #[derive(Clone, Copy, Debug)]
-pub struct LogDensity {
+pub struct Evaluation {
+    /// The value.
+    pub z: f32,
     /// `ln |dz/dy|`.
-    pub value: f32,
+    pub log_slope: f32,
+    /// Derivatives of `z`.
+    pub of_z: Derivatives,
+    /// Derivatives of `log_slope`.
+    pub of_log_slope: Derivatives,
+}
+
+/// Derivatives of a number at one point with respect to the constrained parameters of the point's bin.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Derivatives {
     bin: usize,
     by_left_slope: f32,
     by_right_slope: f32,
     by_width: f32,
     by_height: f32,
     /// With respect to the knot at the left of the bin; with respect to the point and the shift it is the negative of this.
-    by_left_knot: f32,
+    by_left: f32,
+    /// With respect to the value at that knot.
+    by_bottom: f32,
 }
 
 /// Weighted sums of derivatives over the points of one spline.
@@ -46,7 +62,8 @@ pub struct LogDensity {
 pub struct LogitGradient {
     widths: Vec<f32>,
     heights: Vec<f32>,
-    left_knots: Vec<f32>,
+    lefts: Vec<f32>,
+    bottoms: Vec<f32>,
     slopes: Vec<f32>,
     shift: f32,
 }
@@ -58,7 +75,8 @@ impl AnalyticSpline {
             topology,
             widths: Sizes::default(),
             heights: Sizes::default(),
-            knots: Vec::with_capacity(bins),
+            lefts: Vec::with_capacity(bins),
+            bottoms: Vec::with_capacity(bins),
             slope_arguments: Vec::with_capacity(bins + 1),
             shift: 0.0,
         };
@@ -71,13 +89,8 @@ impl AnalyticSpline {
         let bins = bin_count(logits.len());
         self.widths.prepare(&logits[..bins]);
         self.heights.prepare(&logits[bins..2 * bins]);
-        let mut left = 0.0;
-        self.knots.clear();
-        self.knots.extend(self.widths.sizes.iter().map(|width| {
-            let knot = left;
-            left += width;
-            knot
-        }));
+        exclusive_sum(&self.widths.sizes, &mut self.lefts);
+        exclusive_sum(&self.heights.sizes, &mut self.bottoms);
         let offset = slope_offset() as f32;
         self.slope_arguments.clear();
         self.slope_arguments.extend(logits[2 * bins..].iter().map(|logit| logit + offset));
@@ -89,32 +102,80 @@ impl AnalyticSpline {
         }
     }
 
-    /// The log-density at `y`, with derivatives.
-    pub fn log_density(&self, y: f32) -> LogDensity {
+    /// The spline at `y`, with derivatives. Names are those of the tensor form, `o = 1 - t`.
+    pub fn evaluate(&self, y: f32) -> Evaluation {
         let x = match self.topology {
             Topology::Interval => y.clamp(0.0, 1.0),
             Topology::Circle => wrap(wrap(y) + self.shift),
         };
-        let bin = self.knots[1..].iter().filter(|&&knot| x >= knot).count();
-        let width = self.widths.sizes[bin];
-        let t = ((x - self.knots[bin]) / width).clamp(0.0, 1.0);
+        let bin = self.lefts[1..].iter().filter(|&&left| x >= left).count();
+        let (width, height) = (self.widths.sizes[bin], self.heights.sizes[bin]);
+        let t = ((x - self.lefts[bin]) / width).clamp(0.0, 1.0);
         let o = 1.0 - t;
-        let s = self.heights.sizes[bin] / width;
+        let s = height / width;
         let (d0, d1) = (slope(self.slope_arguments[bin]), slope(self.slope_arguments[bin + 1]));
         // N and D are positive: see `Segment::log_slope` and `Segment::denominator`.
         let n = d1 * t * t + 2.0 * s * t * o + d0 * o * o;
         let d = s * (1.0 - 2.0 * t * o) + (d0 + d1) * t * o;
-        let by_secant = 2.0 / s + 2.0 * t * o / n - 2.0 * (1.0 - 2.0 * t * o) / d;
-        let by_position =
-            2.0 * (d1 * t + s * (1.0 - 2.0 * t) - d0 * o) / n - 2.0 * (d0 + d1 - 2.0 * s) * (1.0 - 2.0 * t) / d;
-        LogDensity {
-            value: 2.0 * s.ln() + n.ln() - 2.0 * d.ln(),
-            bin,
+        let value = (s * t + d0 * o) * t / d;
+        let of_value = BinDerivatives {
+            by_left_slope: t * o * (1.0 - value) / d,
+            by_right_slope: -t * o * value / d,
+            by_secant: (t * t - value * (1.0 - 2.0 * t * o)) / d,
+            by_position: s * n / (d * d),
+        };
+        let of_log_slope = BinDerivatives {
             by_left_slope: o * o / n - 2.0 * t * o / d,
             by_right_slope: t * t / n - 2.0 * t * o / d,
-            by_width: -(by_secant * s + by_position * t) / width,
-            by_height: by_secant / width,
-            by_left_knot: -by_position / width,
+            by_secant: 2.0 / s + 2.0 * t * o / n - 2.0 * (1.0 - 2.0 * t * o) / d,
+            by_position: 2.0 * (d1 * t + s * (1.0 - 2.0 * t) - d0 * o) / n
+                - 2.0 * (d0 + d1 - 2.0 * s) * (1.0 - 2.0 * t) / d,
+        };
+        let mut of_z = of_value.to_bin(bin, width, s, t).scaled(height);
+        of_z.by_height += value;
+        of_z.by_bottom = 1.0;
+        Evaluation {
+            z: (self.bottoms[bin] + height * value).clamp(0.0, 1.0),
+            log_slope: 2.0 * s.ln() + n.ln() - 2.0 * d.ln(),
+            of_z,
+            of_log_slope: of_log_slope.to_bin(bin, width, s, t),
+        }
+    }
+}
+
+/// Derivatives with respect to the numbers that a bin's formula is written in.
+struct BinDerivatives {
+    by_left_slope: f32,
+    by_right_slope: f32,
+    by_secant: f32,
+    by_position: f32,
+}
+
+impl BinDerivatives {
+    /// Chain rule through `s = height / width` and `t = (x - left) / width`.
+    fn to_bin(&self, bin: usize, width: f32, s: f32, t: f32) -> Derivatives {
+        Derivatives {
+            bin,
+            by_left_slope: self.by_left_slope,
+            by_right_slope: self.by_right_slope,
+            by_width: -(self.by_secant * s + self.by_position * t) / width,
+            by_height: self.by_secant / width,
+            by_left: -self.by_position / width,
+            by_bottom: 0.0,
+        }
+    }
+}
+
+impl Derivatives {
+    fn scaled(self, factor: f32) -> Self {
+        Self {
+            bin: self.bin,
+            by_left_slope: self.by_left_slope * factor,
+            by_right_slope: self.by_right_slope * factor,
+            by_width: self.by_width * factor,
+            by_height: self.by_height * factor,
+            by_left: self.by_left * factor,
+            by_bottom: self.by_bottom * factor,
         }
     }
 }
@@ -149,31 +210,29 @@ impl LogitGradient {
         Self {
             widths: vec![0.0; bins],
             heights: vec![0.0; bins],
-            left_knots: vec![0.0; bins],
+            lefts: vec![0.0; bins],
+            bottoms: vec![0.0; bins],
             slopes: vec![0.0; bins + 1],
             shift: 0.0,
         }
     }
 
     /// Adds `weight` times the derivatives at one point.
-    pub fn add(&mut self, at: &LogDensity, weight: f32) {
+    pub fn add(&mut self, at: &Derivatives, weight: f32) {
         self.widths[at.bin] += weight * at.by_width;
         self.heights[at.bin] += weight * at.by_height;
-        self.left_knots[at.bin] += weight * at.by_left_knot;
+        self.lefts[at.bin] += weight * at.by_left;
+        self.bottoms[at.bin] += weight * at.by_bottom;
         self.slopes[at.bin] += weight * at.by_left_slope;
         self.slopes[at.bin + 1] += weight * at.by_right_slope;
-        self.shift -= weight * at.by_left_knot;
+        self.shift -= weight * at.by_left;
     }
 
     /// Adds the sums, taken through the constraints of `spline`, to the gradient of its logits, and clears them.
     pub fn finish(&mut self, spline: &AnalyticSpline, out: &mut [f32]) {
         let bins = self.widths.len();
-        // The left knot of bin k is the sum of the widths before k.
-        let mut after = 0.0;
-        for bin in (0..bins).rev() {
-            self.widths[bin] += after;
-            after += self.left_knots[bin];
-        }
+        add_sums_after(&mut self.widths, &self.lefts);
+        add_sums_after(&mut self.heights, &self.bottoms);
         spline.widths.backward(&self.widths, &mut out[..bins]);
         spline.heights.backward(&self.heights, &mut out[bins..2 * bins]);
         let (slopes, last) = out[2 * bins..].split_at_mut(bins);
@@ -188,10 +247,29 @@ impl LogitGradient {
                 last[0] += self.shift;
             }
         }
-        for sums in [&mut self.widths, &mut self.heights, &mut self.left_knots, &mut self.slopes] {
+        for sums in [&mut self.widths, &mut self.heights, &mut self.lefts, &mut self.bottoms, &mut self.slopes] {
             sums.fill(0.0);
         }
         self.shift = 0.0;
+    }
+}
+
+/// Sums of the sizes before each bin: its left knot.
+fn exclusive_sum(sizes: &[f32], knots: &mut Vec<f32>) {
+    let mut knot = 0.0;
+    knots.clear();
+    for size in sizes {
+        knots.push(knot);
+        knot += size;
+    }
+}
+
+/// Adds to each bin's derivative by its size those by the left knots of the bins after it, all of which contain that size.
+fn add_sums_after(by_size: &mut [f32], by_knot: &[f32]) {
+    let mut after = 0.0;
+    for (size, knot) in by_size.iter_mut().zip(by_knot).rev() {
+        *size += after;
+        after += knot;
     }
 }
 

@@ -253,14 +253,16 @@ fn batched_equals_looped() {
     }
 }
 
-/// The gradient of the log-density with respect to the logits by burn's autodiff, `[points, 3K + 1]`.
-fn autodiff_gradient(topology: Topology, points: &[f32], logits: &[f32]) -> Vec<f32> {
+/// The gradients of value and log-slope with respect to the logits by burn's autodiff, each `[points, 3K + 1]`.
+fn autodiff_gradients(topology: Topology, points: &[f32], logits: &[f32]) -> [Vec<f32>; 2] {
     let device = Device::flex().autodiff();
     let width = logits.len() / points.len();
-    let logits = matrix(logits, width, &device).require_grad();
-    let (_, log) = inverse(topology, matrix(points, 1, &device), &logits.clone().unsqueeze_dim(1));
-    let gradients = log.sum().backward();
-    read(logits.grad(&gradients).expect("the logits take part"))
+    let gradient = |output: fn((Tensor<2>, Tensor<2>)) -> Tensor<2>| {
+        let logits = matrix(logits, width, &device).require_grad();
+        let sum = output(inverse(topology, matrix(points, 1, &device), &logits.clone().unsqueeze_dim(1))).sum();
+        read(logits.grad(&sum.backward()).expect("the logits take part"))
+    };
+    [gradient(|(z, _)| z), gradient(|(_, log)| log)]
 }
 
 /// Two evaluations of a spline round its knots differently, by some 2.4e-7; relative to the bin that is 2.4e-7 over its width,
@@ -281,38 +283,42 @@ fn gradients_are_finite_at_edges_and_outside() {
         for deviation in [0.0, 1.5, 30.0] {
             let points = [-1e-7, 0.0, 1e-45, 0.25, 0.5, 1.0_f32.next_down(), 1.0, 1.0 + 1e-6];
             let logits: Vec<f32> = random.normals(points.len() * logit_count(4), deviation);
-            assert!(autodiff_gradient(topology, &points, &logits).iter().all(|g| g.is_finite()));
+            let gradients = autodiff_gradients(topology, &points, &logits);
+            assert!(gradients.iter().flatten().all(|g| g.is_finite()));
         }
     }
 }
 
 #[test]
-fn analytic_log_density_and_gradient_are_those_of_the_tensors() {
+fn analytic_values_and_gradients_are_those_of_the_tensors() {
     let mut random = Random::new(13);
     for topology in TOPOLOGIES {
         for bins in [2, 4, 32] {
             let width = logit_count(bins);
             let points = random.uniforms(500);
             let logits = random.normals(points.len() * width, 1.0);
-            let expected = autodiff_gradient(topology, &points, &logits);
+            let expected = autodiff_gradients(topology, &points, &logits);
             let mut spline = AnalyticSpline::new(topology, bins);
             let mut sums = LogitGradient::new(bins);
             for (i, &point) in points.iter().enumerate() {
                 let row = i * width..(i + 1) * width;
                 spline.prepare(&logits[row.clone()]);
-                let at = spline.log_density(point);
-                let (_, log) = apply(inverse, topology, &[point], &logits[row.clone()]);
+                let at = spline.evaluate(point);
+                let (z, log) = apply(inverse, topology, &[point], &logits[row.clone()]);
                 let (tolerance, smallest) = position_tolerance(&logits[row.clone()]);
-                assert!((at.value - log[0]).abs() < tolerance, "{} {}", at.value, log[0]);
-                let mut gradient = vec![0.0; width];
-                sums.add(&at, 1.0);
-                sums.finish(&spline, &mut gradient);
-                let scale = expected[row.clone()].iter().fold(1.0_f32, |m, g| m.max(g.abs()));
-                for (j, (a, b)) in gradient.iter().zip(&expected[row]).enumerate() {
-                    // The shift's derivative is by the point itself: once more over the width.
-                    let is_shift = topology == Topology::Circle && j + 1 == width;
-                    let tolerance = tolerance * if is_shift { 1.0 / smallest } else { 1.0 };
-                    assert!((a - b).abs() <= tolerance * scale, "{topology:?} {bins} {point}: {a} {b}");
+                assert!((at.z - z[0]).abs() < 1e-6 + 2.4e-7 * log[0].exp(), "{} {}", at.z, z[0]);
+                assert!((at.log_slope - log[0]).abs() < tolerance, "{} {}", at.log_slope, log[0]);
+                for (derivatives, expected) in [at.of_z, at.of_log_slope].iter().zip(&expected) {
+                    let mut gradient = vec![0.0; width];
+                    sums.add(derivatives, 1.0);
+                    sums.finish(&spline, &mut gradient);
+                    let scale = expected[row.clone()].iter().fold(1.0_f32, |m, g| m.max(g.abs()));
+                    for (j, (a, b)) in gradient.iter().zip(&expected[row.clone()]).enumerate() {
+                        // The shift's derivative is by the point itself: once more over the width.
+                        let is_shift = topology == Topology::Circle && j + 1 == width;
+                        let tolerance = tolerance * if is_shift { 1.0 / smallest } else { 1.0 };
+                        assert!((a - b).abs() <= tolerance * scale, "{topology:?} {bins} {point}: {a} {b}");
+                    }
                 }
             }
         }
@@ -327,7 +333,7 @@ fn analytic_gradient_sums_over_points() {
         let logits = random.normals(logit_count(bins), 1.0);
         let expected = {
             let repeated: Vec<f32> = points.iter().flat_map(|_| logits.clone()).collect();
-            let each = autodiff_gradient(topology, &points, &repeated);
+            let [_, each] = autodiff_gradients(topology, &points, &repeated);
             let sum = |j: usize| (0..points.len()).map(|i| (i + 1) as f32 * each[i * logits.len() + j]).sum::<f32>();
             (0..logits.len()).map(sum).collect::<Vec<_>>()
         };
@@ -335,7 +341,7 @@ fn analytic_gradient_sums_over_points() {
         spline.prepare(&logits);
         let mut sums = LogitGradient::new(bins);
         for (i, &point) in points.iter().enumerate() {
-            sums.add(&spline.log_density(point), (i + 1) as f32);
+            sums.add(&spline.evaluate(point).of_log_slope, (i + 1) as f32);
         }
         let mut gradient = vec![0.0; logits.len()];
         sums.finish(&spline, &mut gradient);
