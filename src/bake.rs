@@ -62,7 +62,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let table = learned_bake(head, &exported.tail, normals, cells)?;
             ExportedSampler { intermediate: Intermediate::Bake(table), ..exported }
         }
-        (None, Some(env)) => direct(&open_environment(env)?, arguments.tail, normals, cells)?,
+        (None, Some(map)) => {
+            let environment = open_environment(map)?;
+            direct(&environment, arguments.tail, normals, cells)?
+        }
         (None, None) => bail!("give --from FILE, or --direct with --env MAP"),
     };
     if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
