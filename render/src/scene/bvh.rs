@@ -1,4 +1,8 @@
 //! The bounding volume hierarchy over all triangles of a scene.
+//!
+//! A binary tree: against the library's eight-wide compressed one it measured 1.2 to 1.6 times as fast for nearest hits
+//! and, but for scenes where most shadow rays are blocked, as fast for shadow rays. The wide tree also skips boxes that a
+//! ray leaves within 1e-4 m, which would open small scenes to light.
 
 use std::time::Duration;
 

@@ -37,7 +37,7 @@ pub fn model() -> Model {
     let fruit = [[-0.075, 0.055, 0.155], [-0.005, 0.055, 0.158], [-0.042, 0.056, 0.218], [-0.040, 0.106, 0.176]];
     model.add_at(orange, &ball(0.036), fruit.map(|[x, y, z]| [x, TABLE + y, z]));
     cup(&mut model, porcelain, glaze, [0.13, TABLE, 0.26], 0.4);
-    cup(&mut model, porcelain, clay, [-0.29, TABLE, 0.08], 2.6);
+    cup(&mut model, porcelain, clay, [-0.29, TABLE, 0.08], 3.4);
     model
 }
 
@@ -105,7 +105,7 @@ fn cup(model: &mut Model, saucer: Paint, paint: Paint, place: [f32; 3], angle: f
         ],
     );
     let handle =
-        bent_tube([[0.036, 0.050], [0.052, 0.054], [0.064, 0.044], [0.058, 0.027], [0.031, 0.017]], 0.0042, 0.0036);
+        bent_tube([[0.0385, 0.050], [0.052, 0.054], [0.064, 0.044], [0.058, 0.027], [0.0335, 0.017]], 0.0042, 0.0036);
     model.add(paint, body.transformed(&stand));
     model.add(paint, handle.transformed(&stand));
 }

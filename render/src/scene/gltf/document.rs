@@ -22,6 +22,9 @@ const MAX_BYTES: u64 = 4 << 30;
 /// the same few bytes, so that a small file could otherwise ask for any amount of memory.
 const MAX_ELEMENTS: u64 = 1 << 26;
 
+/// The most JSON objects. The parsed form of an empty one takes a hundred times its three bytes of text.
+const MAX_OBJECTS: usize = 1 << 21;
+
 /// Extensions that a file may require: they do not change geometry or base colour, or are read.
 const KNOWN_EXTENSIONS: [&str; 11] = [
     "KHR_mesh_quantization",
@@ -52,6 +55,9 @@ impl Document {
         let bytes_left = Cell::new(MAX_BYTES);
         let bytes = read_file(path, &bytes_left).map_err(|error| Error::io(path, error))?;
         let (json, mut blob) = split(path, &bytes)?;
+        if json.iter().filter(|&&byte| byte == b'{').count() > MAX_OBJECTS {
+            return Err(Error::invalid(path, "JSON", format!("has more than {MAX_OBJECTS} objects")));
+        }
         let root: json::Root = json::deserialize::from_slice(json)
             .map_err(|error| Error::invalid(path, "JSON", format!("is not a glTF document: {error}")))?;
         let mut document = Self {

@@ -187,6 +187,12 @@ fn instances_cannot_multiply_without_end() {
 }
 
 #[test]
+fn objects_cannot_multiply_without_end() {
+    let nodes = vec!["{}"; 3 << 20].join(",");
+    assert_fails(load_bytes(format!("{{\"asset\": {{}}, \"nodes\": [{nodes}]}}").as_bytes()), "objects");
+}
+
+#[test]
 fn cut_off_files_are_refused_wherever_they_end() {
     let (json, bin) = triangle();
     let whole = glb(json.to_string().as_bytes(), &bin);
