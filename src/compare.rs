@@ -165,7 +165,8 @@ impl Entry {
         if let SamplerSpec::Head(file) | SamplerSpec::Baked(file) = spec
             && let Some(training) = ExportedSampler::read(file)?.training
         {
-            preparation.text = format!("file read; trained before for {} steps on {}", training.steps, training.backend);
+            preparation.text =
+                format!("file read; trained before for {} steps on {}", training.steps, training.backend);
             if let Some(seconds) = training.seconds {
                 preparation.seconds += seconds;
                 preparation.text += &format!(" ({seconds:.1} s)");
@@ -178,7 +179,8 @@ impl Entry {
 /// The reference without background, the pixels that surfaces cover entirely, and how it came about.
 fn reference(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool) -> Result<(Image, Vec<bool>, String)> {
     let environment = &opened.environment;
-    let baked = bake::direct(environment, TailArgument::Hierarchical, NormalGrid::new(16, 32)?, CellGrid::new(64, 64)?)?;
+    let baked =
+        bake::direct(environment, TailArgument::Hierarchical, NormalGrid::new(16, 32)?, CellGrid::new(64, 64)?)?;
     let Intermediate::DirectBake(table) = baked.intermediate else { unreachable!("a direct bake was asked for") };
     let light = EnvironmentLight::with_tail(environment.clone(), baked.tail);
     let estimator = headtail_render::integrator::SingleSample::new(ProductSampler::new(light, table));
@@ -211,7 +213,8 @@ fn reference(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool) -> R
 
 /// The chosen pixels as an image of one row.
 fn select(image: &Image, chosen: &[bool]) -> Image {
-    let pixels: Vec<_> = image.pixels.iter().zip(chosen).filter(|(_, chosen)| **chosen).map(|(pixel, _)| *pixel).collect();
+    let pixels: Vec<_> =
+        image.pixels.iter().zip(chosen).filter(|(_, chosen)| **chosen).map(|(pixel, _)| *pixel).collect();
     Image { width: pixels.len(), height: 1, pixels }
 }
 
@@ -270,12 +273,8 @@ fn summarise(comparison: &Comparison) {
         }
     }
     let mean = |budget: &str, sampler: &str, of: fn(&Row) -> f64| {
-        let values: Vec<f64> = comparison
-            .rows
-            .iter()
-            .filter(|row| row.budget == budget && row.sampler == sampler)
-            .map(of)
-            .collect();
+        let values: Vec<f64> =
+            comparison.rows.iter().filter(|row| row.budget == budget && row.sampler == sampler).map(of).collect();
         values.iter().sum::<f64>() / values.len() as f64
     };
     for (budget, sampler) in &groups {

@@ -110,7 +110,9 @@ fn intermediate_density(exported: &ExportedSampler, normal: Vec3A) -> Box<dyn Fn
 
 fn tabulate(exported: &ExportedSampler, normal: Vec3A) -> Result<([Panel; 3], Figures)> {
     let density = intermediate_density(exported, normal);
-    let points = |k: usize| Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32);
+    let points = |k: usize| {
+        Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
+    };
     let count = (WIDTH * HEIGHT) as f64;
 
     // Through the exact tail the target over Y is the cosine alone.
@@ -169,7 +171,8 @@ fn draw(panels: &[Panel; 3], title: &str, facts: &str) -> Result<Vec<u8>> {
             for (k, &value) in panel.values.iter().enumerate() {
                 let level = if value > 0.0 { 1.0 + (value / top).log10() / DECADES } else { 0.0 };
                 let place = (left + (k % WIDTH) as i32, HEADER + 24 + (k / WIDTH) as i32);
-                area.draw_pixel(place, &ViridisRGB.get_color(level.clamp(0.0, 1.0))).map_err(|error| anyhow!("{error}"))?;
+                area.draw_pixel(place, &ViridisRGB.get_color(level.clamp(0.0, 1.0)))
+                    .map_err(|error| anyhow!("{error}"))?;
             }
             let below = HEADER + 24 + HEIGHT as i32 + 10;
             for x in 0..WIDTH as i32 {

@@ -21,7 +21,8 @@ pub fn stop_flag() -> Result<Arc<AtomicBool>> {
 
 /// A bar over `length` units on standard error; silent where that is no terminal.
 pub fn bar(length: u64, what: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template("{prefix:>12} [{bar:32}] {percent:>3}%  {elapsed} done, {eta} left  {msg}");
+    let style =
+        ProgressStyle::with_template("{prefix:>12} [{bar:32}] {percent:>3}%  {elapsed} done, {eta} left  {msg}");
     let bar = ProgressBar::new(length);
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
     bar.set_prefix(what.to_owned());
