@@ -18,3 +18,29 @@ pub fn srgb_decode(encoded: f32) -> f32 {
     let x = encoded.clamp(0.0, 1.0);
     if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
+
+/// The radiance that [`tone_map`] shows as white.
+const WHITE: f32 = 8.0;
+
+/// The 8-bit sRGB colour that shows a linear radiance.
+///
+/// Luminance follows the extended Reinhard curve, `L (1 + L / WHITE^2) / (1 + L)` (Reinhard et al. 2002, equation 4):
+/// linear in the dark, with a shoulder that is white at `WHITE`. Colour keeps its ratios; where a channel would pass 1 the
+/// colour fades towards grey of the same luminance, so a bright red lamp turns pale instead of flat. Negative parts
+/// are black, infinity is white, and NaN is magenta, so that nobody takes it for part of the picture.
+pub fn tone_map(radiance: Vec3A) -> [u8; 3] {
+    if radiance.is_nan() {
+        return [255, 0, 255];
+    }
+    let positive = radiance.max(Vec3A::ZERO);
+    let bright = luminance(positive);
+    if bright >= WHITE {
+        return [255; 3];
+    }
+    let shown = bright * (1.0 + bright / (WHITE * WHITE)) / (1.0 + bright);
+    let colour = if bright > 0.0 { positive * (shown / bright) } else { Vec3A::ZERO };
+    let peak = colour.max_element();
+    let fade = if peak > 1.0 { (1.0 - shown) / (peak - shown) } else { 1.0 };
+    let colour = shown + (colour - shown) * fade;
+    colour.to_array().map(|channel| (255.0 * srgb_encode(channel) + 0.5) as u8)
+}

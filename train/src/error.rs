@@ -3,7 +3,7 @@
 use crate::backend::Backend;
 
 /// What can go wrong in training.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum Error {
     /// The backend is not part of this build.
     #[error("the backend `{backend}` is not in this build: build with `--features {backend}`")]
@@ -24,6 +24,9 @@ pub enum Error {
     /// The head's configuration or weights are wrong.
     #[error(transparent)]
     Model(#[from] headtail_model::Error),
+    /// The exported sampler or its tables cannot be made or written.
+    #[error(transparent)]
+    Render(#[from] std::sync::Arc<headtail_render::Error>),
     /// The target gave a density that is negative, infinite or NaN.
     #[error("the target density is {density} at y = {y:?} under condition {condition:?}")]
     BadTarget {
@@ -52,3 +55,9 @@ pub enum Error {
 
 /// The crate's result.
 pub type Result<T> = std::result::Result<T, Error>;
+
+impl From<headtail_render::Error> for Error {
+    fn from(error: headtail_render::Error) -> Self {
+        Self::Render(std::sync::Arc::new(error))
+    }
+}

@@ -4,8 +4,10 @@
 //! no environment factor is left (see [`target`]). [`fit`] is the entry point.
 
 pub mod backend;
+pub mod bake;
 pub mod config;
 pub mod error;
+pub mod export;
 pub mod fit;
 pub mod injection;
 pub mod loss;
@@ -14,8 +16,10 @@ pub mod target;
 pub mod validation;
 
 pub use backend::Backend;
+pub use bake::learned_bake;
 pub use config::FitConfig;
 pub use error::{Error, Result};
+pub use export::{exported_sampler, native_head};
 pub use fit::{Fitted, Progress, Summary, fit};
 pub use loss::Loss;
 pub use target::{CosineTarget, Target};

@@ -20,6 +20,15 @@ pub enum Loss {
     LogChiSquare,
 }
 
+impl std::fmt::Display for Loss {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::ForwardKl => "forward-kl",
+            Self::LogChiSquare => "log-chi-square",
+        })
+    }
+}
+
 /// Log-weights `ln w_i` of one condition's points, `-inf` where the target is zero; `None` if it is zero everywhere.
 pub fn log_weights(densities: &[f32]) -> Option<Vec<f32>> {
     let total: f64 = densities.iter().map(|&g| f64::from(g)).sum();

@@ -40,10 +40,7 @@ fn concentric_disk(u: Vec2) -> Vec2 {
     if p == Vec2::ZERO {
         return Vec2::ZERO;
     }
-    let (radius, angle) = if p.x.abs() > p.y.abs() {
-        (p.x, FRAC_PI_4 * (p.y / p.x))
-    } else {
-        (p.y, FRAC_PI_2 - FRAC_PI_4 * (p.x / p.y))
-    };
+    let (radius, angle) =
+        if p.x.abs() > p.y.abs() { (p.x, FRAC_PI_4 * (p.y / p.x)) } else { (p.y, FRAC_PI_2 - FRAC_PI_4 * (p.x / p.y)) };
     radius * Vec2::from_angle(angle)
 }

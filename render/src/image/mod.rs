@@ -1,10 +1,12 @@
 //! Linear RGB images: reading radiance maps, writing results.
 
+mod openexr;
+mod radiance;
 mod read;
-// mod write;
+mod write;
 
-pub use read::read_radiance;
-// pub use write::{Attribute, write_exr, write_png};
+pub use read::{MAX_PIXELS, read_radiance};
+pub use write::{Attribute, AttributeValue, encode_exr, encode_png, encode_png_rgb8, write_exr, write_png};
 
 use glam::Vec3A;
 

@@ -1,12 +1,49 @@
-//! Reading radiance maps.
+//! Reading radiance maps, whatever the file is called: the first bytes tell the format.
 
+use std::fs::File;
+use std::io::{Read, Seek};
 use std::path::Path;
 
-use super::Image;
-use crate::error::Result;
+use super::{Image, openexr, radiance};
+use crate::error::{Error, Result};
 
-/// Reads a Radiance .hdr or OpenEXR file as linear RGB.
+/// The largest number of pixels that is read, 2^27: a map of 16384 x 8192, or 1.6 GB in memory.
+pub const MAX_PIXELS: usize = 1 << 27;
+
+/// Reads a Radiance (.hdr) or OpenEXR (.exr) file as linear RGB.
+///
+/// The values are those of the file: NaN, infinite and negative ones stay, because what to do about them depends on the
+/// use. Colours are taken as Rec.709 and a Radiance `EXPOSURE` line is not applied. See `openexr` and `radiance` for
+/// what is read of each format.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read; [`Error::Invalid`], naming the field, if it is neither format, is damaged,
+/// holds no colour, or has more than [`MAX_PIXELS`] pixels. No content of a file makes this function panic.
 pub fn read_radiance(path: &Path) -> Result<Image> {
-    let _ = path;
-    Ok(Image::black(1, 1))
+    let failed = |source| Error::io(path, source);
+    let mut file = File::open(path).map_err(failed)?;
+    let file_size = file.metadata().map_err(failed)?.len();
+    let mut magic = Vec::with_capacity(4);
+    file.by_ref().take(4).read_to_end(&mut magic).map_err(failed)?;
+    file.rewind().map_err(failed)?;
+    if magic == openexr::MAGIC {
+        openexr::read(path, file, file_size)
+    } else if magic.starts_with(radiance::MAGIC) {
+        radiance::read(path, file, file_size)
+    } else if magic.is_empty() {
+        Err(Error::invalid(path, "first bytes", "the file is empty"))
+    } else {
+        Err(Error::invalid(path, "first bytes", "neither a Radiance (.hdr) nor an OpenEXR (.exr) file"))
+    }
+}
+
+/// Refuses sizes that are not worth an allocation.
+pub(super) fn check_size(path: &Path, field: &str, width: usize, height: usize) -> Result<()> {
+    match width.checked_mul(height) {
+        Some(1..=MAX_PIXELS) => Ok(()),
+        _ => {
+            let reason = format!("{width} x {height} pixels; between 1 and {MAX_PIXELS} can be read");
+            Err(Error::invalid(path, field, reason))
+        }
+    }
 }

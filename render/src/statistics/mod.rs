@@ -1,0 +1,38 @@
+//! How results are judged: errors against a reference, confidence intervals, and the tests that decide whether samplers
+//! agree with their densities and with each other.
+//!
+//! Everything here computes in `f64`.
+
+mod chi_square;
+mod interval;
+mod metric;
+mod tiles;
+mod welch;
+
+pub use chi_square::{ChiSquareReport, SphereChiSquare};
+pub use interval::MeanInterval;
+pub use metric::{ErrorMetrics, RELATIVE_EPSILON, TRIMMED_FRACTION, ttuv};
+pub use tiles::{TileTest, compare_images, compare_runs};
+pub use welch::{Moments, TTest};
+
+/// The significance of each of `tests` independent tests that gives `significance` to all of them together: the chance
+/// that *any* of them rejects a true hypothesis (Sidak 1967), `1 - (1 - significance)^(1 / tests)`.
+pub fn sidak(significance: f64, tests: usize) -> f64 {
+    // Without cancellation: significances of 1e-8 and below are common with thousands of tiles.
+    -((-significance).ln_1p() / tests.max(1) as f64).exp_m1()
+}
+
+#[cfg(test)]
+mod unit {
+    use super::sidak;
+
+    #[test]
+    fn sidak_of_many_tests_multiplies_back_to_the_whole() {
+        assert!((sidak(0.01, 1) - 0.01).abs() < 1e-15);
+        for tests in [2, 10, 1000, 1_000_000] {
+            let each = sidak(0.01, tests);
+            let all = 1.0 - (1.0 - each).powi(tests as i32);
+            assert!(each < 0.01 && (all - 0.01).abs() < 1e-9, "{tests}: {each} {all}");
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! The comparison report: `results.csv` with every number, and `report.html`, one self-contained page to read them by.
+
+mod chart;
+mod csv;
+mod html;
+mod number;
+mod picture;
+mod reading;
+mod summary;
+#[cfg(test)]
+pub mod synthetic;
+
+use std::path::Path;
+
+use anyhow::Result;
+use headtail_render::file;
+use headtail_render::image::Image;
+
+/// Everything that a comparison of samplers measured on one scene under one environment map.
+pub struct Comparison {
+    /// The name of the scene.
+    pub scene: String,
+    /// The name of the environment map.
+    pub env: String,
+    /// Columns of pixels.
+    pub width: usize,
+    /// Rows of pixels.
+    pub height: usize,
+    /// The command line that made this comparison.
+    pub command: String,
+    /// What it ran on.
+    pub machine: String,
+    /// The version of headtail.
+    pub version: String,
+    /// The image that errors are measured against.
+    pub reference: Image,
+    /// How the reference was made, in a sentence.
+    pub reference_note: String,
+    /// The measured runs, in the order in which samplers and budgets are to be shown.
+    ///
+    /// Rows of means (`run` is `None`) may be among them; they are computed anew from the runs.
+    pub rows: Vec<Row>,
+    /// The first run of each (sampler, budget).
+    pub images: Vec<RenderedImage>,
+    /// What had to be done before the first sample.
+    pub preparation: Vec<Preparation>,
+}
+
+/// One run of a sampler at a budget, or the mean of its runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// The name of the scene.
+    pub scene: String,
+    /// The name of the environment map.
+    pub env: String,
+    /// The name of the sampler; `mis` is the one-sample MIS that others are measured by.
+    pub sampler: String,
+    /// What the run was allowed, `16spp` or `2s`.
+    pub budget: String,
+    /// Number of the run; `None` is the mean of all runs.
+    pub run: Option<u32>,
+    /// Samples per pixel taken.
+    pub spp: f64,
+    /// Rays (camera rays not counted) per sample.
+    pub rays_per_sample: f64,
+    /// Rendering time in seconds, without preparation.
+    pub seconds: f64,
+    /// Mean squared error.
+    pub mse: f64,
+    /// Mean relative squared error.
+    pub relmse: f64,
+    /// The same without the worst pixels.
+    pub relmse_trimmed: f64,
+    /// `mse * seconds`.
+    pub ttuv: f64,
+    /// Mean luminance of the image.
+    pub mean_luminance: f64,
+    /// The largest weight of a sample (its contribution over its density); over all runs in the row of means.
+    pub max_weight: f64,
+    /// Seed of the run; of the first in the row of means.
+    pub seed: u64,
+    /// The version of headtail.
+    pub version: String,
+}
+
+/// A rendering to be looked at.
+pub struct RenderedImage {
+    /// The name of the sampler, as in the rows.
+    pub sampler: String,
+    /// The budget, as in the rows.
+    pub budget: String,
+    /// The rendering, of the size of the reference.
+    pub image: Image,
+}
+
+/// Work that a sampler needs once, before it renders.
+pub struct Preparation {
+    /// The name of the sampler, as in the rows.
+    pub sampler: String,
+    /// How long it took.
+    pub seconds: f64,
+    /// What was done, in a few words: "trained for 1000 steps".
+    pub text: String,
+}
+
+/// Writes `results.csv` and `report.html` into an existing folder.
+///
+/// # Errors
+/// If there are no rows, if an image's size is not that of the reference, or if a file cannot be written.
+pub fn write(folder: &Path, comparison: &Comparison) -> Result<()> {
+    let summary = summary::Summary::of(&comparison.rows)?;
+    file::replace(&folder.join("results.csv"), &csv::encode(&comparison.rows, &summary)?)?;
+    file::replace(&folder.join("report.html"), html::page(comparison, &summary)?.as_bytes())?;
+    Ok(())
+}

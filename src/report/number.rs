@@ -1,0 +1,162 @@
+//! Numbers as they are printed: a few significant digits, powers of ten in superscript, text escaped for HTML.
+
+use headtail_render::statistics::MeanInterval;
+
+/// Escapes a text for HTML, in elements and in quoted attributes alike.
+pub fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            '\'' => escaped.push_str("&#39;"),
+            // Control characters other than white space are not allowed in HTML.
+            c if c.is_control() && !c.is_whitespace() => escaped.push('\u{fffd}'),
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}
+
+/// The power of ten of a number once it is rounded to `digits` significant digits.
+fn exponent(value: f64, digits: usize) -> i32 {
+    let scientific = format!("{:.*e}", digits - 1, value);
+    scientific.split_once('e').and_then(|(_, exponent)| exponent.parse().ok()).unwrap_or(0)
+}
+
+/// Whether a number of this power of ten is printed without one.
+fn is_plain(exponent: i32) -> bool {
+    (-2..=4).contains(&exponent)
+}
+
+fn fixed(value: f64, decimals: i32) -> String {
+    format!("{value:.*}", decimals.max(0) as usize).replace('-', "\u{2212}")
+}
+
+fn not_finite(value: f64) -> &'static str {
+    if value.is_nan() {
+        "not a number"
+    } else if value > 0.0 {
+        "\u{221e}"
+    } else {
+        "\u{2212}\u{221e}"
+    }
+}
+
+/// A number with three significant digits, as HTML: `0.123`, `4.56 x 10<sup>-7</sup>`.
+pub fn html(value: f64) -> String {
+    if !value.is_finite() {
+        return not_finite(value).to_owned();
+    }
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let exponent = exponent(value, 3);
+    if is_plain(exponent) { fixed(value, 2 - exponent) } else { fixed(scaled(value, exponent), 2) + &power(exponent) }
+}
+
+/// A mean with its 95 % interval, as HTML: `(1.23 +- 0.04) x 10<sup>-7</sup>`; the mean alone if there is no interval.
+pub fn html_interval(interval: &MeanInterval) -> String {
+    let MeanInterval { mean, half_width, .. } = *interval;
+    if !(mean.is_finite() && half_width.is_finite() && half_width > 0.0 && mean != 0.0) {
+        return html(mean);
+    }
+    let scale = Some(exponent(mean, 3)).filter(|&exponent| !is_plain(exponent));
+    let shown = |value| scaled(value, scale.unwrap_or(0));
+    // Two digits of the half-width say all that it knows; a mean of more than six digits is hard to read.
+    let most = (5 - exponent(shown(mean), 3)).max(0);
+    let decimals = (1 - exponent(shown(half_width), 2)).clamp(0, most);
+    if shown(half_width) < 0.5 * 10_f64.powi(-decimals) {
+        return html(mean);
+    }
+    let (mean, half_width) = (fixed(shown(mean), decimals), fixed(shown(half_width), decimals));
+    let both = format!("{mean}<span class=\"ci\"> \u{b1} {half_width}</span>");
+    scale.map_or(both.clone(), |exponent| both + &power(exponent))
+}
+
+/// A number with three significant digits, as plain text: `0.123`, `4.56e-7`.
+pub fn text(value: f64) -> String {
+    if !value.is_finite() {
+        return not_finite(value).to_owned();
+    }
+    let exponent = exponent(value, 3);
+    if value == 0.0 || is_plain(exponent) { fixed(value, 2 - exponent) } else { format!("{value:.2e}") }
+}
+
+/// How many times one thing is another, as text: `12`, `3.4`, `0.56`; for prose, where a third digit is noise.
+pub fn times(value: f64) -> String {
+    if !value.is_finite() {
+        return not_finite(value).to_owned();
+    }
+    fixed(value, 1 - exponent(value, 2).max(-2))
+}
+
+/// Seconds as text with a fitting unit.
+pub fn duration(seconds: f64) -> String {
+    match seconds {
+        s if !s.is_finite() => "unknown".to_owned(),
+        s if s >= 3600.0 => format!("{} h {:02} min", (s / 3600.0) as u64, (s / 60.0) as u64 % 60),
+        s if s >= 120.0 => format!("{} min {:02} s", (s / 60.0) as u64, s as u64 % 60),
+        s if s >= 1.0 => format!("{} s", text(s)),
+        s => format!("{} ms", text(s * 1e3)),
+    }
+}
+
+fn scaled(value: f64, exponent: i32) -> f64 {
+    value / 10_f64.powi(exponent)
+}
+
+fn power(exponent: i32) -> String {
+    format!("\u{202f}\u{d7}\u{202f}10<sup>{}</sup>", exponent.to_string().replace('-', "\u{2212}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn markup_cannot_get_through() {
+        assert_eq!(escape("<a href=\"x\" b='&'>"), "&lt;a href=&quot;x&quot; b=&#39;&amp;&#39;&gt;");
+        assert_eq!(escape("a\u{0}b\u{1b}c\n"), "a\u{fffd}b\u{fffd}c\n");
+    }
+
+    #[test]
+    fn numbers_have_three_digits() {
+        assert_eq!(html(0.0), "0");
+        assert_eq!(html(1.0), "1.00");
+        assert_eq!(html(0.012_345), "0.0123");
+        assert_eq!(html(12_345.6), "12346");
+        assert_eq!(html(9.999_9e-4), "1.00\u{202f}\u{d7}\u{202f}10<sup>\u{2212}3</sup>");
+        assert_eq!(html(-2.5), "\u{2212}2.50");
+        assert_eq!(html(f64::NAN), "not a number");
+        assert_eq!(text(4.567e-7), "4.57e-7");
+        assert_eq!(text(0.5), "0.500");
+        assert_eq!(
+            (times(12.345), times(3.44), times(0.123), times(1234.0)),
+            ("12".into(), "3.4".into(), "0.12".into(), "1234".into())
+        );
+    }
+
+    #[test]
+    fn intervals_show_two_digits_of_what_is_unknown() {
+        let interval = |mean, half_width| html_interval(&MeanInterval { mean, half_width, count: 3 });
+        let ci = |text: &str| format!("<span class=\"ci\"> \u{b1} {text}</span>");
+        assert_eq!(interval(1.234, 0.056), format!("1.234{}", ci("0.056")));
+        assert_eq!(interval(1.234, 0.56), format!("1.23{}", ci("0.56")));
+        assert_eq!(interval(123.4, 56.0), format!("123{}", ci("56")));
+        assert_eq!(interval(1.234_5, 1e-9), "1.23");
+        let scaled = format!("1.234{}\u{202f}\u{d7}\u{202f}10<sup>\u{2212}5</sup>", ci("0.030"));
+        assert_eq!(interval(1.234e-5, 3.0e-7), scaled);
+        assert_eq!(interval(0.5, f64::INFINITY), "0.500");
+    }
+
+    #[test]
+    fn durations_have_units() {
+        assert_eq!(duration(0.012), "12.0 ms");
+        assert_eq!(duration(35.0), "35.0 s");
+        assert_eq!(duration(135.0), "2 min 15 s");
+        assert_eq!(duration(7265.0), "2 h 01 min");
+    }
+}

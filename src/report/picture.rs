@@ -1,0 +1,179 @@
+//! The pictures of the page: renderings under one exposure, and false-colour maps of their errors on one scale.
+
+use anyhow::{Result, ensure};
+use base64::Engine;
+use glam::Vec3A;
+use headtail_render::color::luminance;
+use headtail_render::image::{Image, encode_png, encode_png_rgb8};
+use headtail_render::statistics::RELATIVE_EPSILON;
+
+/// Largest width of an error map: errors are averaged over squares of pixels, because the error of a single pixel is as
+/// random as the pixel.
+pub const ERROR_MAP_WIDTH: usize = 160;
+
+/// The error maps span this many powers of ten.
+const ERROR_DECADES: f64 = 4.0;
+
+/// Colours of the error maps, dark for small errors: brightness grows evenly and stays in order for the colour-blind
+/// ("inferno" of matplotlib, at equal distances).
+const ERROR_COLOURS: [[u8; 3]; 10] = [
+    [0x00, 0x00, 0x04],
+    [0x1b, 0x0c, 0x41],
+    [0x4a, 0x0c, 0x6b],
+    [0x78, 0x1c, 0x6d],
+    [0xa5, 0x2c, 0x60],
+    [0xcf, 0x44, 0x46],
+    [0xed, 0x69, 0x25],
+    [0xfb, 0x9b, 0x06],
+    [0xf7, 0xd1, 0x3d],
+    [0xfc, 0xff, 0xa4],
+];
+
+/// The colour of what is not a number; not among the others.
+const BROKEN: [u8; 3] = [0x00, 0xff, 0xff];
+
+/// A PNG in a `data:` address, ready for an `<img>`.
+pub fn data_address(png: &[u8]) -> String {
+    format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png))
+}
+
+/// A rendering under an exposure, in a `data:` address.
+pub fn rendering(image: &Image, exposure: f32) -> Result<String> {
+    Ok(data_address(&encode_png(image, exposure)?))
+}
+
+/// The exposure, in stops, that brings the geometric mean of the luminance of an image to middle grey.
+pub fn exposure(reference: &Image) -> f32 {
+    let logarithms = reference
+        .pixels
+        .iter()
+        .map(|&pixel| luminance(Vec3A::from_array(pixel)))
+        .filter(|&l| l.is_finite() && l > 0.0)
+        .map(|l| f64::from(l).log2());
+    let (sum, count) = logarithms.fold((0.0, 0), |(sum, count), l| (sum + l, count + 1));
+    if count == 0 {
+        return 0.0;
+    }
+    // Tenths of a stop: a number to be quoted, and the same for references that differ by noise.
+    let stops = 0.18_f64.log2() - sum / f64::from(count);
+    (10.0 * stops.clamp(-20.0, 20.0)).round() as f32 / 10.0
+}
+
+/// Relative squared errors of an image, averaged over squares of pixels.
+pub struct ErrorMap {
+    width: usize,
+    height: usize,
+    errors: Vec<f64>,
+}
+
+impl ErrorMap {
+    /// The errors of `image` against a reference of the same size.
+    pub fn of(image: &Image, reference: &Image) -> Result<Self> {
+        let (size, wanted) = ((image.width, image.height), (reference.width, reference.height));
+        ensure!(size == wanted, "images: an image is {size:?} pixels, the reference {wanted:?}");
+        let side = image.width.div_ceil(ERROR_MAP_WIDTH).max(1);
+        let (width, height) = (image.width.div_ceil(side), image.height.div_ceil(side));
+        let mut sums = vec![(0.0, 0_u32); width * height];
+        for (i, (pixel, reference)) in image.pixels.iter().zip(&reference.pixels).enumerate() {
+            let (sum, count) = &mut sums[i / image.width / side * width + i % image.width / side];
+            for (&x, &r) in pixel.iter().zip(reference) {
+                let (x, r) = (f64::from(x), f64::from(r));
+                *sum += (x - r) * (x - r) / (r * r + RELATIVE_EPSILON);
+                *count += 1;
+            }
+        }
+        Ok(Self { width, height, errors: sums.into_iter().map(|(sum, count)| sum / f64::from(count)).collect() })
+    }
+
+    /// The map in false colour on a scale, in a `data:` address.
+    pub fn picture(&self, scale: &ErrorScale) -> Result<String> {
+        let pixels: Vec<[u8; 3]> = self.errors.iter().map(|&error| scale.colour(error)).collect();
+        Ok(data_address(&encode_png_rgb8(self.width, self.height, &pixels)?))
+    }
+}
+
+/// The logarithmic scale that error maps share.
+pub struct ErrorScale {
+    /// The power of ten of the brightest colour.
+    pub top: f64,
+}
+
+impl ErrorScale {
+    /// The scale whose brightest colour is passed by one error in two hundred.
+    pub fn of(maps: &[ErrorMap]) -> Self {
+        let mut errors: Vec<f64> =
+            maps.iter().flat_map(|map| &map.errors).copied().filter(|e| *e > 0.0 && e.is_finite()).collect();
+        if errors.is_empty() {
+            return Self { top: 0.0 };
+        }
+        errors.sort_by(f64::total_cmp);
+        let high = errors[(errors.len() - 1) * 995 / 1000];
+        Self { top: high.log10().ceil() }
+    }
+
+    /// The power of ten of the darkest colour.
+    pub fn bottom(&self) -> f64 {
+        self.top - ERROR_DECADES
+    }
+
+    fn colour(&self, error: f64) -> [u8; 3] {
+        if error.is_nan() {
+            return BROKEN;
+        }
+        let t = ((error.log10() - self.bottom()) / ERROR_DECADES).clamp(0.0, 1.0) * (ERROR_COLOURS.len() - 1) as f64;
+        let below = (t as usize).min(ERROR_COLOURS.len() - 2);
+        let (a, b, t) = (ERROR_COLOURS[below], ERROR_COLOURS[below + 1], t - below as f64);
+        std::array::from_fn(|c| (f64::from(a[c]) + t * (f64::from(b[c]) - f64::from(a[c]))).round() as u8)
+    }
+
+    /// The colours as a CSS gradient from left to right.
+    pub fn gradient() -> String {
+        let colours: Vec<String> = ERROR_COLOURS.iter().map(|[r, g, b]| format!("#{r:02x}{g:02x}{b:02x}")).collect();
+        format!("linear-gradient(to right,{})", colours.join(","))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grey(width: usize, height: usize, value: f32) -> Image {
+        Image { width, height, pixels: vec![[value; 3]; width * height] }
+    }
+
+    #[test]
+    fn exposure_brings_the_image_to_middle_grey() {
+        assert_eq!(exposure(&grey(4, 4, 0.18)), 0.0);
+        assert_eq!(exposure(&grey(4, 4, 0.36)), -1.0);
+        assert_eq!(exposure(&Image::black(4, 4)), 0.0);
+        assert_eq!(exposure(&grey(4, 4, f32::NAN)), 0.0);
+    }
+
+    #[test]
+    fn error_maps_hold_the_relative_squared_error() {
+        let map = ErrorMap::of(&grey(500, 301, 3.0), &grey(500, 301, 1.0)).unwrap();
+        assert!(map.width <= ERROR_MAP_WIDTH && map.height == 301_usize.div_ceil(4));
+        assert!(map.errors.iter().all(|error| (error - 4.0 / 1.01).abs() < 1e-9));
+        assert!(ErrorMap::of(&grey(5, 3, 1.0), &grey(3, 5, 1.0)).is_err());
+    }
+
+    #[test]
+    fn colours_run_from_dark_to_bright_and_mark_what_is_broken() {
+        let scale = ErrorScale { top: 0.0 };
+        assert_eq!(scale.colour(0.0), ERROR_COLOURS[0]);
+        assert_eq!(scale.colour(1e-9), ERROR_COLOURS[0]);
+        assert_eq!(scale.colour(f64::INFINITY), ERROR_COLOURS[9]);
+        assert_eq!(scale.colour(1.0), ERROR_COLOURS[9]);
+        assert_eq!(scale.colour(f64::NAN), BROKEN);
+        let brightness = |e: f64| luminance(Vec3A::from_array(scale.colour(e).map(f32::from)));
+        assert!((0..40).all(|i| brightness(1e-4 * 1.2_f64.powi(i)) <= brightness(1e-4 * 1.2_f64.powi(i + 1))));
+    }
+
+    #[test]
+    fn the_scale_fits_the_errors() {
+        let map = |value: f32| ErrorMap::of(&grey(8, 8, value), &grey(8, 8, 1.0)).unwrap();
+        assert_eq!(ErrorScale::of(&[map(1.1), map(1.2)]).top, -1.0);
+        assert_eq!(ErrorScale::of(&[map(1.0)]).top, 0.0);
+        assert_eq!(ErrorScale::of(&[]).bottom(), -4.0);
+    }
+}

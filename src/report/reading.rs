@@ -1,0 +1,233 @@
+//! What the numbers say, in plain sentences that are generated from them.
+
+use headtail_render::statistics::sidak;
+
+use super::chart::comparisons;
+use super::number::{escape, html, times};
+use super::summary::{BudgetKind, Group, Measure, Summary};
+
+/// Above this p-value two means are not told apart.
+const SIGNIFICANCE: f64 = 0.05;
+
+/// Deviations of the mean luminance are mentioned from here on...
+const LUMINANCE_SIGNIFICANCE: f64 = 0.001;
+
+/// ... and if they are at least this part of it: the reference is not exact either.
+const LUMINANCE_DEVIATION: f64 = 0.001;
+
+/// Sentences (HTML), the most important first.
+pub fn sentences(summary: &Summary, reference_luminance: f64) -> Vec<String> {
+    let mut sentences = Vec::new();
+    for (_, budget, measure) in comparisons(summary) {
+        sentences.extend(winner(summary, &budget, measure));
+    }
+    sentences.extend(outliers(summary));
+    sentences.extend(rays(summary));
+    sentences.extend(luminance(summary, reference_luminance));
+    sentences.extend(broken(summary));
+    sentences
+}
+
+/// Which sampler is best at a budget, by how much, and whether that is more than noise.
+fn winner(summary: &Summary, budget: &str, measure: Measure) -> Option<String> {
+    let ranking = summary.ranking(budget, measure);
+    let (best, runner_up) = (*ranking.first()?, *ranking.get(1)?);
+    let words = &summary.budgets.iter().find(|known| known.name == budget)?.words();
+    let (at, what) = match measure {
+        Measure::Ttuv => (format!("Per unit of time (MSE \u{d7} time at {budget})"), "MSE \u{d7} time"),
+        _ if budget.ends_with("spp") => (format!("At equal samples, {words},"), "MSE"),
+        _ => (format!("In equal time, {words},"), "MSE"),
+    };
+    let value = best.measure(measure).mean;
+    let over = |other: &Group| times(other.measure(measure).mean / value);
+    let mut sentence = format!("{} {} has the lowest {what}, {}", escape(&at), name(best), html(value));
+    let baseline = summary.group(&summary.baseline, budget).filter(|group| group.measure(measure).mean.is_finite());
+    match baseline {
+        Some(baseline) if baseline.sampler == best.sampler => {
+            sentence += &format!(": {} times lower than the next, {}", over(runner_up), name(runner_up));
+        }
+        Some(baseline) => {
+            sentence += &format!(": {} times lower than {}", over(baseline), escape(&summary.baseline_words()));
+            if runner_up.sampler != baseline.sampler {
+                sentence += &format!(", and {} times lower than the next, {}", over(runner_up), name(runner_up));
+            }
+        }
+        None => sentence += &format!(": {} times lower than the next, {}", over(runner_up), name(runner_up)),
+    }
+    Some(sentence + &confidence(best, runner_up, measure) + ".")
+}
+
+/// Whether the best and the next can be told apart, as a clause.
+fn confidence(best: &Group, next: &Group, measure: Measure) -> String {
+    match best.p_value(next, measure) {
+        None => "; a single run cannot say how much of this is luck".to_owned(),
+        Some(p) if p > SIGNIFICANCE => {
+            format!("; with {} runs the two cannot be told apart (p\u{a0}=\u{a0}{})", best.runs, times(p))
+        }
+        Some(p) if p < 0.001 => String::from(" (p\u{a0}&lt;\u{a0}0.001)"),
+        Some(p) => format!(" (p\u{a0}=\u{a0}{p:.3})"),
+    }
+}
+
+/// Whether another measure than MSE has another winner: then a few pixels decide.
+fn outliers(summary: &Summary) -> Option<String> {
+    let budget = &summary.shown_first().name;
+    let best = |measure| summary.ranking(budget, measure).first().map(|group| group.sampler.as_str());
+    let by_mse = best(Measure::Mse)?;
+    let others = [
+        (Measure::RelMse, "relative MSE"),
+        (Measure::RelMseTrimmed, "relative MSE without the worst 0.1\u{a0}% of pixels"),
+    ];
+    let different: Vec<String> = others
+        .into_iter()
+        .filter_map(|(measure, words)| best(measure).filter(|&name| name != by_mse).map(|name| (words, name)))
+        .map(|(words, sampler)| format!("by {words} it is <b>{}</b>", escape(sampler)))
+        .collect();
+    if different.is_empty() {
+        return None;
+    }
+    Some(format!("MSE is decided by the brightest pixels: {} (at {}).", different.join(", and "), escape(budget)))
+}
+
+/// Equal samples are not equal work if samplers trace different numbers of rays.
+fn rays(summary: &Summary) -> Option<String> {
+    let groups: Vec<&Group> = summary.at(&summary.largest(BudgetKind::Samples)?.name).collect();
+    let by_rays = |a: &&&Group, b: &&&Group| a.mean.rays_per_sample.total_cmp(&b.mean.rays_per_sample);
+    let (least, most) = (groups.iter().min_by(by_rays)?, groups.iter().max_by(by_rays)?);
+    if most.mean.rays_per_sample <= 1.02 * least.mean.rays_per_sample {
+        return None;
+    }
+    Some(format!(
+        "Equal samples are not equal work: {} traces {} rays per sample, {} only {}.",
+        name(most),
+        html(most.mean.rays_per_sample),
+        name(least),
+        html(least.mean.rays_per_sample)
+    ))
+}
+
+/// Whether all samplers agree with the reference on the mean luminance, i.e. whether any looks biased.
+fn luminance(summary: &Summary, reference: f64) -> Option<String> {
+    let groups: Vec<&Group> = summary.at(&summary.shown_first().name).collect();
+    if !(reference.is_finite() && reference > 0.0) || groups.iter().any(|group| group.runs < 2) {
+        return None;
+    }
+    let threshold = sidak(LUMINANCE_SIGNIFICANCE, groups.len());
+    let deviation = |group: &Group| group.mean_luminance.mean / reference - 1.0;
+    let deviating: Vec<String> = groups
+        .iter()
+        .filter(|group| deviation(group).abs() > LUMINANCE_DEVIATION)
+        .filter(|group| group.luminance_p_value(reference).is_some_and(|p| p < threshold))
+        .map(|group| {
+            let direction = if deviation(group) > 0.0 { "above" } else { "below" };
+            format!("that of {} is {}\u{a0}% {direction} it", name(group), times(100.0 * deviation(group).abs()))
+        })
+        .collect();
+    Some(if deviating.is_empty() {
+        "All samplers agree with the reference on the mean luminance, so nothing here suggests a bias.".to_owned()
+    } else {
+        let which = deviating.join(", and ");
+        format!(
+            "The mean luminance differs from the reference by more than noise: {which}. This looks like a <b>bias</b>."
+        )
+    })
+}
+
+/// Samplers whose images have pixels that are not numbers.
+fn broken(summary: &Summary) -> Option<String> {
+    let mut names: Vec<&str> =
+        summary.groups.iter().filter(|group| !group.mse.mean.is_finite()).map(|group| group.sampler.as_str()).collect();
+    names.dedup();
+    names.sort_unstable();
+    names.dedup();
+    if names.is_empty() {
+        return None;
+    }
+    let names: Vec<String> = names.iter().map(|name| format!("<b>{}</b>", escape(name))).collect();
+    Some(format!("Images of {} have pixels that are infinite or not a number; they are not ranked.", names.join(", ")))
+}
+
+fn name(group: &Group) -> String {
+    format!("<b>{}</b>", escape(&group.sampler))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Row;
+    use super::super::synthetic;
+    use super::*;
+
+    /// Three runs of each sampler with MSEs around the given one.
+    fn rows(budget: &str, samplers: &[(&str, f64)]) -> Vec<Row> {
+        let run = |sampler: &str, mse: f64, run: u32| Row {
+            mse: mse * (1.0 + 0.02 * f64::from(run)),
+            relmse: mse,
+            relmse_trimmed: mse,
+            ttuv: mse,
+            mean_luminance: 1.0 + 1e-5 * f64::from(run),
+            ..synthetic::row(sampler, budget, run)
+        };
+        samplers.iter().flat_map(|&(sampler, mse)| (0..3).map(move |i| run(sampler, mse, i))).collect()
+    }
+
+    fn read(rows: &[Row]) -> String {
+        sentences(&Summary::of(rows).unwrap(), 1.0).join(" ")
+    }
+
+    #[test]
+    fn the_best_is_named_with_its_lead_over_the_baseline_and_the_next() {
+        let mut all = rows("16spp", &[("mis", 8.0), ("ris", 2.0), ("head", 1.0)]);
+        all.extend(rows("2s", &[("mis", 8.0), ("ris", 1.0), ("head", 4.0)]));
+        let text = read(&all);
+        assert!(text.contains("At equal samples, 16 samples per pixel, <b>head</b> has the lowest MSE, 1.02: 8.0 times lower than one-sample MIS, and 2.0 times lower than the next, <b>ris</b> (p\u{a0}&lt;\u{a0}0.001)."), "{text}");
+        assert!(text.contains("In equal time, 2 seconds, <b>ris</b> has the lowest MSE"), "{text}");
+    }
+
+    #[test]
+    fn a_lead_within_noise_is_called_so() {
+        let text = read(&rows("16spp", &[("mis", 8.0), ("ris", 1.005), ("head", 1.0)]));
+        assert!(text.contains("with 3 runs the two cannot be told apart"), "{text}");
+        let single: Vec<Row> =
+            rows("16spp", &[("mis", 8.0), ("head", 1.0)]).into_iter().filter(|row| row.run == Some(0)).collect();
+        assert!(read(&single).contains("a single run cannot say"));
+    }
+
+    #[test]
+    fn without_a_budget_of_time_mse_times_time_stands_in() {
+        let mut all = rows("16spp", &[("mis", 8.0), ("head", 1.0)]);
+        all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.ttuv = 100.0);
+        let text = read(&all);
+        assert!(text.contains("Per unit of time (MSE \u{d7} time at 16spp) <b>mis</b> has the lowest"), "{text}");
+    }
+
+    #[test]
+    fn another_winner_by_another_measure_is_mentioned() {
+        let mut all = rows("16spp", &[("mis", 8.0), ("head", 1.0)]);
+        assert!(!read(&all).contains("brightest pixels"));
+        all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.relmse_trimmed = 100.0);
+        assert!(read(&all).contains("by relative MSE without the worst 0.1\u{a0}% of pixels it is <b>mis</b>"));
+    }
+
+    #[test]
+    fn a_bias_is_called_one_and_agreement_too() {
+        let mut all = rows("16spp", &[("mis", 8.0), ("head", 1.0)]);
+        assert!(read(&all).contains("All samplers agree"));
+        all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.mean_luminance *= 0.9);
+        let text = read(&all);
+        assert!(text.contains("that of <b>head</b> is 10\u{a0}% below it") && text.contains("bias"), "{text}");
+    }
+
+    #[test]
+    fn more_rays_and_broken_images_are_told() {
+        let mut all = rows("16spp", &[("mis", 8.0), ("head", 1.0), ("bad<>", f64::NAN)]);
+        all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.rays_per_sample = 2.0);
+        let text = read(&all);
+        assert!(text.contains("<b>head</b> traces 2.00 rays per sample, <b>mis</b> only 1.00"), "{text}");
+        assert!(text.contains("Images of <b>bad&lt;&gt;</b> have pixels"), "{text}");
+    }
+
+    #[test]
+    fn a_lone_sampler_has_nothing_to_be_compared_with() {
+        assert!(!read(&rows("16spp", &[("mis", 8.0)])).contains("lowest"));
+    }
+}

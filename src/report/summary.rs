@@ -1,0 +1,314 @@
+//! The runs of a comparison grouped by sampler and budget, with means and confidence intervals.
+
+use std::cmp::Ordering;
+
+use anyhow::{Result, ensure};
+use headtail_render::statistics::{MeanInterval, Moments, TTest};
+
+use super::Row;
+
+/// The sampler that others are measured by, if it is among them.
+const BASELINE: &str = "mis";
+
+/// The comparison at a glance.
+pub struct Summary {
+    /// Names, in the order of the rows.
+    pub samplers: Vec<String>,
+    /// Budgets of samples from small to large, then budgets of time from small to large, then others as they come.
+    pub budgets: Vec<Budget>,
+    /// One for each sampler at each budget that has runs; by budget, then by sampler.
+    pub groups: Vec<Group>,
+    /// The sampler that ratios are to: one-sample MIS if present, else the first.
+    pub baseline: String,
+}
+
+/// What a run was allowed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Budget {
+    /// As in the rows, `16spp` or `2s`.
+    pub name: String,
+    /// What it is an amount of.
+    pub kind: BudgetKind,
+    amount: f64,
+}
+
+/// What a budget is an amount of.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub enum BudgetKind {
+    /// Samples per pixel.
+    Samples,
+    /// Seconds.
+    Time,
+    /// Something else.
+    Other,
+}
+
+impl Budget {
+    fn parse(name: &str) -> Self {
+        let amount = |unit| name.strip_suffix(unit).and_then(|amount| amount.trim().parse::<f64>().ok());
+        let (kind, amount) = match (amount("spp"), amount("s")) {
+            (Some(amount), _) => (BudgetKind::Samples, amount),
+            (None, Some(amount)) => (BudgetKind::Time, amount),
+            (None, None) => (BudgetKind::Other, 0.0),
+        };
+        Self { name: name.to_owned(), kind, amount }
+    }
+
+    /// The budget in words.
+    pub fn words(&self) -> String {
+        let plural = if self.amount == 1.0 { "" } else { "s" };
+        match self.kind {
+            BudgetKind::Samples => format!("{} sample{plural} per pixel", self.amount),
+            BudgetKind::Time => format!("{} second{plural}", self.amount),
+            BudgetKind::Other => self.name.clone(),
+        }
+    }
+}
+
+/// The runs of one sampler at one budget.
+pub struct Group {
+    /// The sampler.
+    pub sampler: String,
+    /// The name of the budget.
+    pub budget: String,
+    /// The row of means.
+    pub mean: Row,
+    /// The number of runs.
+    pub runs: usize,
+    /// MSE.
+    pub mse: MeanInterval,
+    /// Relative MSE.
+    pub relmse: MeanInterval,
+    /// Relative MSE without the worst pixels.
+    pub relmse_trimmed: MeanInterval,
+    /// MSE x time.
+    pub ttuv: MeanInterval,
+    /// Mean luminance.
+    pub mean_luminance: MeanInterval,
+    /// Moments of the MSE, for tests.
+    mse_moments: Moments,
+    ttuv_moments: Moments,
+    luminance_moments: Moments,
+}
+
+/// A measure by which samplers are compared; less is better.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Measure {
+    /// MSE.
+    Mse,
+    /// Relative MSE.
+    RelMse,
+    /// Relative MSE without the worst pixels.
+    RelMseTrimmed,
+    /// MSE x time.
+    Ttuv,
+}
+
+impl Group {
+    fn of(runs: &[&Row]) -> Option<Self> {
+        let first = *runs.first()?;
+        let column = |value: fn(&Row) -> f64| runs.iter().map(|row| value(row)).collect::<Vec<_>>();
+        let mean = |value| Moments::of(&column(value)).map_or(f64::NAN, |moments| moments.mean);
+        let row = Row {
+            run: None,
+            spp: mean(|row| row.spp),
+            rays_per_sample: mean(|row| row.rays_per_sample),
+            seconds: mean(|row| row.seconds),
+            mse: mean(|row| row.mse),
+            relmse: mean(|row| row.relmse),
+            relmse_trimmed: mean(|row| row.relmse_trimmed),
+            ttuv: mean(|row| row.ttuv),
+            mean_luminance: mean(|row| row.mean_luminance),
+            max_weight: runs.iter().map(|row| row.max_weight).fold(f64::NEG_INFINITY, f64::max),
+            ..first.clone()
+        };
+        Some(Self {
+            sampler: first.sampler.clone(),
+            budget: first.budget.clone(),
+            mean: row,
+            runs: runs.len(),
+            mse: MeanInterval::of(&column(|row| row.mse))?,
+            relmse: MeanInterval::of(&column(|row| row.relmse))?,
+            relmse_trimmed: MeanInterval::of(&column(|row| row.relmse_trimmed))?,
+            ttuv: MeanInterval::of(&column(|row| row.ttuv))?,
+            mean_luminance: MeanInterval::of(&column(|row| row.mean_luminance))?,
+            mse_moments: Moments::of(&column(|row| row.mse))?,
+            ttuv_moments: Moments::of(&column(|row| row.ttuv))?,
+            luminance_moments: Moments::of(&column(|row| row.mean_luminance))?,
+        })
+    }
+
+    /// The mean and interval of a measure.
+    pub fn measure(&self, measure: Measure) -> &MeanInterval {
+        match measure {
+            Measure::Mse => &self.mse,
+            Measure::RelMse => &self.relmse,
+            Measure::RelMseTrimmed => &self.relmse_trimmed,
+            Measure::Ttuv => &self.ttuv,
+        }
+    }
+
+    /// The p-value of Welch's test that this and `other` have the same mean MSE (or MSE x time); `None` for single runs.
+    pub fn p_value(&self, other: &Self, measure: Measure) -> Option<f64> {
+        let (a, b) = match measure {
+            Measure::Ttuv => (&self.ttuv_moments, &other.ttuv_moments),
+            _ => (&self.mse_moments, &other.mse_moments),
+        };
+        (a.count > 1 && b.count > 1).then(|| TTest::welch(a, b).p_value)
+    }
+
+    /// The p-value of the test that the mean luminance is `expected`; `None` for a single run.
+    pub fn luminance_p_value(&self, expected: f64) -> Option<f64> {
+        let difference = Moments { mean: self.luminance_moments.mean - expected, ..self.luminance_moments };
+        (difference.count > 1).then(|| TTest::paired(&difference, expected.abs()).p_value)
+    }
+}
+
+/// How many times smaller a measure is than the baseline's, with the ends of its 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ratio {
+    /// `baseline / sampler`; above 1 is better than the baseline.
+    pub value: f64,
+    /// The lower end; `None` if it is unknown.
+    pub interval: Option<(f64, f64)>,
+}
+
+impl Ratio {
+    /// The interval is that of the logarithm, to first order (the relative half-widths add in squares).
+    fn of(baseline: &MeanInterval, sampler: &MeanInterval) -> Option<Self> {
+        let value = baseline.mean / sampler.mean;
+        if !(value.is_finite() && value > 0.0) {
+            return None;
+        }
+        let spread = (baseline.half_width / baseline.mean).hypot(sampler.half_width / sampler.mean);
+        let interval = spread.is_finite().then(|| (value * (-spread).exp(), value * spread.exp()));
+        Some(Self { value, interval })
+    }
+}
+
+impl Summary {
+    /// Groups the runs; rows of means are ignored.
+    pub fn of(rows: &[Row]) -> Result<Self> {
+        let runs: Vec<&Row> = rows.iter().filter(|row| row.run.is_some()).collect();
+        ensure!(!runs.is_empty(), "rows: there are no runs to report");
+        let samplers = in_order(runs.iter().map(|row| row.sampler.as_str()));
+        let names = in_order(runs.iter().map(|row| row.budget.as_str()));
+        let mut budgets: Vec<Budget> = names.iter().map(|name| Budget::parse(name)).collect();
+        budgets.sort_by(|a, b| {
+            let kinds = a.kind.partial_cmp(&b.kind).unwrap_or(Ordering::Equal);
+            kinds.then(a.amount.total_cmp(&b.amount))
+        });
+        let mut groups = Vec::new();
+        for budget in &budgets {
+            for sampler in &samplers {
+                let of_group = |row: &&&Row| row.sampler == *sampler && row.budget == budget.name;
+                groups.extend(Group::of(&runs.iter().filter(of_group).copied().collect::<Vec<_>>()));
+            }
+        }
+        let baseline = samplers.iter().find(|sampler| *sampler == BASELINE).unwrap_or(&samplers[0]).clone();
+        Ok(Self { samplers, budgets, groups, baseline })
+    }
+
+    /// The baseline in words.
+    pub fn baseline_words(&self) -> String {
+        if self.baseline == BASELINE { "one-sample MIS".to_owned() } else { self.baseline.clone() }
+    }
+
+    /// The group of a sampler at a budget.
+    pub fn group(&self, sampler: &str, budget: &str) -> Option<&Group> {
+        self.groups.iter().find(|group| group.sampler == sampler && group.budget == budget)
+    }
+
+    /// The groups at a budget, in the order of the samplers.
+    pub fn at(&self, budget: &str) -> impl Iterator<Item = &Group> {
+        self.groups.iter().filter(move |group| group.budget == budget)
+    }
+
+    /// The largest budget of a kind at which at least one sampler ran.
+    pub fn largest(&self, kind: BudgetKind) -> Option<&Budget> {
+        self.budgets.iter().rfind(|budget| budget.kind == kind)
+    }
+
+    /// The budget whose images are shown first: the largest of samples, else the last.
+    pub fn shown_first(&self) -> &Budget {
+        let last = self.budgets.last().expect("a summary has runs, so it has a budget");
+        self.largest(BudgetKind::Samples).unwrap_or(last)
+    }
+
+    /// How many times smaller a measure of a sampler is than the baseline's at the same budget.
+    pub fn ratio(&self, group: &Group, measure: Measure) -> Option<Ratio> {
+        let baseline = self.group(&self.baseline, &group.budget)?;
+        if group.sampler == self.baseline {
+            return group.measure(measure).mean.is_finite().then_some(Ratio { value: 1.0, interval: None });
+        }
+        Ratio::of(baseline.measure(measure), group.measure(measure))
+    }
+
+    /// The groups at a budget with a finite measure, the best first.
+    pub fn ranking(&self, budget: &str, measure: Measure) -> Vec<&Group> {
+        let mut groups: Vec<&Group> = self.at(budget).filter(|group| group.measure(measure).mean.is_finite()).collect();
+        groups.sort_by(|a, b| a.measure(measure).mean.total_cmp(&b.measure(measure).mean));
+        groups
+    }
+}
+
+/// The distinct names in order of appearance.
+fn in_order<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
+    let mut distinct: Vec<String> = Vec::new();
+    for name in names {
+        if !distinct.iter().any(|known| known == name) {
+            distinct.push(name.to_owned());
+        }
+    }
+    distinct
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::synthetic;
+    use super::*;
+
+    #[test]
+    fn budgets_are_ordered_by_kind_and_amount() {
+        let names = ["2s", "16spp", "0.5s", "4spp", "odd", "128spp"];
+        let rows: Vec<Row> = names.iter().map(|name| synthetic::row("mis", name, 0)).collect();
+        let summary = Summary::of(&rows).unwrap();
+        let ordered: Vec<&str> = summary.budgets.iter().map(|budget| budget.name.as_str()).collect();
+        assert_eq!(ordered, ["4spp", "16spp", "128spp", "0.5s", "2s", "odd"]);
+        assert_eq!(summary.shown_first().name, "128spp");
+        assert_eq!(summary.largest(BudgetKind::Time).unwrap().words(), "2 seconds");
+        assert_eq!(Budget::parse("1spp").words(), "1 sample per pixel");
+    }
+
+    #[test]
+    fn means_and_ratios_are_to_one_sample_mis_wherever_it_stands() {
+        let rows = [("ris", 1.0), ("ris", 3.0), ("mis", 8.0), ("mis", 8.0)]
+            .into_iter()
+            .enumerate()
+            .map(|(run, (sampler, mse))| Row { mse, max_weight: mse, ..synthetic::row(sampler, "16spp", run as u32) })
+            .collect::<Vec<_>>();
+        let summary = Summary::of(&rows).unwrap();
+        assert_eq!(summary.baseline, "mis");
+        let ris = summary.group("ris", "16spp").unwrap();
+        assert_eq!((ris.mean.mse, ris.mean.max_weight, ris.mean.seed, ris.runs), (2.0, 3.0, rows[0].seed, 2));
+        assert_eq!(summary.ratio(ris, Measure::Mse).unwrap().value, 4.0);
+        assert_eq!(summary.ranking("16spp", Measure::Mse)[0].sampler, "ris");
+    }
+
+    #[test]
+    fn given_rows_of_means_are_ignored_and_runs_are_needed() {
+        let mean = Row { run: None, mse: 100.0, ..synthetic::row("mis", "16spp", 0) };
+        let run = Row { mse: 1.0, ..synthetic::row("mis", "16spp", 0) };
+        assert_eq!(Summary::of(&[mean.clone(), run]).unwrap().groups[0].mean.mse, 1.0);
+        assert!(Summary::of(&[mean]).is_err());
+    }
+
+    #[test]
+    fn what_is_not_a_number_has_no_ratio_and_no_rank() {
+        let broken = Row { mse: f64::NAN, ..synthetic::row("ris", "16spp", 0) };
+        let summary = Summary::of(&[synthetic::row("mis", "16spp", 0), broken]).unwrap();
+        let ris = summary.group("ris", "16spp").unwrap();
+        assert!(summary.ratio(ris, Measure::Mse).is_none());
+        assert_eq!(summary.ranking("16spp", Measure::Mse).len(), 1);
+    }
+}
