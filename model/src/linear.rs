@@ -4,6 +4,7 @@ use burn::{
     module::Param,
     nn::Linear,
     prelude::{Device, Tensor, TensorData},
+    tensor::activation::relu,
 };
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -107,6 +108,15 @@ pub(crate) fn partial(linear: &Linear, first: usize, x: Tensor<2>) -> Tensor<2> 
     x.matmul(linear.weight.val().narrow(0, first, inputs))
 }
 
+/// `max(x, 0) + slope min(x, 0)`.
+///
+/// Written with `relu`, whose gradient is one pass: the tensor library's own leaky ReLU masks, which takes a tenth of a
+/// training step on a CPU. `x - relu(x)` is exact, so the values are the same to the bit.
+pub(crate) fn leaky_relu(x: Tensor<2>, slope: f64) -> Tensor<2> {
+    let positive = relu(x.clone());
+    (x - positive.clone()).mul_scalar(slope) + positive
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -140,6 +150,13 @@ mod tests {
         export(&linear, "l", &mut weights);
         assert_eq!(weights[0].shape, [2, 3]);
         assert_eq!(weights[0].values, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    }
+
+    #[test]
+    fn leaky_relu_is_that_of_the_tensor_library() {
+        let x = Tensor::<2>::from_data([[-3.7, -1e-30, 0.0, 1e-30, 0.3, 1e20, -1e20]], &Device::flex());
+        let expected = burn::tensor::activation::leaky_relu(x.clone(), 0.01);
+        assert_eq!(read(leaky_relu(x, 0.01)), read(expected));
     }
 
     #[test]

@@ -4,7 +4,6 @@ use burn::{
     module::Module,
     nn::Linear,
     prelude::{Device, Tensor},
-    tensor::activation::leaky_relu,
 };
 
 use crate::{
@@ -70,7 +69,7 @@ impl SplineNetwork {
             hidden = sum.reshape([conditions * samples, width]);
         }
         for layer in &self.linears[1..] {
-            hidden = layer.forward(leaky_relu(hidden, self.leaky_slope));
+            hidden = layer.forward(linear::leaky_relu(hidden, self.leaky_slope));
         }
         let outputs = hidden.dims()[1];
         hidden.reshape([conditions, samples, outputs])

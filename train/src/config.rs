@@ -48,7 +48,9 @@ pub struct FitConfig {
 }
 
 impl Default for FitConfig {
-    /// The cosine head's run.
+    /// The cosine head's run. Of learning rates from 4e-3 to 3e-2 the one here gave the least variance on two maps; batches of
+    /// 1600 to 8192 points are equally good per point. The betas are the paper's, the weight decay PyTorch's; neither decay nor
+    /// clipping matters much, and the clipping is there for the odd step.
     fn default() -> Self {
         Self {
             head: HeadConfig::COSINE,
@@ -58,13 +60,13 @@ impl Default for FitConfig {
             conditions: 64,
             strata: 8,
             loss: Loss::LogChiSquare,
-            learning_rate: 4e-3,
+            learning_rate: 1.6e-2,
             warmup: 0.05,
             beta_1: 0.9,
             beta_2: 0.999,
             epsilon: 1e-8,
-            weight_decay: 1e-4,
-            clip_norm: 1.0,
+            weight_decay: 1e-2,
+            clip_norm: 10.0,
             max_skipped: 10,
             validate_every: 100,
             validation_conditions: 64,

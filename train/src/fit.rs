@@ -135,3 +135,171 @@ pub fn fit(
     summary.seconds = start.elapsed().as_secs_f64();
     Ok(Fitted { head, summary })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f32::consts::TAU;
+
+    use headtail_model::{HeadConfig, Mode};
+    use headtail_render::random::Stream;
+
+    use super::*;
+    use crate::{Backend, CosineTarget};
+
+    /// A von Mises density of the azimuth around the condition's angle, times a beta density of the elevation.
+    struct VonMisesTimesBeta;
+
+    impl Target for VonMisesTimesBeta {
+        fn condition_length(&self) -> usize {
+            2
+        }
+
+        fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
+            let angle = TAU * stream.uniform();
+            condition.copy_from_slice(&[angle.cos(), angle.sin()]);
+        }
+
+        fn density(&self, condition: &[f32], [u, v]: [f32; 2]) -> f32 {
+            let toward = condition[0] * (TAU * u).cos() + condition[1] * (TAU * u).sin();
+            toward.exp() * v * (1.0 - v)
+        }
+    }
+
+    /// Light from the upper half of the sphere only.
+    fn sky(y: [f32; 2]) -> [f32; 3] {
+        let cos = 1.0 - y[1];
+        let sin = (1.0 - cos * cos).max(0.0).sqrt();
+        [sin * (TAU * y[0]).sin(), cos, -sin * (TAU * y[0]).cos()]
+    }
+
+    fn small() -> FitConfig {
+        FitConfig { steps: 30, conditions: 8, strata: 4, validation_strata: 8, ..FitConfig::default() }
+    }
+
+    fn quiet(config: &FitConfig, target: &dyn Target) -> Result<Fitted> {
+        fit(config, target, &mut |_| {}, &AtomicBool::new(false))
+    }
+
+    #[test]
+    fn a_known_target_is_recovered() {
+        for mode in [Mode::Coupled, Mode::Autoregressive] {
+            let config = FitConfig {
+                head: HeadConfig { condition: 2, bins: 8, mode, ..HeadConfig::COSINE },
+                steps: 1500,
+                conditions: 48,
+                strata: 6,
+                validate_every: 0,
+                validation_conditions: 32,
+                ..FitConfig::default()
+            };
+            let Summary { initial, divergence, skipped, .. } = quiet(&config, &VonMisesTimesBeta).unwrap().summary;
+            println!("{mode:?}: {initial:?} -> {divergence:?}");
+            assert!(
+                initial.kl > 0.5 && divergence.kl < 1e-3 && skipped == 0,
+                "{mode:?}: {initial:?} -> {divergence:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn training_for_a_cosine_under_a_sky_divides_the_variance() {
+        let config = FitConfig { steps: 200, conditions: 32, ..small() };
+        let summary = quiet(&config, &CosineTarget::new(&sky)).unwrap().summary;
+        assert_eq!((summary.steps, summary.interrupted), (200, false));
+        assert!(summary.divergence.relative_variance < 0.2 * summary.initial.relative_variance, "{summary:?}");
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_weights_to_the_bit() {
+        let train = |seed, threads| {
+            let config = FitConfig { seed, ..small() };
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| quiet(&config, &CosineTarget::new(&sky)).unwrap().head.weights())
+        };
+        let weights = train(1, 1);
+        assert_eq!(weights, train(1, 2));
+        assert_ne!(weights, train(2, 2));
+    }
+
+    #[test]
+    fn backends_agree() {
+        let train = |backend| {
+            let config = FitConfig { backend, steps: 5, ..small() };
+            match quiet(&config, &CosineTarget::new(&sky)) {
+                Ok(fitted) => Some(fitted.head.weights()),
+                Err(Error::BackendNotCompiled { .. }) => None,
+                Err(error) => panic!("{error}"),
+            }
+        };
+        let reference = train(Backend::Flex).unwrap();
+        for other in [Backend::Ndarray, Backend::Wgpu].into_iter().filter_map(train) {
+            for (a, b) in reference.iter().zip(&other) {
+                // Adam divides by the gradient's size: a weight moves by up to a learning rate however small its gradient
+                // is, and rounding decides about the smallest ones. Five steps of warm-up move a weight by at most 5e-2.
+                let apart = a.values.iter().zip(&b.values).filter(|(a, b)| (**a - **b).abs() > 1e-4).count();
+                assert!(apart * 100 <= a.values.len(), "{}: {apart} of {}", a.name, a.values.len());
+            }
+        }
+    }
+
+    #[test]
+    fn progress_is_told_of_every_step_and_validation() {
+        let mut seen = Vec::new();
+        let config = FitConfig { validate_every: 10, ..small() };
+        let mut progress = |progress: &Progress| seen.push((progress.step, progress.divergence.is_some()));
+        fit(&config, &CosineTarget::new(&sky), &mut progress, &AtomicBool::new(false)).unwrap();
+        let expected: Vec<(usize, bool)> = (1..=30).map(|step| (step, step == 10 || step == 20)).collect();
+        assert_eq!(seen, expected);
+    }
+
+    #[test]
+    fn an_interruption_keeps_what_was_learned() {
+        let interrupt = AtomicBool::new(false);
+        let mut progress = |progress: &Progress| interrupt.store(progress.step == 12, Ordering::Relaxed);
+        let fitted = fit(&small(), &CosineTarget::new(&sky), &mut progress, &interrupt).unwrap();
+        assert_eq!((fitted.summary.steps, fitted.summary.interrupted), (12, true));
+        assert!(fitted.summary.divergence.kl < fitted.summary.initial.kl);
+    }
+
+    #[test]
+    fn a_black_environment_is_an_error() {
+        struct Black;
+        impl Target for Black {
+            fn condition_length(&self) -> usize {
+                3
+            }
+            fn draw_condition(&self, _: &mut Stream, condition: &mut [f32]) {
+                condition.fill(1.0);
+            }
+            fn density(&self, _: &[f32], _: [f32; 2]) -> f32 {
+                0.0
+            }
+        }
+        assert!(matches!(quiet(&small(), &Black), Err(Error::EmptyTarget { conditions: 64 })));
+    }
+
+    #[test]
+    fn a_head_for_another_condition_is_refused() {
+        let error = quiet(&small(), &VonMisesTimesBeta).err().unwrap();
+        assert!(error.to_string().contains("head.condition = 3"), "{error}");
+    }
+
+    #[test]
+    fn steps_that_are_not_finite_are_counted_and_end_the_run() {
+        /// A condition that is not a number makes every logit so.
+        struct Broken;
+        impl Target for Broken {
+            fn condition_length(&self) -> usize {
+                3
+            }
+            fn draw_condition(&self, _: &mut Stream, condition: &mut [f32]) {
+                condition.fill(f32::NAN);
+            }
+            fn density(&self, _: &[f32], _: [f32; 2]) -> f32 {
+                1.0
+            }
+        }
+        let config = FitConfig { max_skipped: 3, ..small() };
+        assert_eq!(quiet(&config, &Broken).err(), Some(Error::Diverged { step: 4, skipped: 4 }));
+    }
+}

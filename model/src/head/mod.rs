@@ -8,7 +8,6 @@ use burn::{
     module::Module,
     nn::Linear,
     prelude::{Device, Tensor},
-    tensor::activation::leaky_relu,
 };
 
 pub use config::{EncoderConfig, HeadConfig, Mode};
@@ -161,7 +160,7 @@ impl Head {
     /// What the spline networks see of a condition: `c`, followed by the encoder's output.
     fn encode(&self, c: Tensor<2>) -> Tensor<2> {
         let slope = f64::from(self.config.leaky_slope);
-        let activate = |x: Tensor<2>, layer: &Linear| leaky_relu(layer.forward(x), slope);
+        let activate = |x: Tensor<2>, layer: &Linear| linear::leaky_relu(layer.forward(x), slope);
         match self.encoder.as_slice() {
             [] => c,
             layers => {
