@@ -41,7 +41,7 @@ pub fn error_over_time(summary: &Summary) -> String {
         return String::new();
     }
     let wide = Layout { class: "wide", width: 700.0, height: 460.0, left: 62.0, right: 150.0, letters: 20 };
-    let narrow = Layout { class: "narrow", width: 372.0, height: 400.0, left: 52.0, right: 104.0, letters: 14 };
+    let narrow = Layout { class: "narrow", width: 380.0, height: 400.0, left: 50.0, right: 132.0, letters: 15 };
     [wide, narrow].iter().map(|layout| layout.draw(summary, &lines)).collect()
 }
 
@@ -147,7 +147,7 @@ impl Layout {
             self.class, self.width, self.height
         );
         self.draw_grid(&mut svg, &x, &y);
-        self.draw_guide(&mut svg, &x, &y, lines, summary);
+        self.draw_guides(&mut svg, &x, &y, lines);
         for line in lines {
             self.draw_line(&mut svg, &x, &y, summary, line);
         }
@@ -199,28 +199,38 @@ impl Layout {
         push(svg, format_args!("<text class=\"axis\" x=\"{:.1}\" y=\"14\">mean squared error</text>", 4.0));
     }
 
-    /// The slope of Monte Carlo, MSE inversely proportional to time, through the baseline's first point.
-    fn draw_guide(&self, svg: &mut String, x: &Axis, y: &Axis, lines: &[Line], summary: &Summary) {
-        let line = lines.iter().find(|line| line.sampler == summary.baseline).unwrap_or(&lines[0]);
-        let through = line.points[0];
-        let product = (through.mse.mean * through.mean.seconds).log10();
-        // The part of the line inside the frame, in decades of time.
-        let from = x.low.max(product - y.high);
-        let to = x.high.min(product - y.low);
-        if to - from < 0.05 {
-            return;
+    /// Lines of slope -1, along which MSE x time stays the same, as it does for Monte Carlo; one for each power of ten.
+    fn draw_guides(&self, svg: &mut String, x: &Axis, y: &Axis, lines: &[Line]) {
+        let point = |seconds: f64, product: f64| (x.at(10_f64.powf(seconds)), y.at(10_f64.powf(product - seconds)));
+        // The part of a line inside the frame, in decades of time.
+        let inside = |product: f64| (x.low.max(product - y.high), x.high.min(product - y.low));
+        let products: Vec<f64> =
+            ((x.low + y.low).ceil() as i32..=(x.high + y.high).floor() as i32).map(f64::from).collect();
+        for &product in &products {
+            let (from, to) = inside(product);
+            let ((x1, y1), (x2, y2)) = (point(from, product), point(to, product));
+            push(svg, format_args!("<path class=\"guide\" d=\"M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}\"/>"));
         }
-        let point = |decade: f64| (x.at(10_f64.powf(decade)), y.at(10_f64.powf(product - decade)));
-        let ((x1, y1), (x2, y2)) = (point(from), point(to));
-        push(svg, format_args!("<path class=\"guide\" d=\"M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}\"/>"));
-        let angle = (y2 - y1).atan2(x2 - x1).to_degrees();
-        let (cx, cy) = (x1 + 0.86 * (x2 - x1), y1 + 0.86 * (y2 - y1));
-        push(
-            svg,
-            format_args!(
-                "<text class=\"guide-label\" text-anchor=\"middle\" transform=\"translate({cx:.1} {cy:.1}) rotate({angle:.1})\" dy=\"-5\">slope \u{2212}1</text>"
-            ),
-        );
+        // The label goes to a line beside the data that is long enough for it: above them if there is one, else below.
+        let long = |product: &f64| inside(*product).1 - inside(*product).0 > 0.3 * (x.high - x.low);
+        let data =
+            || lines.iter().flat_map(|line| &line.points).map(|group| (group.mse.mean * group.mean.seconds).log10());
+        let (least, largest) = (data().fold(f64::INFINITY, f64::min), data().fold(f64::NEG_INFINITY, f64::max));
+        let above = products.iter().find(|&product| *product > largest + 0.1 && long(product));
+        let below = products.iter().rfind(|&product| *product < least - 0.1 && long(product));
+        if let Some(&product) = above.or(below) {
+            let (from, to) = inside(product);
+            let ((x1, y1), (x2, y2)) = (point(from, product), point(to, product));
+            let angle = (y2 - y1).atan2(x2 - x1).to_degrees();
+            let (cx, cy) = (0.5 * (x1 + x2), 0.5 * (y1 + y2));
+            push(
+                svg,
+                format_args!(
+                    "<text class=\"guide-label\" text-anchor=\"middle\" transform=\"translate({cx:.1} {cy:.1}) \
+                     rotate({angle:.1})\" dy=\"-5\">slope \u{2212}1</text>"
+                ),
+            );
+        }
     }
 
     fn draw_line(&self, svg: &mut String, x: &Axis, y: &Axis, summary: &Summary, line: &Line) {
@@ -355,7 +365,7 @@ fn marker(index: usize, x: f64, y: f64) -> String {
 fn power_label(value: f64) -> String {
     let exponent = (value.log10() + 1e-9).floor() as i32;
     let digit = (value / 10_f64.powi(exponent)).round();
-    if (-2..=3).contains(&exponent) {
+    if (-3..=3).contains(&exponent) {
         let decimals = (-exponent).max(0) as usize;
         return format!("{value:.decimals$}");
     }
@@ -478,7 +488,7 @@ mod tests {
         assert_eq!(power_label(500.0), "500");
         assert_eq!(power_label(1e-4), "10<tspan dy=\"-.45em\" font-size=\"75%\">\u{2212}4</tspan>");
         assert!(power_label(5e-4).starts_with("5\u{d7}10"));
-        assert!(power_label(1e-3).ends_with("\u{2212}3</tspan>"));
+        assert_eq!(power_label(1e-3), "0.001");
     }
 
     #[test]

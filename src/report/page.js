@@ -112,7 +112,8 @@
 (() => {
   const choices = document.querySelectorAll("#budgets input");
   const choose = () => {
-    for (const choice of choices) document.getElementById(choice.value).hidden = !choice.checked;
+    const chosen = [...choices].find((choice) => choice.checked)?.value;
+    for (const part of document.querySelectorAll("[data-panel]")) part.hidden = part.dataset.panel !== chosen;
   };
   for (const choice of choices) choice.addEventListener("change", choose);
   choose();

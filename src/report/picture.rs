@@ -92,7 +92,7 @@ impl ErrorMap {
     }
 }
 
-/// The logarithmic scale that error maps share.
+/// The logarithmic scale that the error maps of a budget share.
 pub struct ErrorScale {
     /// The power of ten of the brightest colour.
     pub top: f64,
@@ -100,9 +100,9 @@ pub struct ErrorScale {
 
 impl ErrorScale {
     /// The scale whose brightest colour is passed by one error in two hundred.
-    pub fn of(maps: &[ErrorMap]) -> Self {
+    pub fn of<'a>(maps: impl Iterator<Item = &'a ErrorMap>) -> Self {
         let mut errors: Vec<f64> =
-            maps.iter().flat_map(|map| &map.errors).copied().filter(|e| *e > 0.0 && e.is_finite()).collect();
+            maps.flat_map(|map| &map.errors).copied().filter(|e| *e > 0.0 && e.is_finite()).collect();
         if errors.is_empty() {
             return Self { top: 0.0 };
         }
@@ -172,8 +172,8 @@ mod tests {
     #[test]
     fn the_scale_fits_the_errors() {
         let map = |value: f32| ErrorMap::of(&grey(8, 8, value), &grey(8, 8, 1.0)).unwrap();
-        assert_eq!(ErrorScale::of(&[map(1.1), map(1.2)]).top, -1.0);
-        assert_eq!(ErrorScale::of(&[map(1.0)]).top, 0.0);
-        assert_eq!(ErrorScale::of(&[]).bottom(), -4.0);
+        assert_eq!(ErrorScale::of([map(1.1), map(1.2)].iter()).top, -1.0);
+        assert_eq!(ErrorScale::of([map(1.0)].iter()).top, 0.0);
+        assert_eq!(ErrorScale::of([].iter()).bottom(), -4.0);
     }
 }

@@ -3,7 +3,7 @@
 use headtail_render::statistics::sidak;
 
 use super::chart::comparisons;
-use super::number::{escape, html, times};
+use super::number::{amount, escape, html, times};
 use super::summary::{BudgetKind, Group, Measure, Summary};
 
 /// Above this p-value two means are not told apart.
@@ -100,9 +100,9 @@ fn rays(summary: &Summary) -> Option<String> {
     Some(format!(
         "Equal samples are not equal work: {} traces {} rays per sample, {} only {}.",
         name(most),
-        html(most.mean.rays_per_sample),
+        amount(most.mean.rays_per_sample),
         name(least),
-        html(least.mean.rays_per_sample)
+        amount(least.mean.rays_per_sample)
     ))
 }
 
@@ -222,7 +222,7 @@ mod tests {
         let mut all = rows("16spp", &[("mis", 8.0), ("head", 1.0), ("bad<>", f64::NAN)]);
         all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.rays_per_sample = 2.0);
         let text = read(&all);
-        assert!(text.contains("<b>head</b> traces 2.00 rays per sample, <b>mis</b> only 1.00"), "{text}");
+        assert!(text.contains("<b>head</b> traces 2 rays per sample, <b>mis</b> only 1"), "{text}");
         assert!(text.contains("Images of <b>bad&lt;&gt;</b> have pixels"), "{text}");
     }
 
