@@ -9,7 +9,7 @@ use std::fmt::Write;
 use super::number::{escape, text, times};
 use super::summary::{BudgetKind, Group, Measure, Ratio, Summary};
 
-/// Colours of the palette (`--s0` to `--s7` in the style sheet); samplers beyond them have dashed lines.
+/// Colours of the palette (`--s0` to `--s7` in the style sheet); samplers beyond them have dashed lines and hollow markers.
 const COLOURS: usize = 8;
 
 /// The CSS class that gives a sampler its colour: ink for the baseline, then the palette in order.
@@ -41,7 +41,7 @@ pub fn error_over_time(summary: &Summary) -> String {
         return String::new();
     }
     let wide = Layout { class: "wide", width: 700.0, height: 460.0, left: 62.0, right: 150.0, letters: 20 };
-    let narrow = Layout { class: "narrow", width: 380.0, height: 400.0, left: 50.0, right: 132.0, letters: 15 };
+    let narrow = Layout { class: "narrow", width: 380.0, height: 400.0, left: 50.0, right: 132.0, letters: 14 };
     [wide, narrow].iter().map(|layout| layout.draw(summary, &lines)).collect()
 }
 

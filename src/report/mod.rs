@@ -8,7 +8,7 @@ mod picture;
 mod reading;
 mod summary;
 #[cfg(test)]
-pub mod synthetic;
+mod synthetic;
 
 use std::path::Path;
 
@@ -112,4 +112,31 @@ pub fn write(folder: &Path, comparison: &Comparison) -> Result<()> {
     file::replace(&folder.join("results.csv"), &csv::encode(&comparison.rows, &summary)?)?;
     file::replace(&folder.join("report.html"), html::page(comparison, &summary)?.as_bytes())?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_files_are_written_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), &synthetic::comparison()).unwrap();
+        let mut names: Vec<String> = std::fs::read_dir(folder.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        assert_eq!(names, ["report.html", "results.csv"]);
+        assert!(write(&folder.path().join("missing"), &synthetic::comparison()).is_err());
+    }
+
+    #[test]
+    fn the_same_comparison_gives_the_same_bytes() {
+        let page = || {
+            let comparison = synthetic::comparison();
+            html::page(&comparison, &summary::Summary::of(&comparison.rows).unwrap()).unwrap()
+        };
+        assert_eq!(page(), page());
+    }
 }

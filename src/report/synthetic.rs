@@ -64,9 +64,9 @@ fn noisy(reference: &Image, variance: f32, random: &mut Stream) -> Image {
     image
 }
 
-/// Seven samplers, three budgets of samples and one of time, five runs each.
+/// Seven samplers, three budgets of samples and one of time, three runs each.
 pub fn comparison() -> Comparison {
-    let (width, height) = (192, 128);
+    let (width, height) = (96, 64);
     let reference = reference(width, height);
     // Relative variance of a sample, seconds per sample per pixel, rays per sample.
     let samplers = [
@@ -86,7 +86,7 @@ pub fn comparison() -> Comparison {
                 Some(spp) => spp.parse().unwrap(),
                 None => (2.0_f64 / seconds_per_sample).floor(),
             };
-            for run in 0..5 {
+            for run in 0..3 {
                 let seed = 100 * index as u64 + u64::from(run);
                 let mut random = Stream::new(seed, Purpose::Test, spp as u64);
                 let image = noisy(&reference, variance / spp as f32, &mut random);
@@ -121,7 +121,7 @@ pub fn comparison() -> Comparison {
         env: "sky & sun".into(),
         width,
         height,
-        command: "headtail compare --scene ball --env sky.exr --spp 4,16,64 --seconds 2 --runs 5 --out results".into(),
+        command: "headtail compare --scene ball --env sky.exr --spp 4,16,64 --seconds 2 --runs 3 --out results".into(),
         machine: "8-core example CPU, 32 GB, Linux".into(),
         version: "0.1.0".into(),
         reference,
