@@ -1,5 +1,51 @@
-//! headtail
-#[cfg_attr(not(test), expect(dead_code, reason = "the command line does not call it yet"))]
+//! headtail: neural product importance sampling by warp composition. The command line.
+
+mod arguments;
+mod bake;
+mod compare;
+mod demo;
+mod fit;
+mod inspect;
+mod progress;
+mod render;
 mod report;
 
-fn main() {}
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Neural product importance sampling by warp composition: draw directions in proportion to light x BRDF x cosine.
+#[derive(Parser)]
+#[command(version, propagate_version = true, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Demo(demo::Arguments),
+    Fit(fit::Arguments),
+    Bake(bake::Arguments),
+    Render(render::Arguments),
+    Compare(compare::Arguments),
+    Inspect(inspect::Arguments),
+}
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Demo(arguments) => demo::run(&arguments),
+        Command::Fit(arguments) => fit::run(&arguments),
+        Command::Bake(arguments) => bake::run(&arguments),
+        Command::Render(arguments) => render::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
+        Command::Inspect(arguments) => inspect::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,1 +1,21 @@
-//! model
+//! The trainable part of headtail in burn: rational-quadratic splines, spline networks, coupling layers and the head warp.
+//!
+//! A head warp `h: Z -> Y` (Litalien et al., "Neural Product Importance Sampling via Warp Composition", SIGGRAPH Asia 2024)
+//! takes uniform points of the base square Z to the intermediate square Y under a condition `c`. Coordinate 0 of both
+//! squares (`u`, azimuth) is a circle, coordinate 1 (`v`, elevation) an interval; every density here is per unit area of Y.
+//!
+//! The *inverse* direction `y -> z` is closed form and gives the density; the *forward* direction `z -> y` samples and
+//! solves a quadratic. No type names a backend: the caller's [`burn::prelude::Device`] chooses it at run time.
+
+pub mod coupling;
+pub mod error;
+pub mod head;
+pub mod linear;
+pub mod spline;
+pub mod spline_network;
+pub mod weights;
+
+pub use burn;
+pub use error::{Error, Result};
+pub use head::{EncoderConfig, Head, HeadConfig, Mode};
+pub use weights::NamedTensor;

@@ -2,11 +2,15 @@
 //!
 //! This crate reads what headtail exports and knows nothing of the library that trained it.
 
+pub mod bake;
 pub mod brdf;
 pub mod color;
+pub mod environment;
 pub mod error;
+pub mod export;
 pub mod file;
 pub mod frame;
+pub mod head;
 pub mod image;
 pub mod integrator;
 pub mod latlong;
@@ -14,5 +18,6 @@ pub mod random;
 pub mod sampler;
 pub mod scene;
 pub mod statistics;
+pub mod tail;
 
 pub use error::{Error, Result};

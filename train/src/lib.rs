@@ -1,1 +1,26 @@
-//! train
+//! Training of head warps: targets in the intermediate square Y, losses, the training loop and export.
+//!
+//! With an exact tail the density that a head has to learn is `q*(y|c)`, proportional to BRDF x cosine seen through the tail:
+//! no environment factor is left (see [`target`]). [`fit`] is the entry point.
+
+pub mod backend;
+pub mod bake;
+pub mod config;
+pub mod error;
+pub mod export;
+pub mod fit;
+pub mod injection;
+pub mod loss;
+pub mod optimizer;
+pub mod target;
+pub mod validation;
+
+pub use backend::Backend;
+pub use bake::learned_bake;
+pub use config::FitConfig;
+pub use error::{Error, Result};
+pub use export::{exported_sampler, native_head};
+pub use fit::{Fitted, Progress, Summary, fit};
+pub use loss::Loss;
+pub use target::{CosineTarget, Target};
+pub use validation::Divergence;

@@ -2,12 +2,26 @@
 
 use glam::Vec3A;
 
-use crate::{random::Stream, sampler::ShadingPoint};
+use crate::{
+    color::luminance,
+    random::Stream,
+    sampler::{CoversIntegrand, DirectionSample, DirectionSampler, ResampledSampler, ShadingPoint},
+};
 
 /// Answers shadow rays.
 pub trait Visibility: Sync {
     /// Whether the environment is seen from `at` towards `wi` (which is above the geometric surface).
     fn visible(&self, at: &ShadingPoint, wi: Vec3A) -> bool;
+}
+
+/// No occluders at all: for unshadowed figures.
+#[derive(Clone, Copy, Debug)]
+pub struct Unshadowed;
+
+impl Visibility for Unshadowed {
+    fn visible(&self, _at: &ShadingPoint, _wi: Vec3A) -> bool {
+        true
+    }
 }
 
 /// One estimate of reflected radiance.
@@ -21,8 +35,97 @@ pub struct Estimate {
     pub max_weight: f32,
 }
 
+impl Estimate {
+    /// Adds a contribution, if it is not black and not occluded.
+    fn add(&mut self, at: &ShadingPoint, visibility: &dyn Visibility, wi: Vec3A, contribution: Vec3A) {
+        let weight = luminance(contribution);
+        if weight > 0.0 {
+            self.max_weight = self.max_weight.max(weight);
+            self.rays += 1;
+            if visibility.visible(at, wi) {
+                self.radiance += contribution;
+            }
+        }
+    }
+}
+
 /// One draw of an unbiased estimator of the light that a shading point reflects from the environment.
 pub trait DirectEstimator: Send + Sync {
     /// Estimates the reflected radiance at `at`; all randomness comes from `random`.
     fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate;
+}
+
+/// One direction from one sampler: `f cos L V / pdf`.
+#[derive(Clone, Debug)]
+pub struct SingleSample<S>(S);
+
+impl<S: CoversIntegrand> SingleSample<S> {
+    /// An estimator of a sampler that covers the whole integrand.
+    pub fn new(sampler: S) -> Self {
+        Self(sampler)
+    }
+}
+
+impl<S: CoversIntegrand> DirectEstimator for SingleSample<S> {
+    fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
+        let mut estimate = Estimate::default();
+        let prepared = self.0.prepare(at);
+        if let Some(DirectionSample { wi, pdf, radiance }) = self.0.sample(&prepared, at, random.uniform2()) {
+            estimate.add(at, visibility, wi, at.brdf_cosine(wi) * radiance / pdf);
+        }
+        estimate
+    }
+}
+
+/// Two-sample MIS with the power heuristic, beta = 2 (Veach 1997, section 9.2.3): one direction, and at most one shadow ray, from
+/// each of two samplers.
+#[derive(Clone, Debug)]
+pub struct TwoSampleMis<A, B> {
+    first: A,
+    second: B,
+}
+
+impl<A: DirectionSampler, B: CoversIntegrand> TwoSampleMis<A, B> {
+    /// Combines two samplers, of which the second covers the integrand.
+    pub fn new(first: A, second: B) -> Self {
+        Self { first, second }
+    }
+}
+
+impl<A: DirectionSampler, B: CoversIntegrand> DirectEstimator for TwoSampleMis<A, B> {
+    fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
+        let mut estimate = Estimate::default();
+        let (first, second) = (self.first.prepare(at), self.second.prepare(at));
+        let mut add = |sample: Option<DirectionSample>, other_pdf: &dyn Fn(Vec3A) -> f32| {
+            let Some(DirectionSample { wi, pdf, radiance }) = sample else { return };
+            // p^2 / (p^2 + q^2), written so that a large p does not overflow.
+            let ratio = other_pdf(wi) / pdf;
+            estimate.add(at, visibility, wi, at.brdf_cosine(wi) * radiance / (pdf * (1.0 + ratio * ratio)));
+        };
+        add(self.first.sample(&first, at, random.uniform2()), &|wi| self.second.pdf(&second, at, wi));
+        add(self.second.sample(&second, at, random.uniform2()), &|wi| self.first.pdf(&first, at, wi));
+        estimate
+    }
+}
+
+/// One direction from a resampled sampler: `f cos L V W`.
+#[derive(Clone, Debug)]
+pub struct ResampledEstimator<S>(S);
+
+impl<S: ResampledSampler> ResampledEstimator<S> {
+    /// An estimator of a resampled sampler.
+    pub fn new(sampler: S) -> Self {
+        Self(sampler)
+    }
+}
+
+impl<S: ResampledSampler> DirectEstimator for ResampledEstimator<S> {
+    fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
+        let mut estimate = Estimate::default();
+        if let Some(drawn) = self.0.sample(at, random) {
+            let contribution = at.brdf_cosine(drawn.wi) * drawn.radiance * drawn.contribution_weight;
+            estimate.add(at, visibility, drawn.wi, contribution);
+        }
+        estimate
+    }
 }

@@ -1,5 +1,9 @@
 //! Direct illumination: estimators over samplers, and the tiled integrator.
 
+mod direct;
 mod estimator;
 
-pub use estimator::{DirectEstimator, Estimate, Visibility};
+pub use direct::{Budget, Rendering, View, render};
+pub use estimator::{
+    DirectEstimator, Estimate, ResampledEstimator, SingleSample, TwoSampleMis, Unshadowed, Visibility,
+};

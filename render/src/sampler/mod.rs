@@ -2,6 +2,24 @@
 //!
 //! Every pdf at these interfaces is over solid angle. `None` means "no sample": the estimate of that draw is zero.
 
+mod brdf;
+mod emitter;
+mod light;
+mod one_sample_mis;
+mod oracle;
+mod product;
+mod resampled;
+mod spec;
+
+pub use brdf::BrdfSampler;
+pub use emitter::{CompensatedEmitterSampler, EmitterSampler};
+pub use light::EnvironmentLight;
+pub use one_sample_mis::OneSampleMis;
+pub use oracle::{Oracle, OracleTable};
+pub use product::{IntermediateDensity, ProductSampler};
+pub use resampled::{Resampled, ResampledDirection, ResampledSampler};
+pub use spec::SamplerSpec;
+
 use glam::{Vec2, Vec3A};
 
 use crate::brdf::Brdf;

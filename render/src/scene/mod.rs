@@ -1,1 +1,233 @@
-//! Scenes: triangle meshes, materials, cameras.
+//! Scenes: triangle meshes, materials, cameras, and the rays that are traced against them.
+
+mod built_in;
+mod bvh;
+mod camera;
+mod gltf;
+mod ground;
+mod material;
+mod mesh;
+mod ray;
+mod texture;
+
+pub use built_in::built_in_names;
+pub use bvh::{Bvh, Hit};
+pub use camera::Camera;
+pub use material::Material;
+pub use mesh::{MAX_COORDINATE, Mesh};
+pub use ray::{Bounds, Ray};
+pub use texture::{Texture, Wrap};
+
+use std::path::Path;
+
+use glam::{Vec2, Vec3, Vec3A};
+
+use crate::{
+    error::{Error, Result},
+    integrator::Visibility,
+    sampler::ShadingPoint,
+};
+
+/// Distance by which shadow rays start above a surface, over the largest coordinate involved.
+///
+/// A hit point is off its plane by a few rounding errors (6e-8) of that coordinate, and the intersection of the shadow
+/// ray with the same plane by a few more; 16 of them leave a margin of two to four.
+const OFFSET: f32 = 1e-6;
+
+/// The least cosine between the shading normal and the viewer.
+const MIN_COSINE: f32 = 1e-2;
+
+/// Which mesh, and which of its triangles, a triangle of the hierarchy is.
+#[derive(Clone, Copy, Debug)]
+struct Face {
+    mesh: u32,
+    triangle: u32,
+}
+
+/// Triangles with materials under a bounding volume hierarchy, seen by a camera.
+pub struct Scene {
+    name: String,
+    meshes: Vec<Mesh>,
+    materials: Vec<Material>,
+    camera: Option<Camera>,
+    faces: Vec<Face>,
+    bvh: Bvh,
+    bounds: Bounds,
+}
+
+impl Scene {
+    /// A scene of meshes whose material indices point into `materials`. Triangles without area are left out.
+    ///
+    /// # Errors
+    /// When a mesh names a material that is not there.
+    pub fn new(
+        name: impl Into<String>,
+        meshes: Vec<Mesh>,
+        materials: Vec<Material>,
+        camera: Option<Camera>,
+    ) -> Result<Self> {
+        if let Some(mesh) = meshes.iter().find(|mesh| mesh.material >= materials.len()) {
+            let reason = format!("index {} is out of range: there are {}", mesh.material, materials.len());
+            return Err(Error::argument("materials", reason));
+        }
+        let mut scene = Self {
+            name: name.into(),
+            meshes,
+            materials,
+            camera,
+            faces: Vec::new(),
+            bvh: Bvh::build(&[]),
+            bounds: Bounds::EMPTY,
+        };
+        scene.rebuild();
+        Ok(scene)
+    }
+
+    /// The built-in scene of that name; see [`built_in_names`].
+    pub fn built_in(name: &str) -> Option<Self> {
+        built_in::build(name)
+    }
+
+    /// Opens a built-in scene by its name, or else a glTF 2.0 file.
+    ///
+    /// # Errors
+    /// As [`Self::load`]; when there is neither, the error lists the built-in names.
+    pub fn open(name_or_path: &str) -> Result<Self> {
+        if let Some(scene) = Self::built_in(name_or_path) {
+            return Ok(scene);
+        }
+        let path = Path::new(name_or_path);
+        if !path.exists() {
+            let names = built_in_names().collect::<Vec<_>>().join(", ");
+            let reason = format!("'{name_or_path}' is neither a file nor a built-in scene ({names})");
+            return Err(Error::argument("scene", reason));
+        }
+        Self::load(path)
+    }
+
+    /// Makes the hierarchy fit the meshes.
+    fn rebuild(&mut self) {
+        self.faces.clear();
+        self.bounds = Bounds::EMPTY;
+        let mut triangles = Vec::new();
+        for (m, mesh) in self.meshes.iter().enumerate() {
+            for t in (0..mesh.triangles.len()).filter(|&t| !mesh.is_degenerate(t)) {
+                let corners = mesh.corners(t);
+                corners.iter().for_each(|&corner| self.bounds.extend(corner));
+                triangles.push(corners);
+                self.faces.push(Face { mesh: m as u32, triangle: t as u32 });
+            }
+        }
+        self.bvh = Bvh::build(&triangles);
+    }
+
+    /// The same geometry, all of it of one material.
+    #[must_use]
+    pub fn with_material(mut self, material: Material) -> Self {
+        self.materials.fill(material);
+        self
+    }
+
+    /// The built-in name, or the file's name without its extension.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The box around all triangles, in metres.
+    pub fn bounds(&self) -> Bounds {
+        self.bounds
+    }
+
+    /// How many triangles rays can hit.
+    pub fn triangle_count(&self) -> usize {
+        self.faces.len()
+    }
+
+    /// The corners (metres) of the triangles that rays can hit.
+    pub fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
+        self.faces.iter().map(|face| self.meshes[face.mesh as usize].corners(face.triangle as usize))
+    }
+
+    /// The scene's own camera, or one that frames it.
+    pub fn camera(&self) -> Camera {
+        self.camera.unwrap_or_else(|| Camera::framing(&self.bounds))
+    }
+
+    /// The nearest surface along a ray, as seen from the ray's origin: both normals are on the viewer's side.
+    pub fn intersect(&self, ray: &Ray) -> Option<ShadingPoint> {
+        let hit = self.bvh.closest(ray)?;
+        let face = self.faces[hit.triangle];
+        let mesh = &self.meshes[face.mesh as usize];
+        let triangle = face.triangle as usize;
+        let vertices = mesh.triangles[triangle].map(|i| i as usize);
+        let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
+
+        // From the corners, not from the ray: its error does not grow with the distance.
+        let [a, b, c] = mesh.corners(triangle).map(Vec3A::from);
+        let p = weights[0] * a + weights[1] * b + weights[2] * c;
+        let wo = -ray.direction;
+        let wound = (b - a).cross(c - a).normalize();
+        let ng = if wound.dot(wo) < 0.0 { -wound } else { wound };
+        let interpolated = (!mesh.normals.is_empty())
+            .then(|| (0..3).map(|k| weights[k] * Vec3A::from(mesh.normals[vertices[k]]).normalize_or_zero()).sum());
+        let uv = (!mesh.texcoords.is_empty())
+            .then(|| (0..3).map(|k| weights[k] * mesh.texcoords[vertices[k]]).sum::<Vec2>());
+        let brdf = self.materials[mesh.material].brdf(uv);
+        Some(ShadingPoint { p, ng, ns: shading_normal(interpolated.unwrap_or(ng), ng, wo), wo, brdf })
+    }
+
+    /// Where a shadow ray from `at` starts: above the surface by more than the rounding error of position and ray.
+    ///
+    /// The error of the intersection grows with the size of the triangle and with its distance from the origin of
+    /// the coordinates, so that the scene's size is in the offset besides the position.
+    fn above(&self, at: &ShadingPoint) -> Vec3A {
+        let scale = at.p.abs().max_element().max(0.5 * self.bounds.extent().max_element());
+        at.p + (OFFSET * scale) * at.ng
+    }
+}
+
+/// The interpolated normal turned to the viewer's side, bent where it still faces away, given up where it is degenerate.
+fn shading_normal(interpolated: Vec3A, ng: Vec3A, wo: Vec3A) -> Vec3A {
+    let Some(ns) = interpolated.try_normalize() else { return ng };
+    let ns = if ns.dot(ng) < 0.0 { -ns } else { ns };
+    let cosine = ns.dot(wo);
+    if cosine >= MIN_COSINE {
+        return ns;
+    }
+    // Near silhouettes: as close to the interpolated normal as the viewer can see it.
+    match (ns + (MIN_COSINE - cosine) * wo).try_normalize() {
+        Some(bent) if bent.dot(wo) > 0.0 && bent.dot(ng) > 0.0 => bent,
+        _ => ng,
+    }
+}
+
+impl Visibility for Scene {
+    fn visible(&self, at: &ShadingPoint, wi: Vec3A) -> bool {
+        !self.bvh.occluded(self.above(at), wi)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Purpose, Stream};
+
+    #[test]
+    fn shading_normals_are_unit_and_face_the_viewer() {
+        let mut random = Stream::new(3, Purpose::Test, 0);
+        for _ in 0..20_000 {
+            let (ng, wo, interpolated) = (random.direction(), random.direction(), random.direction());
+            let ng = if ng.dot(wo) < 0.0 { -ng } else { ng };
+            let ns = shading_normal(random.uniform() * interpolated, ng, wo);
+            assert!(ns.is_normalized() && ns.dot(wo) > 0.0 && ns.dot(ng) > 0.0, "{interpolated} {ng} {wo} -> {ns}");
+        }
+        assert_eq!(shading_normal(Vec3A::ZERO, Vec3A::Y, Vec3A::Y), Vec3A::Y);
+    }
+
+    #[test]
+    fn agreeing_normals_are_kept() {
+        let ns = Vec3A::new(0.1, 1.0, -0.2).normalize();
+        assert_eq!(shading_normal(2.0 * ns, Vec3A::Y, Vec3A::Y), ns);
+        assert_eq!(shading_normal(-ns, Vec3A::Y, Vec3A::Y), ns);
+    }
+}

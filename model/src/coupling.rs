@@ -1,0 +1,105 @@
+//! A coupling layer: one coordinate goes through a spline whose logits depend on the condition and on the other coordinate.
+
+use std::f64::consts::TAU;
+
+use burn::{
+    module::Module,
+    prelude::{Device, Tensor},
+};
+
+use crate::{
+    NamedTensor, Result,
+    linear::Initializer,
+    spline::{self, Topology},
+    spline_network::{SplineNetwork, SplineNetworkShape},
+};
+
+/// A coordinate of the base square Z and of the intermediate square Y.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Coordinate {
+    /// Coordinate 0, `u`: azimuth, a circle.
+    Azimuth,
+    /// Coordinate 1, `v`: elevation, an interval.
+    Elevation,
+}
+
+impl Coordinate {
+    /// How the coordinate's ends are joined.
+    pub const fn topology(self) -> Topology {
+        match self {
+            Self::Azimuth => Topology::Circle,
+            Self::Elevation => Topology::Interval,
+        }
+    }
+
+    /// Number of features that [`features`](Self::features) gives.
+    pub const fn feature_count(self) -> usize {
+        match self {
+            Self::Azimuth => 2,
+            Self::Elevation => 1,
+        }
+    }
+
+    /// What a network sees of the coordinate, `[conditions, samples, features]`: `(cos 2 pi u, sin 2 pi u)`, or `v` as it is.
+    pub fn features(self, values: Tensor<2>) -> Tensor<3> {
+        match self {
+            Self::Azimuth => {
+                let angle = values.mul_scalar(TAU).unsqueeze_dim::<3>(2);
+                Tensor::cat(vec![angle.clone().cos(), angle.sin()], 2)
+            }
+            Self::Elevation => values.unsqueeze_dim(2),
+        }
+    }
+}
+
+/// The spline of one coordinate and its network. Every coordinate is `[conditions, samples]`.
+#[derive(Module, Debug)]
+pub struct Coupling {
+    network: SplineNetwork,
+    #[module(skip)]
+    target: Coordinate,
+    #[module(skip)]
+    other: Option<Coordinate>,
+}
+
+impl Coupling {
+    /// A layer that transforms `target` and sees the coordinate `other`, or, with `None`, the condition alone.
+    ///
+    /// `shape.features` is set here.
+    pub fn new(
+        target: Coordinate,
+        other: Option<Coordinate>,
+        shape: SplineNetworkShape,
+        leaky_slope: f64,
+        initializer: &mut Initializer,
+        device: &Device,
+    ) -> Self {
+        let shape = SplineNetworkShape { features: other.map_or(0, Coordinate::feature_count), ..shape };
+        Self { network: SplineNetwork::new(shape, leaky_slope, initializer, device), target, other }
+    }
+
+    /// The logits under conditions `[conditions, length]` and the other coordinate's values.
+    pub fn logits(&self, other: &Tensor<2>, condition: Tensor<2>) -> Tensor<3> {
+        let features = self.other.map(|coordinate| coordinate.features(other.clone()));
+        self.network.forward(condition, features)
+    }
+
+    /// `y -> (z, ln |dz/dy|)` of the target coordinate.
+    pub fn inverse(&self, y: Tensor<2>, other: &Tensor<2>, condition: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
+        spline::inverse(self.target.topology(), y, &self.logits(other, condition))
+    }
+
+    /// `z -> (y, ln |dz/dy|)` of the target coordinate.
+    pub fn forward(&self, z: Tensor<2>, other: &Tensor<2>, condition: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
+        spline::forward(self.target.topology(), z, &self.logits(other, condition))
+    }
+
+    pub(crate) fn export(&self, prefix: &str, weights: &mut Vec<NamedTensor>) {
+        self.network.export(prefix, weights);
+    }
+
+    pub(crate) fn import(&self, prefix: &str, weights: &mut Vec<NamedTensor>, device: &Device) -> Result<Self> {
+        let network = self.network.import(prefix, weights, device)?;
+        Ok(Self { network, target: self.target, other: self.other })
+    }
+}

@@ -1,0 +1,100 @@
+//! The shape of a head.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    Error, Result,
+    spline::{MAX_BINS, logit_count},
+};
+
+/// How the two coupling layers see each other's coordinate. Layer 0 transforms elevation, layer 1 azimuth, in both modes.
+///
+/// Written for the density direction; sampling runs the layers in the opposite order (coupled) or the same (autoregressive).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Mode {
+    /// The paper's: `z_v = F0(y_v; y_u, c)`, `z_u = F1(y_u; z_v, c)`.
+    Coupled,
+    /// `q(y_v | c) q(y_u | y_v, c)`: `z_v = F0(y_v; c)`, `z_u = F1(y_u; y_v, c)`. The first network runs once per condition.
+    Autoregressive,
+}
+
+/// The conditioner encoder: `c -> hidden -> output`, leaky ReLU after both layers. Its output joins the condition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EncoderConfig {
+    /// Width of the hidden layer.
+    pub hidden: usize,
+    /// Length of the latent vector `xi`.
+    pub output: usize,
+}
+
+/// The shape of a head.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeadConfig {
+    /// Length of the condition vector.
+    pub condition: usize,
+    /// Bins K per spline.
+    pub bins: usize,
+    /// Width of the spline networks' hidden layers.
+    pub hidden: usize,
+    /// Number of hidden layers of a spline network.
+    pub hidden_layers: usize,
+    /// Slope of the leaky ReLU for negative arguments.
+    pub leaky_slope: f32,
+    /// How the coupling layers are joined.
+    pub mode: Mode,
+    /// The conditioner encoder; `None` feeds the condition to the spline networks as it is.
+    pub encoder: Option<EncoderConfig>,
+}
+
+impl HeadConfig {
+    /// Cosine-weighted emitter sampling (the paper's section 5.1): the condition is the normal, K = 4, no encoder.
+    pub const COSINE: Self = Self {
+        condition: 3,
+        bins: 4,
+        hidden: 64,
+        hidden_layers: 2,
+        leaky_slope: 0.01,
+        mode: Mode::Autoregressive,
+        encoder: None,
+    };
+
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::Config`] names the first field that is out of range.
+    pub fn validate(&self) -> Result<()> {
+        let encoder = self.encoder.unwrap_or(EncoderConfig { hidden: 1, output: 1 });
+        within("condition", self.condition, 1, 1024, "in 1..=1024")?;
+        within("bins", self.bins, 2, MAX_BINS, "in 2..=512")?;
+        within("hidden", self.hidden, 1, 4096, "in 1..=4096")?;
+        within("hidden_layers", self.hidden_layers, 1, 16, "in 1..=16")?;
+        within("encoder.hidden", encoder.hidden, 1, 4096, "in 1..=4096")?;
+        within("encoder.output", encoder.output, 1, 4096, "in 1..=4096")?;
+        if !(0.0..=1.0).contains(&self.leaky_slope) {
+            let value = self.leaky_slope.to_string();
+            return Err(Error::Config { field: "leaky_slope", value, requirement: "in 0..=1" });
+        }
+        Ok(())
+    }
+
+    /// Length of what the spline networks see as the condition: `c`, followed by the encoder's output.
+    pub fn network_condition(&self) -> usize {
+        self.condition + self.encoder.map_or(0, |encoder| encoder.output)
+    }
+
+    /// Logits per spline.
+    pub fn logits(&self) -> usize {
+        logit_count(self.bins)
+    }
+}
+
+fn within(field: &'static str, value: usize, low: usize, high: usize, requirement: &'static str) -> Result<()> {
+    if (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        Err(Error::Config { field, value: value.to_string(), requirement })
+    }
+}

@@ -1,0 +1,184 @@
+//! The head warp `h: Z -> Y` under a condition: encoder and two coupling layers.
+
+mod config;
+#[cfg(test)]
+mod tests;
+
+use burn::{
+    module::Module,
+    nn::Linear,
+    prelude::{Device, Tensor},
+    tensor::activation::leaky_relu,
+};
+
+pub use config::{EncoderConfig, HeadConfig, Mode};
+
+use crate::{
+    Error, NamedTensor, Result,
+    coupling::{Coordinate, Coupling},
+    linear::{self, Initializer},
+    spline_network::SplineNetworkShape,
+};
+
+/// The head warp.
+///
+/// Points are grouped by condition: `y` is `[conditions, samples, 2]` and `c` is `[conditions, length]`, so that what depends on
+/// the condition alone is computed once. For one condition per point, `samples` is 1.
+#[derive(Module, Debug)]
+pub struct Head {
+    /// Empty, or the encoder's two layers.
+    encoder: Vec<Linear>,
+    layers: Vec<Coupling>,
+    #[module(skip)]
+    config: HeadConfig,
+}
+
+impl Head {
+    /// A head that is the identity: drawn weights, zero last layers. The same on every backend.
+    ///
+    /// To train, give it an autodiff device.
+    ///
+    /// # Errors
+    /// [`Error::Config`] if the configuration is out of range.
+    pub fn new(config: HeadConfig, seed: u64, device: &Device) -> Result<Self> {
+        config.validate()?;
+        let mut initializer = Initializer::new(seed);
+        let encoder = config.encoder.map_or_else(Vec::new, |encoder| {
+            vec![
+                initializer.linear(config.condition, encoder.hidden, device),
+                initializer.linear(encoder.hidden, encoder.output, device),
+            ]
+        });
+        let shape = SplineNetworkShape {
+            condition: config.network_condition(),
+            features: 0,
+            hidden: config.hidden,
+            hidden_layers: config.hidden_layers,
+            outputs: config.logits(),
+        };
+        let first_sees = match config.mode {
+            Mode::Coupled => Some(Coordinate::Azimuth),
+            Mode::Autoregressive => None,
+        };
+        let slope = f64::from(config.leaky_slope);
+        let mut layer = |target, other| Coupling::new(target, other, shape, slope, &mut initializer, device);
+        let layers =
+            vec![layer(Coordinate::Elevation, first_sees), layer(Coordinate::Azimuth, Some(Coordinate::Elevation))];
+        Ok(Self { encoder, layers, config })
+    }
+
+    /// The head's shape.
+    pub fn config(&self) -> &HeadConfig {
+        &self.config
+    }
+
+    /// `ln q(y|c)` per unit area of Y, `[conditions, samples]`.
+    pub fn log_density(&self, y: Tensor<3>, c: Tensor<2>) -> Tensor<2> {
+        self.inverse(y, c).1
+    }
+
+    /// The density direction `y -> (z, ln |dz/dy|)`: `[conditions, samples, 2]` and `[conditions, samples]`. Closed form.
+    pub fn inverse(&self, y: Tensor<3>, c: Tensor<2>) -> (Tensor<3>, Tensor<2>) {
+        let condition = self.encode(c);
+        let [u, v] = split(y);
+        let (z_v, log_v) = self.layers[0].inverse(v.clone(), &u, condition.clone());
+        let seen = match self.config.mode {
+            Mode::Coupled => &z_v,
+            Mode::Autoregressive => &v,
+        };
+        let (z_u, log_u) = self.layers[1].inverse(u, seen, condition);
+        (join(z_u, z_v), log_v + log_u)
+    }
+
+    /// Samples: uniform `z` (`[conditions, samples, 2]`) to `y` and `ln q(y|c)` per unit area of Y.
+    pub fn sample(&self, z: Tensor<3>, c: Tensor<2>) -> (Tensor<3>, Tensor<2>) {
+        let condition = self.encode(c);
+        let [z_u, z_v] = split(z);
+        match self.config.mode {
+            Mode::Coupled => {
+                let (u, log_u) = self.layers[1].forward(z_u, &z_v, condition.clone());
+                let (v, log_v) = self.layers[0].forward(z_v, &u, condition);
+                (join(u, v), log_v + log_u)
+            }
+            Mode::Autoregressive => {
+                let (v, log_v) = self.layers[0].forward(z_v, &z_u, condition.clone());
+                let (u, log_u) = self.layers[1].forward(z_u, &v, condition);
+                (join(u, v), log_v + log_u)
+            }
+        }
+    }
+
+    /// The elevation spline's logits at `y`: `[conditions, samples, 3K + 1]`, in [`Mode::Autoregressive`] `[conditions, 1, 3K + 1]`.
+    ///
+    /// With [`azimuth_logits`](Self::azimuth_logits) this takes the networks apart from the splines, for whoever evaluates splines otherwise.
+    pub fn elevation_logits(&self, y: &Tensor<3>, c: Tensor<2>) -> Tensor<3> {
+        let [u, _] = split(y.clone());
+        self.layers[0].logits(&u, self.encode(c))
+    }
+
+    /// The azimuth spline's logits, `[conditions, samples, 3K + 1]`, given the elevation that its network sees
+    /// (`[conditions, samples]`): `y_v` in [`Mode::Autoregressive`], `z_v` in [`Mode::Coupled`].
+    pub fn azimuth_logits(&self, elevation: &Tensor<2>, c: Tensor<2>) -> Tensor<3> {
+        self.layers[1].logits(elevation, self.encode(c))
+    }
+
+    /// Every weight, row-major `[out, in]`, in the order in which they are drawn: `encoder.linear{0,1}.{weight,bias}` (where
+    /// there is an encoder), `layer0.linear{0..=hidden_layers}.{weight,bias}` (elevation), then `layer1` (azimuth).
+    ///
+    /// Inputs of a layer's `linear0` are, in this order: the condition `c`, the encoder's output, and the other coordinate's
+    /// features (`cos 2 pi u`, `sin 2 pi u`, or `v`).
+    pub fn weights(&self) -> Vec<NamedTensor> {
+        let mut weights = Vec::new();
+        for (index, layer) in self.encoder.iter().enumerate() {
+            linear::export(layer, &format!("encoder.linear{index}"), &mut weights);
+        }
+        for (index, layer) in self.layers.iter().enumerate() {
+            layer.export(&format!("layer{index}"), &mut weights);
+        }
+        weights
+    }
+
+    /// The converse of [`weights`](Self::weights), in any order of `weights`.
+    ///
+    /// # Errors
+    /// If the configuration is out of range, a weight is missing, unknown, of the wrong shape or not finite.
+    pub fn from_weights(config: HeadConfig, mut weights: Vec<NamedTensor>, device: &Device) -> Result<Self> {
+        let blank = Self::new(config, 0, device)?;
+        let mut encoder = Vec::new();
+        for (index, layer) in blank.encoder.iter().enumerate() {
+            encoder.push(linear::import(layer, &format!("encoder.linear{index}"), &mut weights, device)?);
+        }
+        let mut layers = Vec::new();
+        for (index, layer) in blank.layers.iter().enumerate() {
+            layers.push(layer.import(&format!("layer{index}"), &mut weights, device)?);
+        }
+        match weights.pop() {
+            Some(weight) => Err(Error::UnknownWeight(weight.name)),
+            None => Ok(Self { encoder, layers, config }),
+        }
+    }
+
+    /// What the spline networks see of a condition: `c`, followed by the encoder's output.
+    fn encode(&self, c: Tensor<2>) -> Tensor<2> {
+        let slope = f64::from(self.config.leaky_slope);
+        let activate = |x: Tensor<2>, layer: &Linear| leaky_relu(layer.forward(x), slope);
+        match self.encoder.as_slice() {
+            [] => c,
+            layers => {
+                let latent = layers.iter().fold(c.clone(), activate);
+                Tensor::cat(vec![c, latent], 1)
+            }
+        }
+    }
+}
+
+/// `[conditions, samples, 2]` to its two coordinates `(u, v)`.
+fn split(points: Tensor<3>) -> [Tensor<2>; 2] {
+    let [conditions, samples, _] = points.dims();
+    let column = |index: usize| points.clone().narrow(2, index, 1).reshape([conditions, samples]);
+    [column(0), column(1)]
+}
+
+fn join(u: Tensor<2>, v: Tensor<2>) -> Tensor<3> {
+    Tensor::stack(vec![u, v], 2)
+}

@@ -1,0 +1,253 @@
+//! Properties of the head. The comparison with an independent f64 implementation is in `tests/reference_f64.rs`.
+
+use burn::{
+    module::Module,
+    prelude::{Device, Tensor, TensorData},
+};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::{EncoderConfig, Head, HeadConfig, Mode};
+use crate::{
+    Error, NamedTensor,
+    linear::read,
+    spline::{self, Topology},
+};
+
+const MODES: [Mode; 2] = [Mode::Coupled, Mode::Autoregressive];
+
+/// The paper's microfacet head with the condition of 13 numbers of DESIGN.md 3.2: wo, n, reflect(wo, n), n.wo, alpha, ...
+const MICROFACET: HeadConfig = HeadConfig {
+    condition: 13,
+    bins: 32,
+    mode: Mode::Coupled,
+    encoder: Some(EncoderConfig { hidden: 64, output: 64 }),
+    ..HeadConfig::COSINE
+};
+
+fn uniforms(count: usize, seed: u64) -> Vec<f32> {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    (0..count).map(|_| (generator.next_u32() >> 8) as f32 / 16_777_216.0).collect()
+}
+
+/// A head far from the identity: every weight drawn, the last layers too.
+fn random_head(config: HeadConfig, seed: u64, device: &Device) -> Head {
+    let mut weights = Head::new(config, seed, device).unwrap().weights();
+    for (index, weight) in weights.iter_mut().enumerate() {
+        if weight.values.iter().all(|&value| value == 0.0) {
+            let draws = uniforms(weight.values.len(), seed + 100 + index as u64);
+            weight.values = draws.iter().map(|draw| draw * 1.0 - 0.5).collect();
+        }
+    }
+    Head::from_weights(config, weights, device).unwrap()
+}
+
+fn points(conditions: usize, samples: usize, seed: u64, device: &Device) -> Tensor<3> {
+    Tensor::from_data(TensorData::new(uniforms(conditions * samples * 2, seed), [conditions, samples, 2]), device)
+}
+
+fn conditions(count: usize, length: usize, seed: u64, device: &Device) -> Tensor<2> {
+    let values: Vec<f32> = uniforms(count * length, seed).iter().map(|x| 2.0 * x - 1.0).collect();
+    Tensor::from_data(TensorData::new(values, [count, length]), device)
+}
+
+fn configurations() -> Vec<HeadConfig> {
+    let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
+    MODES
+        .into_iter()
+        .flat_map(|mode| {
+            [HeadConfig { mode, ..HeadConfig::COSINE }, HeadConfig { mode, encoder, ..HeadConfig::COSINE }]
+        })
+        .collect()
+}
+
+#[test]
+fn parameter_counts_are_as_documented() {
+    let device = Device::flex();
+    let count = |config| Head::new(config, 0, &device).unwrap().num_params();
+    // Elevation sees c alone: (3 + 1) 64 + (64 + 1) 64 + (64 + 1) 13; azimuth sees v too: (3 + 1 + 1) 64 + ...
+    assert_eq!(count(HeadConfig::COSINE), 10_586);
+    // Elevation sees two more features.
+    assert_eq!(count(HeadConfig { mode: Mode::Coupled, ..HeadConfig::COSINE }), 10_714);
+    // Encoder 14 x 64 + 65 x 64; networks (77 + 2 + 1 and 77 + 1 + 1) 64 + 65 x 64 + 65 x 97.
+    assert_eq!(count(MICROFACET), 36_162);
+}
+
+#[test]
+fn a_new_head_is_the_identity() {
+    let device = Device::flex();
+    for config in configurations() {
+        let head = Head::new(config, 3, &device).unwrap();
+        let (y, c) = (points(10, 20, 1, &device), conditions(10, 3, 2, &device));
+        for (x, log) in [head.inverse(y.clone(), c.clone()), head.sample(y.clone(), c.clone())] {
+            assert!(read(x).iter().zip(read(y.clone())).all(|(a, b)| (a - b).abs() <= 1e-6));
+            assert!(read(log).iter().all(|log| log.abs() <= 4e-6));
+        }
+    }
+}
+
+#[test]
+fn inverse_undoes_sample_and_agrees_on_the_density() {
+    let device = Device::flex();
+    for (seed, config) in configurations().into_iter().enumerate() {
+        let head = random_head(config, seed as u64, &device);
+        let (z, c) = (points(100, 100, 3, &device), conditions(100, 3, 4, &device));
+        let (y, log_sample) = head.sample(z.clone(), c.clone());
+        let (back, log_inverse) = head.inverse(y, c);
+        for (a, b) in read(back).iter().zip(read(z)) {
+            let error = (a - b).abs();
+            assert!(error.min(1.0 - error) < 2e-5, "{a} {b}");
+        }
+        for (a, b) in read(log_sample).iter().zip(read(log_inverse)) {
+            assert!((a - b).abs() < 1e-3, "{a} {b}");
+        }
+    }
+}
+
+#[test]
+fn density_integrates_to_one_under_every_condition() {
+    let device = Device::flex();
+    let side = 512;
+    let mut grid = Vec::with_capacity(side * side * 2);
+    for row in 0..side {
+        for column in 0..side {
+            grid.extend([(column as f32 + 0.5) / side as f32, (row as f32 + 0.5) / side as f32]);
+        }
+    }
+    for (seed, config) in configurations().into_iter().enumerate() {
+        let head = random_head(config, 10 + seed as u64, &device);
+        let y = Tensor::<3>::from_data(TensorData::new(grid.clone(), [1, side * side, 2]), &device);
+        let logs = read(head.log_density(y, conditions(1, 3, seed as u64, &device)));
+        let integral = logs.iter().map(|&log| f64::from(log).exp()).sum::<f64>() / (side * side) as f64;
+        assert!((integral - 1.0).abs() < 1e-4, "{integral}");
+        assert!(logs.iter().any(|log| log.abs() > 0.1), "the test needs a head that is not the identity");
+    }
+}
+
+#[test]
+fn density_is_the_same_on_both_sides_of_the_seam() {
+    let device = Device::flex();
+    for (seed, config) in configurations().into_iter().enumerate() {
+        let head = random_head(config, 20 + seed as u64, &device);
+        let c = conditions(1, 3, 5, &device);
+        let at = |u: f32| {
+            let y: Vec<f32> = (0..=10).flat_map(|i| [u, i as f32 / 10.0]).collect();
+            read(head.log_density(Tensor::from_data(TensorData::new(y, [1, 11, 2]), &device), c.clone()))
+        };
+        // Coupled networks see sin(2 pi) = 2e-7 instead of 0.
+        assert!(at(0.0).iter().zip(at(1.0)).all(|(a, b)| (a - b).abs() < 1e-4));
+    }
+}
+
+#[test]
+fn batched_equals_looped() {
+    let device = Device::flex();
+    for (seed, config) in configurations().into_iter().enumerate() {
+        let head = random_head(config, 30 + seed as u64, &device);
+        let (y, c) = (points(6, 5, 6, &device), conditions(6, 3, 7, &device));
+        let all = read(head.log_density(y.clone(), c.clone()));
+        for condition in 0..6 {
+            for sample in 0..5 {
+                let one = head.log_density(
+                    y.clone().narrow(0, condition, 1).narrow(1, sample, 1),
+                    c.clone().narrow(0, condition, 1),
+                );
+                // Matrix products of other sizes add up in another order.
+                assert!((read(one)[0] - all[condition * 5 + sample]).abs() < 1e-5);
+            }
+        }
+    }
+}
+
+#[test]
+fn conditions_and_seeds_matter() {
+    let device = Device::flex();
+    for config in configurations() {
+        let y = points(2, 1, 8, &device).narrow(0, 0, 1).repeat_dim(0, 2);
+        let c = conditions(2, 3, 9, &device);
+        let density = |seed| read(random_head(config, seed, &device).log_density(y.clone(), c.clone()));
+        let (one, other) = (density(1), density(2));
+        assert!(one[0] != one[1] && one[0] != other[0]);
+        assert_eq!(one, density(1));
+    }
+}
+
+#[test]
+fn weights_restore_the_head_in_any_order() {
+    let device = Device::flex();
+    for (seed, config) in configurations().into_iter().enumerate() {
+        let head = random_head(config, 40 + seed as u64, &device);
+        let mut weights = head.weights();
+        weights.reverse();
+        let restored = Head::from_weights(config, weights, &device).unwrap();
+        assert_eq!(restored.weights(), head.weights());
+        let (y, c) = (points(4, 4, 10, &device), conditions(4, 3, 11, &device));
+        assert_eq!(read(restored.log_density(y.clone(), c.clone())), read(head.log_density(y, c)));
+    }
+}
+
+#[test]
+fn weights_are_named_and_shaped_as_documented() {
+    let head = Head::new(MICROFACET, 0, &Device::flex()).unwrap();
+    let list: Vec<(String, Vec<usize>)> = head.weights().into_iter().map(|w| (w.name, w.shape)).collect();
+    let expected: [(&str, &[usize]); 16] = [
+        ("encoder.linear0.weight", &[64, 13]),
+        ("encoder.linear0.bias", &[64]),
+        ("encoder.linear1.weight", &[64, 64]),
+        ("encoder.linear1.bias", &[64]),
+        ("layer0.linear0.weight", &[64, 79]),
+        ("layer0.linear0.bias", &[64]),
+        ("layer0.linear1.weight", &[64, 64]),
+        ("layer0.linear1.bias", &[64]),
+        ("layer0.linear2.weight", &[97, 64]),
+        ("layer0.linear2.bias", &[97]),
+        ("layer1.linear0.weight", &[64, 78]),
+        ("layer1.linear0.bias", &[64]),
+        ("layer1.linear1.weight", &[64, 64]),
+        ("layer1.linear1.bias", &[64]),
+        ("layer1.linear2.weight", &[97, 64]),
+        ("layer1.linear2.bias", &[97]),
+    ];
+    assert!(list.iter().map(|(n, s)| (n.as_str(), s.as_slice())).eq(expected));
+}
+
+#[test]
+fn weights_that_do_not_belong_are_refused() {
+    let device = Device::flex();
+    let mut weights = Head::new(HeadConfig::COSINE, 0, &device).unwrap().weights();
+    weights.push(NamedTensor { name: "layer2.linear0.bias".into(), shape: vec![1], values: vec![0.0] });
+    let error = Head::from_weights(HeadConfig::COSINE, weights, &device).unwrap_err();
+    assert_eq!(error, Error::UnknownWeight("layer2.linear0.bias".into()));
+}
+
+#[test]
+fn configurations_out_of_range_are_refused() {
+    let device = Device::flex();
+    for config in [
+        HeadConfig { bins: 1, ..HeadConfig::COSINE },
+        HeadConfig { bins: 513, ..HeadConfig::COSINE },
+        HeadConfig { hidden: 0, ..HeadConfig::COSINE },
+        HeadConfig { hidden_layers: 0, ..HeadConfig::COSINE },
+        HeadConfig { condition: 0, ..HeadConfig::COSINE },
+        HeadConfig { leaky_slope: f32::NAN, ..HeadConfig::COSINE },
+        HeadConfig { encoder: Some(EncoderConfig { hidden: 0, output: 1 }), ..HeadConfig::COSINE },
+    ] {
+        assert!(matches!(Head::new(config, 0, &device), Err(Error::Config { .. })), "{config:?}");
+    }
+}
+
+#[test]
+fn logits_taken_apart_give_the_density() {
+    let device = Device::flex();
+    for (mode, shared) in [(Mode::Coupled, 4), (Mode::Autoregressive, 1)] {
+        let head = random_head(HeadConfig { mode, ..HeadConfig::COSINE }, 50, &device);
+        let (y, c) = (points(3, 4, 12, &device), conditions(3, 3, 13, &device));
+        let [u, v] = super::split(y.clone());
+        let elevation = head.elevation_logits(&y, c.clone());
+        let (z_v, log_v) = spline::inverse(Topology::Interval, v.clone(), &elevation);
+        let azimuth = head.azimuth_logits(if mode == Mode::Coupled { &z_v } else { &v }, c.clone());
+        assert_eq!((elevation.dims(), azimuth.dims()), ([3, shared, 13], [3, 4, 13]));
+        let (_, log_u) = spline::inverse(Topology::Circle, u, &azimuth);
+        assert_eq!(read(log_v + log_u), read(head.log_density(y, c)));
+    }
+}

@@ -1,0 +1,161 @@
+//! Affine layers with host-side initialisation and named access; the values are the same on every backend.
+
+use burn::{
+    module::Param,
+    nn::Linear,
+    prelude::{Device, Tensor, TensorData},
+};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::{Error, NamedTensor, Result};
+
+/// Seeded source of initial weights: a ChaCha8 stream of its own purpose, drawn in the order of the exported names.
+pub struct Initializer(ChaCha8Rng);
+
+/// Tag that keeps initial weights apart from every other stream of the same seed.
+const WEIGHTS_PURPOSE: u32 = 2;
+
+impl Initializer {
+    /// Opens the stream of `seed`.
+    pub fn new(seed: u64) -> Self {
+        let mut key = [0_u8; 32];
+        key[..8].copy_from_slice(&seed.to_le_bytes());
+        key[8..12].copy_from_slice(&WEIGHTS_PURPOSE.to_le_bytes());
+        Self(ChaCha8Rng::from_seed(key))
+    }
+
+    /// A uniform number in `[-bound, bound)`.
+    fn uniform(&mut self, bound: f32) -> f32 {
+        let unit = (self.0.next_u32() >> 8) as f32 * (1.0 / 16_777_216.0);
+        bound * (2.0 * unit - 1.0)
+    }
+
+    /// An affine layer as PyTorch initialises its `Linear`: weight and bias uniform in `+-1 / sqrt(inputs)`.
+    ///
+    /// That is `kaiming_uniform_(a = sqrt(5))` for the weight (He et al. 2015): bound `sqrt(6 / ((1 + a^2) inputs))`.
+    pub fn linear(&mut self, inputs: usize, outputs: usize, device: &Device) -> Linear {
+        let bound = 1.0 / (inputs as f32).sqrt();
+        let mut draw = |count: usize| -> Vec<f32> { (0..count).map(|_| self.uniform(bound)).collect() };
+        let weight = draw(inputs * outputs);
+        let bias = draw(outputs);
+        from_row_major(&weight, &bias, inputs, device)
+    }
+}
+
+/// An affine layer of zeros.
+pub fn zeros(inputs: usize, outputs: usize, device: &Device) -> Linear {
+    from_row_major(&vec![0.0; inputs * outputs], &vec![0.0; outputs], inputs, device)
+}
+
+/// Builds burn's layer, which stores `[in, out]`, from a row-major `[out, in]` matrix.
+fn from_row_major(weight: &[f32], bias: &[f32], inputs: usize, device: &Device) -> Linear {
+    let outputs = bias.len();
+    let transposed = transpose(weight, outputs, inputs);
+    Linear {
+        weight: Param::from_data(TensorData::new(transposed, [inputs, outputs]), device),
+        bias: Some(Param::from_data(TensorData::new(bias.to_vec(), [outputs]), device)),
+    }
+}
+
+fn transpose(matrix: &[f32], rows: usize, columns: usize) -> Vec<f32> {
+    (0..columns).flat_map(|column| (0..rows).map(move |row| matrix[row * columns + column])).collect()
+}
+
+/// Reads a tensor back to the host.
+pub(crate) fn read<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor.try_into_vec_as::<f32>().expect("a tensor is readable and converts to f32")
+}
+
+/// Appends `{prefix}.weight` (`[out, in]`) and `{prefix}.bias` (`[out]`) to `weights`.
+pub(crate) fn export(linear: &Linear, prefix: &str, weights: &mut Vec<NamedTensor>) {
+    let [inputs, outputs] = linear.weight.val().dims();
+    let values = transpose(&read(linear.weight.val()), inputs, outputs);
+    weights.push(NamedTensor { name: format!("{prefix}.weight"), shape: vec![outputs, inputs], values });
+    if let Some(bias) = &linear.bias {
+        weights.push(NamedTensor { name: format!("{prefix}.bias"), shape: vec![outputs], values: read(bias.val()) });
+    }
+}
+
+/// Takes `{prefix}.weight` and `{prefix}.bias` out of `weights`, checked against the shape of `linear`.
+pub(crate) fn import(linear: &Linear, prefix: &str, weights: &mut Vec<NamedTensor>, device: &Device) -> Result<Linear> {
+    let [inputs, outputs] = linear.weight.val().dims();
+    let weight = take(weights, format!("{prefix}.weight"), &[outputs, inputs])?;
+    let bias = take(weights, format!("{prefix}.bias"), &[outputs])?;
+    Ok(from_row_major(&weight, &bias, inputs, device))
+}
+
+fn take(weights: &mut Vec<NamedTensor>, name: String, expected: &[usize]) -> Result<Vec<f32>> {
+    let Some(position) = weights.iter().position(|weight| weight.name == name) else {
+        return Err(Error::MissingWeight(name));
+    };
+    let NamedTensor { shape, values, .. } = weights.swap_remove(position);
+    if shape != expected || values.len() != expected.iter().product::<usize>() {
+        return Err(Error::WeightShape { name, expected: expected.to_vec(), found: shape, values: values.len() });
+    }
+    if values.iter().any(|value| !value.is_finite()) {
+        return Err(Error::NonFiniteWeight(name));
+    }
+    Ok(values)
+}
+
+/// `x W + b` for `x` of `[rows, in]` with the columns `first..first + in` of the layer's inputs only, without the bias.
+///
+/// A spline network applies the condition's columns once per condition and those of the coordinate once per sample.
+pub(crate) fn partial(linear: &Linear, first: usize, x: Tensor<2>) -> Tensor<2> {
+    let [_, inputs] = x.dims();
+    x.matmul(linear.weight.val().narrow(0, first, inputs))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn initial_weights_are_a_function_of_the_seed_alone() {
+        let device = Device::flex();
+        let draw = |seed: u64| read(Initializer::new(seed).linear(3, 5, &device).weight.val());
+        assert_eq!(draw(7), draw(7));
+        assert_ne!(draw(7), draw(8));
+    }
+
+    #[test]
+    fn initial_weights_keep_to_the_bound_and_fill_it() {
+        let mut weights = Vec::new();
+        export(&Initializer::new(1).linear(64, 64, &Device::flex()), "l", &mut weights);
+        for weight in &weights {
+            let largest = weight.values.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+            assert!(largest <= 0.125 && largest > 0.1, "{}: {largest}", weight.name);
+        }
+    }
+
+    #[test]
+    fn export_transposes_to_rows_of_outputs() {
+        let device = Device::flex();
+        let linear = from_row_major(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], &[0.0, 10.0], 3, &device);
+        // Row 1 of [out, in] is (4, 5, 6).
+        let x = Tensor::<2>::from_data([[1.0, 0.5, 2.0]], &device);
+        assert_eq!(read(linear.forward(x)), [1.0 + 1.0 + 6.0, 4.0 + 2.5 + 12.0 + 10.0]);
+        let mut weights = Vec::new();
+        export(&linear, "l", &mut weights);
+        assert_eq!(weights[0].shape, [2, 3]);
+        assert_eq!(weights[0].values, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    }
+
+    #[test]
+    fn wrong_weights_are_refused_by_name() {
+        let device = Device::flex();
+        let linear = zeros(2, 1, &device);
+        let good = |name: &str, shape: &[usize], values: &[f32]| NamedTensor {
+            name: name.into(),
+            shape: shape.to_vec(),
+            values: values.to_vec(),
+        };
+        let bias = good("l.bias", &[1], &[0.0]);
+        let attempt = |weight: NamedTensor| import(&linear, "l", &mut vec![bias.clone(), weight], &device).unwrap_err();
+        assert_eq!(attempt(good("m.weight", &[1, 2], &[0.0; 2])), Error::MissingWeight("l.weight".into()));
+        assert!(matches!(attempt(good("l.weight", &[2, 1], &[0.0; 2])), Error::WeightShape { .. }));
+        assert!(matches!(attempt(good("l.weight", &[1, 2], &[0.0; 3])), Error::WeightShape { .. }));
+        assert_eq!(attempt(good("l.weight", &[1, 2], &[0.0, f32::NAN])), Error::NonFiniteWeight("l.weight".into()));
+    }
+}

@@ -1,0 +1,90 @@
+//! The network that gives a spline its logits.
+
+use burn::{
+    module::Module,
+    nn::Linear,
+    prelude::{Device, Tensor},
+    tensor::activation::leaky_relu,
+};
+
+use crate::{
+    NamedTensor, Result,
+    linear::{self, Initializer},
+};
+
+/// Sizes of a spline network.
+#[derive(Clone, Copy, Debug)]
+pub struct SplineNetworkShape {
+    /// Length of the condition (with the encoder's output, where there is one).
+    pub condition: usize,
+    /// Features of the other coordinate: 2 for the circle, 1 for the interval, 0 for none.
+    pub features: usize,
+    /// Width of the hidden layers.
+    pub hidden: usize,
+    /// Number of hidden layers, at least 1.
+    pub hidden_layers: usize,
+    /// Number of logits.
+    pub outputs: usize,
+}
+
+/// A perceptron with leaky ReLU after every layer but the last; inputs in the order (condition, coordinate features).
+///
+/// The last layer starts at zero, so that the spline starts as the identity.
+#[derive(Module, Debug)]
+pub struct SplineNetwork {
+    linears: Vec<Linear>,
+    leaky_slope: f64,
+}
+
+impl SplineNetwork {
+    /// Draws initial weights.
+    pub fn new(shape: SplineNetworkShape, leaky_slope: f64, initializer: &mut Initializer, device: &Device) -> Self {
+        let mut inputs = shape.condition + shape.features;
+        let mut linears = Vec::with_capacity(shape.hidden_layers + 1);
+        for _ in 0..shape.hidden_layers {
+            linears.push(initializer.linear(inputs, shape.hidden, device));
+            inputs = shape.hidden;
+        }
+        linears.push(linear::zeros(inputs, shape.outputs, device));
+        Self { linears, leaky_slope }
+    }
+
+    /// Logits `[conditions, samples, outputs]` of conditions `[conditions, length]` and features
+    /// `[conditions, samples, features]`; without features `[conditions, 1, outputs]`.
+    ///
+    /// The condition's part of the first layer is computed once per condition.
+    pub fn forward(&self, condition: Tensor<2>, features: Option<Tensor<3>>) -> Tensor<3> {
+        let [conditions, length] = condition.dims();
+        let first = &self.linears[0];
+        let mut hidden = linear::partial(first, 0, condition);
+        if let Some(bias) = &first.bias {
+            hidden = hidden + bias.val().unsqueeze::<2>();
+        }
+        let mut samples = 1;
+        if let Some(features) = features {
+            let count = features.dims()[2];
+            samples = features.dims()[1];
+            let width = hidden.dims()[1];
+            let per_sample = linear::partial(first, length, features.reshape([conditions * samples, count]));
+            let sum = hidden.unsqueeze_dim::<3>(1) + per_sample.reshape([conditions, samples, width]);
+            hidden = sum.reshape([conditions * samples, width]);
+        }
+        for layer in &self.linears[1..] {
+            hidden = layer.forward(leaky_relu(hidden, self.leaky_slope));
+        }
+        let outputs = hidden.dims()[1];
+        hidden.reshape([conditions, samples, outputs])
+    }
+
+    pub(crate) fn export(&self, prefix: &str, weights: &mut Vec<NamedTensor>) {
+        for (index, layer) in self.linears.iter().enumerate() {
+            linear::export(layer, &format!("{prefix}.linear{index}"), weights);
+        }
+    }
+
+    pub(crate) fn import(&self, prefix: &str, weights: &mut Vec<NamedTensor>, device: &Device) -> Result<Self> {
+        let load = |(index, layer)| linear::import(layer, &format!("{prefix}.linear{index}"), weights, device);
+        let linears = self.linears.iter().enumerate().map(load).collect::<Result<_>>()?;
+        Ok(Self { linears, leaky_slope: self.leaky_slope })
+    }
+}

@@ -1,0 +1,233 @@
+//! Environment maps: radiance from every direction at infinity.
+
+mod built_in;
+
+pub use built_in::{BUILT_IN_NAMES, built_in};
+
+use std::path::Path;
+
+use glam::{Vec2, Vec3A};
+
+use crate::{
+    color::luminance,
+    error::{Error, Result},
+    image::{Image, read_radiance},
+    latlong,
+};
+
+/// Radiance above this is treated like an infinite one: sums of squares stay inside f32.
+const LARGEST_RADIANCE: f32 = 1e15;
+
+/// An equirectangular map of linear Rec.709 radiance in W/(sr m^2), bilinear between texels.
+///
+/// Azimuth is periodic with texel centres at `(i + 0.5) / width`; elevation is aligned to the end rows, `j / (height - 1)`,
+/// as in Mitsuba 3. A map of one row is read as two equal rows.
+#[derive(Clone, Debug)]
+pub struct Environment {
+    name: String,
+    width: usize,
+    height: usize,
+    texels: Vec<Vec3A>,
+    repairs: Vec<String>,
+    hash: String,
+}
+
+impl Environment {
+    /// A built-in environment by name, else a map from a file.
+    ///
+    /// # Errors
+    /// The name is neither, or the file cannot be used; see [`Self::load`].
+    pub fn open(name_or_path: &str) -> Result<Self> {
+        if let Some(environment) = built_in(name_or_path) {
+            return Ok(environment);
+        }
+        let path = Path::new(name_or_path);
+        if !path.exists() {
+            let names = BUILT_IN_NAMES.join(", ");
+            return Err(Error::argument(
+                format!("environment '{name_or_path}'"),
+                format!("there is no such file; name a .hdr or .exr file or one of {names}"),
+            ));
+        }
+        Self::load(path)
+    }
+
+    /// Reads a Radiance .hdr or OpenEXR map.
+    ///
+    /// # Errors
+    /// The file is not such an image, is damaged, or holds no light at all.
+    pub fn load(path: &Path) -> Result<Self> {
+        let image = read_radiance(path)?;
+        let name = path.file_stem().map_or_else(|| "map".into(), |stem| stem.to_string_lossy().into_owned());
+        Self::from_image(&name, image).map_err(|error| match error {
+            Error::Argument { reason, .. } => Error::invalid(path, "pixels", reason),
+            other => other,
+        })
+    }
+
+    /// Makes an environment of an image, repairing what has no meaning as radiance: NaN and negative values become 0, values
+    /// that are infinite or above 1e15 become the largest usable value of the map. [`Self::repairs`] says what was done.
+    ///
+    /// # Errors
+    /// The image is empty, or no texel is lit.
+    pub fn from_image(name: &str, image: Image) -> Result<Self> {
+        let Image { width, mut height, mut pixels } = image;
+        if width == 0 || height == 0 || pixels.len() != width * height {
+            return Err(Error::argument("environment map", "needs at least one texel"));
+        }
+        let repairs = repair(&mut pixels);
+        if pixels.iter().flatten().all(|&value| value == 0.0) {
+            return Err(Error::argument("environment map", "is black everywhere: there is no light to sample"));
+        }
+        if height == 1 {
+            pixels.extend_from_within(..);
+            height = 2;
+        }
+        let texels: Vec<_> = pixels.into_iter().map(Vec3A::from_array).collect();
+        let hash = hash(width, height, &texels);
+        Ok(Self { name: name.to_owned(), width, height, texels, repairs, hash })
+    }
+
+    /// The map's short name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Texels in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows; at least 2.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// One sentence for each kind of value that had to be repaired.
+    pub fn repairs(&self) -> &[String] {
+        &self.repairs
+    }
+
+    /// Hexadecimal BLAKE3 hash of the size and the texels: what a sampler file uses to recognise its map.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// The luminance of every texel, `[height * width]`.
+    pub fn luminance(&self) -> Vec<f32> {
+        self.texels.iter().map(|&texel| luminance(texel)).collect()
+    }
+
+    /// The map as an image.
+    pub fn to_image(&self) -> Image {
+        Image { width: self.width, height: self.height, pixels: self.texels.iter().map(Vec3A::to_array).collect() }
+    }
+
+    /// Radiance at a point of the square; `x.x` in `[0, 1]`, `x.y` in `[0, 1]`.
+    pub fn radiance_at(&self, x: Vec2) -> Vec3A {
+        let column = x.x * self.width as f32 - 0.5;
+        let left = column.floor();
+        let s = column - left;
+        // Columns -1 and width are the same places as width - 1 and 0.
+        let i0 = if left < 0.0 { self.width - 1 } else { (left as usize).min(self.width - 1) };
+        let i1 = if i0 + 1 == self.width { 0 } else { i0 + 1 };
+        let row = x.y * (self.height - 1) as f32;
+        let j = (row as usize).min(self.height - 2);
+        let t = row - j as f32;
+        let (upper, lower) = (&self.texels[j * self.width..], &self.texels[(j + 1) * self.width..]);
+        let top = upper[i0] + (upper[i1] - upper[i0]) * s;
+        let bottom = lower[i0] + (lower[i1] - lower[i0]) * s;
+        (top + (bottom - top) * t).max(Vec3A::ZERO)
+    }
+
+    /// Radiance from a unit direction.
+    pub fn radiance(&self, wi: Vec3A) -> Vec3A {
+        self.radiance_at(latlong::square(wi))
+    }
+}
+
+/// Replaces values without meaning; one sentence for each kind found.
+fn repair(pixels: &mut [[f32; 3]]) -> Vec<String> {
+    let usable = |value: f32| (0.0..=LARGEST_RADIANCE).contains(&value);
+    let largest = pixels.iter().flatten().copied().filter(|&value| usable(value)).fold(0.0, f32::max);
+    let (mut nan, mut negative, mut huge) = (0_usize, 0_usize, 0_usize);
+    for value in pixels.iter_mut().flatten() {
+        if value.is_nan() {
+            nan += 1;
+            *value = 0.0;
+        } else if *value < 0.0 {
+            negative += 1;
+            *value = 0.0;
+        } else if *value > LARGEST_RADIANCE {
+            huge += 1;
+            *value = largest;
+        }
+    }
+    [
+        (nan, "NaN", "0".to_owned()),
+        (negative, "negative", "0".to_owned()),
+        (huge, "infinite or above 1e15", format!("{largest}, the largest usable one")),
+    ]
+    .into_iter()
+    .filter(|(count, ..)| *count > 0)
+    .map(|(count, kind, by)| format!("{count} channel values were {kind} and were replaced by {by}"))
+    .collect()
+}
+
+fn hash(width: usize, height: usize, texels: &[Vec3A]) -> String {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&(width as u64).to_le_bytes());
+    hasher.update(&(height as u64).to_le_bytes());
+    for texel in texels {
+        for channel in texel.to_array() {
+            hasher.update(&channel.to_le_bytes());
+        }
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(width: usize, height: usize, pixels: Vec<[f32; 3]>) -> Result<Environment> {
+        Environment::from_image("test", Image { width, height, pixels })
+    }
+
+    #[test]
+    fn values_without_meaning_are_repaired_and_reported() {
+        let map =
+            of(2, 2, vec![[f32::NAN, 1.0, -2.0], [f32::INFINITY, 3.0, 0.0], [0.0; 3], [1e30, 0.5, -0.0]]).unwrap();
+        assert_eq!(map.texels[0].to_array(), [0.0, 1.0, 0.0]);
+        assert_eq!(map.texels[1].to_array(), [3.0, 3.0, 0.0]);
+        assert_eq!(map.texels[3].to_array(), [3.0, 0.5, -0.0]);
+        assert_eq!(map.repairs().len(), 3);
+    }
+
+    #[test]
+    fn black_and_empty_maps_are_refused() {
+        assert!(of(2, 1, vec![[0.0; 3]; 2]).unwrap_err().to_string().contains("black"));
+        assert!(of(1, 1, vec![[f32::NAN; 3]]).unwrap_err().to_string().contains("black"));
+        assert!(of(0, 0, vec![]).is_err());
+    }
+
+    #[test]
+    fn a_single_texel_is_a_constant_map() {
+        let map = of(1, 1, vec![[1.0, 2.0, 3.0]]).unwrap();
+        for x in [Vec2::ZERO, Vec2::ONE, Vec2::new(0.3, 0.9), Vec2::new(1.0, 0.0)] {
+            assert_eq!(map.radiance_at(x).to_array(), [1.0, 2.0, 3.0]);
+        }
+    }
+
+    #[test]
+    fn the_lookup_is_continuous_across_the_seam_and_hits_texel_centres() {
+        let pixels: Vec<_> = (0..8).map(|k| [k as f32; 3]).collect();
+        let map = of(4, 2, pixels).unwrap();
+        for i in 0..4 {
+            assert_eq!(map.radiance_at(Vec2::new((i as f32 + 0.5) / 4.0, 0.0)).x, i as f32);
+            assert_eq!(map.radiance_at(Vec2::new((i as f32 + 0.5) / 4.0, 1.0)).x, (4 + i) as f32);
+        }
+        assert_eq!(map.radiance_at(Vec2::ZERO), map.radiance_at(Vec2::new(1.0, 0.0)));
+        assert_eq!(map.radiance_at(Vec2::ZERO).x, 1.5);
+    }
+}

@@ -1,0 +1,182 @@
+//! The exported sampler: one `.safetensors` file with everything that a renderer needs.
+//!
+//! Tensors are row-major little-endian f32: `tail.luminance` `[height, width]` (what the tail warp is built from), and either the
+//! head's layers (`layer0.linear0.weight` `[out, in]`, `layer0.linear0.bias` `[out]`, ...) or `table.masses`
+//! `[polar, azimuth, rows, columns]`. The metadata has one entry, `headtail`, which holds a JSON object, [`Description`]. A reader
+//! refuses fields and tensors that it does not know.
+
+mod read;
+mod write;
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    bake::BakedTable,
+    environment::Environment,
+    error::{Error, Result},
+    head::{Condition, Head, Mode},
+    tail::{Tail, TailKind},
+};
+
+/// The version of the format that this crate writes, and the only one that it reads.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// What an exported file says of itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Description {
+    /// [`FORMAT_VERSION`].
+    pub format_version: u32,
+    /// The version of the program that wrote the file.
+    pub program_version: String,
+    /// What the intermediate density is.
+    pub intermediate: IntermediateDescription,
+    /// What the intermediate density is conditioned on, in this order.
+    pub condition: Condition,
+    /// The tail warp.
+    pub tail: TailKind,
+    /// Name of the environment map.
+    pub environment: String,
+    /// [`Environment::hash`] of the map.
+    pub environment_hash: String,
+    /// How it was trained; absent for a direct bake.
+    pub training: Option<TrainingSummary>,
+}
+
+/// The intermediate density's kind and architecture.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum IntermediateDescription {
+    /// A head warp.
+    Head {
+        /// How the coupling layers are joined.
+        mode: Mode,
+        /// Slope of the leaky ReLU for negative arguments.
+        leaky_slope: f32,
+        /// Number of layers of the encoder, 0 without one.
+        encoder_layers: usize,
+        /// Number of layers of each spline network, the last one included.
+        network_layers: usize,
+    },
+    /// A table over normals, baked from a head.
+    Bake,
+    /// A table over normals, baked from the target itself.
+    DirectBake,
+}
+
+/// How a head was trained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainingSummary {
+    /// Optimiser steps.
+    pub steps: u64,
+    /// Seed of weights and batches.
+    pub seed: u64,
+    /// The loss.
+    pub loss: String,
+    /// The backend that trained.
+    pub backend: String,
+    /// KL(q* || head) on the validation set, mean over conditions, in nats.
+    pub final_kl: f64,
+    /// Variance of one sample relative to the squared mean (unshadowed), mean over the validation conditions.
+    pub relative_variance: f64,
+    /// Wall-clock seconds of the training loop; `None` where files must not depend on the clock.
+    pub seconds: Option<f64>,
+}
+
+/// The intermediate density of an exported file.
+#[derive(Clone, Debug)]
+pub enum Intermediate {
+    /// A head warp.
+    Head(Head),
+    /// A table baked from a head.
+    Bake(BakedTable),
+    /// A table baked from the target itself.
+    DirectBake(BakedTable),
+}
+
+/// An exported sampler in memory.
+#[derive(Clone, Debug)]
+pub struct ExportedSampler {
+    /// The intermediate density.
+    pub intermediate: Intermediate,
+    /// The tail warp.
+    pub tail: Arc<Tail>,
+    /// Columns, rows and values `[height, width]` of the luminance that the tail was built from.
+    pub luminance: (usize, usize, Vec<f32>),
+    /// Name of the environment map.
+    pub environment: String,
+    /// [`Environment::hash`] of the map.
+    pub environment_hash: String,
+    /// How it was trained.
+    pub training: Option<TrainingSummary>,
+}
+
+impl ExportedSampler {
+    /// A sampler for a map, to be written.
+    ///
+    /// # Errors
+    /// See [`Tail::new`].
+    pub fn new(
+        intermediate: Intermediate,
+        kind: TailKind,
+        environment: &Environment,
+        training: Option<TrainingSummary>,
+    ) -> Result<Self> {
+        let (width, height, luminance) = (environment.width(), environment.height(), environment.luminance());
+        let tail = Arc::new(Tail::new(kind, width, height, &luminance)?);
+        Ok(Self {
+            intermediate,
+            tail,
+            luminance: (width, height, luminance),
+            environment: environment.name().to_owned(),
+            environment_hash: environment.hash().to_owned(),
+            training,
+        })
+    }
+
+    /// Checks that the sampler was made for this very map: under another one it would be biased.
+    ///
+    /// # Errors
+    /// Names both maps.
+    pub fn check_environment(&self, environment: &Environment) -> Result<()> {
+        if self.environment_hash == environment.hash() {
+            return Ok(());
+        }
+        let reason = format!(
+            "was made for the environment '{}', not for '{}': its texels differ; fit or bake it for this map",
+            self.environment,
+            environment.name()
+        );
+        Err(Error::argument("sampler", reason))
+    }
+
+    /// What the file says of itself.
+    pub fn description(&self) -> Description {
+        let intermediate = match &self.intermediate {
+            Intermediate::Head(head) => {
+                let count = |part: &str| head.layers().iter().filter(|(name, _)| name.starts_with(part)).count();
+                IntermediateDescription::Head {
+                    mode: head.mode(),
+                    leaky_slope: head.leaky_slope(),
+                    encoder_layers: count("encoder."),
+                    network_layers: count("layer0."),
+                }
+            }
+            Intermediate::Bake(_) => IntermediateDescription::Bake,
+            Intermediate::DirectBake(_) => IntermediateDescription::DirectBake,
+        };
+        Description {
+            format_version: FORMAT_VERSION,
+            program_version: env!("CARGO_PKG_VERSION").to_owned(),
+            intermediate,
+            condition: Condition::Normal,
+            tail: self.tail.kind(),
+            environment: self.environment.clone(),
+            environment_hash: self.environment_hash.clone(),
+            training: self.training.clone(),
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! Reading an exported sampler; nothing in the file is trusted.
+
+use std::{fs, path::Path, sync::Arc};
+
+use safetensors::{SafeTensors, tensor::Dtype};
+
+use super::{Description, ExportedSampler, FORMAT_VERSION, Intermediate, IntermediateDescription};
+use crate::{
+    bake::{BakedTable, CellGrid, NormalGrid},
+    error::{Error, Result},
+    head::{Head, Linear},
+    tail::Tail,
+};
+
+/// Larger files are refused before they are read.
+const LARGEST_FILE: u64 = 1 << 30;
+/// Deepest network that is read.
+const MOST_LAYERS: usize = 16;
+
+impl ExportedSampler {
+    /// Reads an exported file.
+    ///
+    /// # Errors
+    /// One sentence that names the file and the field: the file is not of this format, is damaged, or holds a field, a tensor
+    /// or a version that this reader does not know.
+    pub fn read(path: &Path) -> Result<Self> {
+        let size = fs::metadata(path).map_err(|error| Error::io(path, error))?.len();
+        if size > LARGEST_FILE {
+            return Err(Error::invalid(path, "size", format!("{size} bytes; at most {LARGEST_FILE} are read")));
+        }
+        let bytes = fs::read(path).map_err(|error| Error::io(path, error))?;
+        let reason = |error: safetensors::SafeTensorError| {
+            Error::invalid(path, "header", format!("this is no sampler written by headtail ({error})"))
+        };
+        let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(reason)?;
+        let tensors = SafeTensors::deserialize(&bytes).map_err(reason)?;
+        let text = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail")).ok_or_else(|| {
+            Error::invalid(path, "metadata 'headtail'", "is missing: this is no sampler written by headtail")
+        })?;
+        let description = describe(path, text)?;
+        Tensors { path, tensors, used: Vec::new() }.assemble(description)
+    }
+}
+
+/// Parses the description, the version first: another version may have other fields.
+fn describe(path: &Path, text: &str) -> Result<Description> {
+    let invalid = |error: serde_json::Error| Error::invalid(path, "metadata 'headtail'", error.to_string());
+    let value: serde_json::Value = serde_json::from_str(text).map_err(invalid)?;
+    let version = value.get("format_version").and_then(serde_json::Value::as_u64);
+    if version != Some(u64::from(FORMAT_VERSION)) {
+        let found = version.map_or("none".into(), |version| version.to_string());
+        let reason = format!("is {found}; this program reads version {FORMAT_VERSION}");
+        return Err(Error::invalid(path, "format_version", reason));
+    }
+    serde_json::from_value(value).map_err(invalid)
+}
+
+/// The tensors of a file, and the names of those that have been asked for.
+struct Tensors<'a> {
+    path: &'a Path,
+    tensors: SafeTensors<'a>,
+    used: Vec<String>,
+}
+
+impl Tensors<'_> {
+    fn assemble(mut self, description: Description) -> Result<ExportedSampler> {
+        let (shape, luminance) = self.take("tail.luminance", 2)?;
+        let (height, width) = (shape[0], shape[1]);
+        let tail = Tail::new(description.tail, width, height, &luminance).map_err(|error| self.blame(error))?;
+        let intermediate = match description.intermediate {
+            IntermediateDescription::Head { mode, leaky_slope, encoder_layers, network_layers } => {
+                let encoder = self.layers("encoder", encoder_layers)?;
+                let networks = [self.layers("layer0", network_layers)?, self.layers("layer1", network_layers)?];
+                let head = Head::new(description.condition, mode, leaky_slope, encoder, networks);
+                Intermediate::Head(head.map_err(|error| self.blame(error))?)
+            }
+            IntermediateDescription::Bake => Intermediate::Bake(self.table()?),
+            IntermediateDescription::DirectBake => Intermediate::DirectBake(self.table()?),
+        };
+        if let Some(name) = self.tensors.names().into_iter().find(|name| !self.used.iter().any(|used| used == name)) {
+            return Err(Error::invalid(self.path, format!("tensor '{name}'"), "is not known to this reader"));
+        }
+        Ok(ExportedSampler {
+            intermediate,
+            tail: Arc::new(tail),
+            luminance: (width, height, luminance),
+            environment: description.environment,
+            environment_hash: description.environment_hash,
+            training: description.training,
+        })
+    }
+
+    fn layers(&mut self, part: &str, count: usize) -> Result<Vec<Linear>> {
+        if count > MOST_LAYERS {
+            return Err(Error::invalid(self.path, part, format!("has {count} layers; at most {MOST_LAYERS} are read")));
+        }
+        (0..count)
+            .map(|index| {
+                let name = format!("{part}.linear{index}");
+                let (shape, weight) = self.take(&format!("{name}.weight"), 2)?;
+                let (_, bias) = self.take(&format!("{name}.bias"), 1)?;
+                Linear::new(&name, shape[1], shape[0], &weight, bias).map_err(|error| self.blame(error))
+            })
+            .collect()
+    }
+
+    fn table(&mut self) -> Result<BakedTable> {
+        let (shape, masses) = self.take("table.masses", 4)?;
+        let table = NormalGrid::new(shape[0], shape[1])
+            .and_then(|normals| Ok((normals, CellGrid::new(shape[2], shape[3])?)))
+            .and_then(|(normals, cells)| BakedTable::new(normals, cells, masses));
+        table.map_err(|error| self.blame(error))
+    }
+
+    /// The shape and the values of a tensor of f32 with `rank` axes.
+    fn take(&mut self, name: &str, rank: usize) -> Result<(Vec<usize>, Vec<f32>)> {
+        let field = || format!("tensor '{name}'");
+        let view = self.tensors.tensor(name).map_err(|_| Error::invalid(self.path, field(), "is missing"))?;
+        if view.dtype() != Dtype::F32 || view.shape().len() != rank {
+            let reason = format!("is {:?} {:?}; f32 with {rank} axes is expected", view.dtype(), view.shape());
+            return Err(Error::invalid(self.path, field(), reason));
+        }
+        self.used.push(name.to_owned());
+        // The library has checked that the bytes fill the shape.
+        let values =
+            view.data().chunks_exact(4).map(|bytes| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]));
+        Ok((view.shape().to_vec(), values.collect()))
+    }
+
+    /// Puts the file's name to an error of a part.
+    fn blame(&self, error: Error) -> Error {
+        match error {
+            Error::Argument { what, reason } => Error::invalid(self.path, what, reason),
+            other => other,
+        }
+    }
+}

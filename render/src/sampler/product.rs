@@ -1,0 +1,57 @@
+//! The composed warp: a density over the intermediate square Y, carried to directions by the tail.
+
+use glam::{Vec2, Vec3A};
+
+use super::{CoversIntegrand, DirectionSample, DirectionSampler, EnvironmentLight, ShadingPoint};
+
+/// A conditional distribution over the intermediate square Y: a head warp, or a table in its place.
+///
+/// It must be positive wherever the BRDF times cosine of the direction `t(y)` is.
+pub trait IntermediateDensity: Send + Sync {
+    /// What depends on the condition alone.
+    type Prepared: Send;
+
+    /// Computes what depends on the condition (normal, view direction, material) alone.
+    fn prepare(&self, at: &ShadingPoint) -> Self::Prepared;
+
+    /// Carries a uniform point `z` of `[0, 1)^2` to `(y, density over Y)`.
+    fn sample(&self, prepared: &Self::Prepared, z: Vec2) -> (Vec2, f32);
+
+    /// The density over Y at `y`.
+    fn density(&self, prepared: &Self::Prepared, y: Vec2) -> f32;
+}
+
+/// Samples directions in proportion to light x BRDF x cosine, as closely as the intermediate density allows (paper, eq. 6:
+/// the pdf of the composition is the density over Y divided by the tail's Jacobian).
+#[derive(Clone, Debug)]
+pub struct ProductSampler<I> {
+    light: EnvironmentLight,
+    intermediate: I,
+}
+
+impl<I: IntermediateDensity> ProductSampler<I> {
+    /// Composes an intermediate density with the tail of a light.
+    pub fn new(light: EnvironmentLight, intermediate: I) -> Self {
+        Self { light, intermediate }
+    }
+}
+
+impl<I: IntermediateDensity> DirectionSampler for ProductSampler<I> {
+    type Prepared = I::Prepared;
+
+    fn prepare(&self, at: &ShadingPoint) -> Self::Prepared {
+        self.intermediate.prepare(at)
+    }
+
+    fn sample(&self, prepared: &Self::Prepared, _at: &ShadingPoint, u: Vec2) -> Option<DirectionSample> {
+        let (y, q) = self.intermediate.sample(prepared, u);
+        self.light.sample_through_tail(y, q)
+    }
+
+    fn pdf(&self, prepared: &Self::Prepared, _at: &ShadingPoint, wi: Vec3A) -> f32 {
+        let (y, pdf) = self.light.pull_back(wi);
+        if pdf > 0.0 { self.intermediate.density(prepared, y) * pdf } else { 0.0 }
+    }
+}
+
+impl<I: IntermediateDensity> CoversIntegrand for ProductSampler<I> {}

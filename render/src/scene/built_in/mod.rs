@@ -1,0 +1,67 @@
+//! Scenes that are made by code: always there, and without a licence to follow.
+
+mod dishes;
+mod shapes;
+mod simple;
+mod temple;
+
+use glam::{Affine3A, Vec3A};
+
+use super::{Camera, Material, Mesh, Scene};
+
+/// Makes the parts of one scene.
+type Generator = fn() -> Model;
+
+/// Every built-in scene by name.
+const SCENES: [(&str, Generator); 4] =
+    [("temple", temple::model), ("dishes", dishes::model), ("sphere", simple::sphere), ("plane", simple::plane)];
+
+/// The names that [`Scene::built_in`] knows.
+pub fn built_in_names() -> impl Iterator<Item = &'static str> {
+    SCENES.iter().map(|&(name, _)| name)
+}
+
+/// The built-in scene of that name.
+pub(super) fn build(name: &str) -> Option<Scene> {
+    let &(name, generate) = SCENES.iter().find(|(known, _)| *known == name)?;
+    let Model { meshes, materials, camera } = generate();
+    Some(Scene::new(name, meshes, materials, Some(camera)).expect("generators use their own materials"))
+}
+
+/// A scene in the making.
+struct Model {
+    meshes: Vec<Mesh>,
+    materials: Vec<Material>,
+    camera: Camera,
+}
+
+/// The index of a material in its [`Model`].
+#[derive(Clone, Copy)]
+struct Paint(usize);
+
+impl Model {
+    /// An empty model seen by a camera: positions in metres, vertical field of view in degrees.
+    fn seen(look_from: [f32; 3], look_at: [f32; 3], vertical_fov: f32) -> Self {
+        let camera = Camera::aimed(look_from.into(), look_at.into(), vertical_fov);
+        Self { meshes: Vec::new(), materials: Vec::new(), camera }
+    }
+
+    /// A new diffuse material of a linear Rec.709 albedo.
+    fn paint(&mut self, albedo: [f32; 3]) -> Paint {
+        self.materials.push(Material::diffuse(Vec3A::from_array(albedo)));
+        Paint(self.materials.len() - 1)
+    }
+
+    /// Adds a shape.
+    fn add(&mut self, paint: Paint, mut shape: Mesh) {
+        shape.material = paint.0;
+        self.meshes.push(shape);
+    }
+
+    /// Adds a copy of a shape at each of the given places.
+    fn add_at(&mut self, paint: Paint, shape: &Mesh, places: impl IntoIterator<Item = [f32; 3]>) {
+        for place in places {
+            self.add(paint, shape.clone().transformed(&Affine3A::from_translation(place.into())));
+        }
+    }
+}

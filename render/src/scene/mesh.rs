@@ -1,0 +1,157 @@
+//! Triangle meshes of one material, in world space.
+
+use glam::{Affine3A, Mat3, Vec2, Vec3};
+
+use crate::error::{Error, Result};
+
+/// The largest coordinate, in metres: areas and squared lengths of everything smaller stay finite in f32.
+pub const MAX_COORDINATE: f32 = 1e9;
+
+/// Triangles of one material, in world space.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// `[vertices]` positions in metres.
+    pub(super) positions: Vec<Vec3>,
+    /// `[vertices]` shading normals, of any length; empty for flat shading.
+    pub(super) normals: Vec<Vec3>,
+    /// `[vertices]` texture coordinates, v downwards; empty where there are none.
+    pub(super) texcoords: Vec<Vec2>,
+    /// `[triangles]` vertex indices, counter-clockwise as seen from outside.
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// Index into the scene's materials.
+    pub(super) material: usize,
+}
+
+impl Mesh {
+    /// A mesh of `[vertices]` positions (metres), shading normals and texture coordinates (each may be empty), and
+    /// `[triangles]` indices into them.
+    ///
+    /// # Errors
+    /// When an index is out of range, an array has a wrong length, or a number is not finite (or beyond
+    /// [`MAX_COORDINATE`]); the error's `what` is the attribute.
+    pub fn new(
+        positions: Vec<Vec3>,
+        normals: Vec<Vec3>,
+        texcoords: Vec<Vec2>,
+        triangles: Vec<[u32; 3]>,
+        material: usize,
+    ) -> Result<Self> {
+        let vertices = positions.len();
+        for (what, length) in [("normals", normals.len()), ("texture coordinates", texcoords.len())] {
+            if length != 0 && length != vertices {
+                return Err(Error::argument(what, format!("there are {length}, but {vertices} positions")));
+            }
+        }
+        if let Some(i) = positions.iter().position(|p| !p.abs().cmple(Vec3::splat(MAX_COORDINATE)).all()) {
+            let reason =
+                format!("vertex {i} is at {}, which is not finite or beyond {MAX_COORDINATE:e} m", positions[i]);
+            return Err(Error::argument("positions", reason));
+        }
+        if let Some(i) = normals.iter().position(|n| !n.is_finite()) {
+            return Err(Error::argument("normals", format!("vertex {i} has {}, which is not finite", normals[i])));
+        }
+        if let Some(i) = texcoords.iter().position(|t| !t.is_finite()) {
+            let reason = format!("vertex {i} has {}, which is not finite", texcoords[i]);
+            return Err(Error::argument("texture coordinates", reason));
+        }
+        if let Some(&index) = triangles.iter().flatten().find(|&&index| index as usize >= vertices) {
+            return Err(Error::argument(
+                "indices",
+                format!("index {index} is out of range: there are {vertices} vertices"),
+            ));
+        }
+        Ok(Self { positions, normals, texcoords, triangles, material })
+    }
+
+    /// The three corners of a triangle.
+    pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
+        self.triangles[triangle].map(|i| self.positions[i as usize])
+    }
+
+    /// Whether a triangle has no area, so that no ray can hit it and it has no normal.
+    pub fn is_degenerate(&self, triangle: usize) -> bool {
+        let [a, b, c] = self.corners(triangle);
+        (b - a).cross(c - a).try_normalize().is_none()
+    }
+
+    /// The mesh moved by `transform`: normals by the inverse transpose, windings turned where it mirrors.
+    pub fn transformed(mut self, transform: &Affine3A) -> Self {
+        let normals = normal_matrix(transform);
+        for p in &mut self.positions {
+            *p = transform.transform_point3(*p);
+        }
+        for n in &mut self.normals {
+            *n = normals * *n;
+        }
+        if transform.matrix3.determinant() < 0.0 {
+            for triangle in &mut self.triangles {
+                triangle.swap(1, 2);
+            }
+        }
+        self
+    }
+
+    /// Adds the triangles of `other`, which has the same attributes.
+    pub(super) fn append(&mut self, other: &Self) {
+        let first = self.positions.len() as u32;
+        self.positions.extend(&other.positions);
+        self.normals.extend(&other.normals);
+        self.texcoords.extend(&other.texcoords);
+        self.triangles.extend(other.triangles.iter().map(|t| t.map(|i| first + i)));
+    }
+}
+
+/// What moves normals as `transform` moves points, up to a positive factor: the cofactor matrix, which is the inverse
+/// transpose times the determinant and exists for singular transforms too, with the determinant's sign taken out.
+///
+/// The matrix is brought to unit scale first, so that its products neither overflow nor vanish.
+fn normal_matrix(transform: &Affine3A) -> Mat3 {
+    let m = Mat3::from(transform.matrix3);
+    let scale = m.to_cols_array().into_iter().fold(0.0_f32, |largest, x| largest.max(x.abs()));
+    let m = if scale > 0.0 { m * (1.0 / scale) } else { m };
+    let cofactor = Mat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
+    if m.determinant() < 0.0 { cofactor * -1.0 } else { cofactor }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sloped_triangle() -> Mesh {
+        let positions = vec![Vec3::ZERO, Vec3::new(1.0, 0.2, 0.0), Vec3::new(0.1, 0.7, 1.0)];
+        let normal = (positions[1]).cross(positions[2]).normalize();
+        Mesh::new(positions, vec![normal; 3], vec![], vec![[0, 1, 2]], 0).unwrap()
+    }
+
+    #[test]
+    fn normals_stay_perpendicular_and_on_the_wound_side_under_any_transform() {
+        let turn = glam::Quat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.7);
+        for scale in [[1.0, 1.0, 1.0], [3.0, 0.2, 1.0], [-1.0, 1.0, 1.0], [-2.0, -0.5, -3.0], [1e-6, 2e-6, 1e-6]] {
+            let scale = Vec3::from(scale);
+            let place = scale.abs().max_element() * Vec3::new(5.0, -2.0, 1.0);
+            let transform = Affine3A::from_scale_rotation_translation(scale, turn, place);
+            let moved = sloped_triangle().transformed(&transform);
+            let [a, b, c] = moved.corners(0);
+            let wound = (b - a).cross(c - a).normalize();
+            let shading = moved.normals[0].normalize();
+            // Both are products of a few f32 operations on matrices of condition up to 15.
+            assert!(wound.dot(shading) > 1.0 - 1e-4, "{scale:?}: {wound} against {shading}");
+        }
+    }
+
+    #[test]
+    fn wrong_attributes_are_refused_by_name() {
+        let p = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+        let fails = |mesh: Result<Mesh>, word: &str| {
+            let message = mesh.unwrap_err().to_string();
+            assert!(message.contains(word), "{message}");
+        };
+        fails(Mesh::new(p.clone(), vec![], vec![], vec![[0, 1, 3]], 0), "index 3 is out of range");
+        fails(Mesh::new(p.clone(), vec![Vec3::X], vec![], vec![], 0), "normals");
+        fails(Mesh::new(vec![Vec3::NAN; 3], vec![], vec![], vec![], 0), "vertex 0");
+        fails(Mesh::new(vec![Vec3::new(0.0, f32::NAN, 0.0); 3], vec![], vec![], vec![], 0), "vertex 0");
+        fails(Mesh::new(vec![Vec3::splat(2e9); 3], vec![], vec![], vec![], 0), "vertex 0");
+        fails(Mesh::new(p.clone(), vec![Vec3::INFINITY; 3], vec![], vec![], 0), "normals");
+        fails(Mesh::new(p, vec![], vec![Vec2::NAN; 3], vec![], 0), "texture coordinates");
+    }
+}

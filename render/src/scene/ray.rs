@@ -1,0 +1,68 @@
+//! Rays and axis-aligned bounds.
+
+use glam::{Vec3, Vec3A};
+
+/// A half-line; distances along it are metres because the direction has unit length.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Start, in metres.
+    pub origin: Vec3A,
+    /// Unit direction.
+    pub direction: Vec3A,
+}
+
+impl Ray {
+    /// A ray from `origin` along the unit vector `direction`.
+    pub fn new(origin: Vec3A, direction: Vec3A) -> Self {
+        debug_assert!((direction.length_squared() - 1.0).abs() < 1e-3, "{direction} is not a unit vector");
+        Self { origin, direction }
+    }
+
+    /// The point at distance `t` (metres).
+    pub fn at(&self, t: f32) -> Vec3A {
+        self.origin + t * self.direction
+    }
+}
+
+/// An axis-aligned box, in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// The corner of least coordinates.
+    pub min: Vec3A,
+    /// The corner of greatest coordinates.
+    pub max: Vec3A,
+}
+
+impl Bounds {
+    /// The box that contains nothing; extending it by a point gives that point.
+    pub const EMPTY: Self = Self { min: Vec3A::INFINITY, max: Vec3A::NEG_INFINITY };
+
+    /// Whether nothing is inside.
+    pub fn is_empty(&self) -> bool {
+        self.min.cmpgt(self.max).any()
+    }
+
+    /// Grows the box until it contains `point`.
+    pub fn extend(&mut self, point: Vec3) {
+        self.min = self.min.min(point.into());
+        self.max = self.max.max(point.into());
+    }
+
+    /// The middle of the box.
+    pub fn center(&self) -> Vec3A {
+        0.5 * (self.min + self.max)
+    }
+
+    /// The lengths of the edges; zero for an empty box.
+    pub fn extent(&self) -> Vec3A {
+        if self.is_empty() { Vec3A::ZERO } else { self.max - self.min }
+    }
+
+    /// The eight corners.
+    pub fn corners(&self) -> [Vec3A; 8] {
+        std::array::from_fn(|i| {
+            let pick = |axis: usize| if i >> axis & 1 == 0 { self.min[axis] } else { self.max[axis] };
+            Vec3A::new(pick(0), pick(1), pick(2))
+        })
+    }
+}

@@ -1,0 +1,116 @@
+//! Colour textures: 8-bit sRGB texels, looked up bilinearly in linear light.
+
+use std::sync::LazyLock;
+
+use glam::{Vec2, Vec3A};
+
+use crate::{
+    color::srgb_decode,
+    error::{Error, Result},
+};
+
+/// Linear values of the 256 sRGB codes.
+static DECODED: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|code| srgb_decode(code as f32 / 255.0)));
+
+/// What a texture coordinate outside of `[0, 1]` means.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Wrap {
+    /// The texture repeats.
+    #[default]
+    Repeat,
+    /// The texture repeats, every second copy mirrored.
+    Mirror,
+    /// The texel at the edge continues.
+    Clamp,
+}
+
+impl Wrap {
+    /// The texel that stands for texel `i` of an endless row, out of `n > 0`.
+    fn texel(self, i: i64, n: usize) -> usize {
+        let n = n as i64;
+        let wrapped = match self {
+            Self::Repeat => i.rem_euclid(n),
+            Self::Clamp => i.clamp(0, n - 1),
+            Self::Mirror => {
+                let i = i.rem_euclid(2 * n);
+                i.min(2 * n - 1 - i)
+            }
+        };
+        wrapped as usize
+    }
+}
+
+/// An sRGB colour texture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texture {
+    width: usize,
+    height: usize,
+    texels: Vec<[u8; 3]>,
+    wrap: [Wrap; 2],
+}
+
+impl Texture {
+    /// A texture of `[height * width]` sRGB texels, row-major from the top left; `wrap` is for u and v.
+    ///
+    /// # Errors
+    /// When it has no texels or their number is not `width * height`.
+    pub fn new(width: usize, height: usize, texels: Vec<[u8; 3]>, wrap: [Wrap; 2]) -> Result<Self> {
+        if texels.is_empty() || width.checked_mul(height) != Some(texels.len()) {
+            let reason = format!("{} texels cannot be {width} x {height}", texels.len());
+            return Err(Error::argument("texture", reason));
+        }
+        Ok(Self { width, height, texels, wrap })
+    }
+
+    /// The linear colour at texture coordinates `uv` (v downwards, texel centres at half-integers), interpolated
+    /// between the four nearest texels.
+    pub fn sample(&self, uv: Vec2) -> Vec3A {
+        let x = uv.x * self.width as f32 - 0.5;
+        let y = uv.y * self.height as f32 - 0.5;
+        let (left, top) = (x.floor(), y.floor());
+        let (s, t) = (x - left, y - top);
+        // The conversion saturates, and the bounds keep the additions below from overflowing.
+        let [left, top] = [left, top].map(|i| (i as i64).clamp(-(1 << 60), 1 << 60));
+        let row = |y: i64| self.texel(left, y).lerp(self.texel(left + 1, y), s);
+        row(top).lerp(row(top + 1), t)
+    }
+
+    fn texel(&self, x: i64, y: i64) -> Vec3A {
+        let (x, y) = (self.wrap[0].texel(x, self.width), self.wrap[1].texel(y, self.height));
+        Vec3A::from_array(self.texels[y * self.width + x].map(|code| DECODED[usize::from(code)]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn black_and_white(wrap: Wrap) -> Texture {
+        Texture::new(2, 1, vec![[0; 3], [255; 3]], [wrap; 2]).unwrap()
+    }
+
+    #[test]
+    fn interpolation_is_in_linear_light() {
+        let texture = black_and_white(Wrap::Clamp);
+        assert_eq!(texture.sample(Vec2::new(0.25, 0.5)), Vec3A::ZERO);
+        assert_eq!(texture.sample(Vec2::new(0.75, 0.5)), Vec3A::ONE);
+        assert_eq!(texture.sample(Vec2::new(0.5, 0.5)), Vec3A::splat(0.5));
+    }
+
+    #[test]
+    fn wrap_modes_differ_beyond_the_edge() {
+        let at = |wrap, u| black_and_white(wrap).sample(Vec2::new(u, 0.5)).x;
+        assert_eq!([at(Wrap::Repeat, 1.25), at(Wrap::Mirror, 1.25), at(Wrap::Clamp, 1.25)], [0.0, 1.0, 1.0]);
+        assert_eq!([at(Wrap::Repeat, -0.25), at(Wrap::Mirror, -0.25), at(Wrap::Clamp, -0.25)], [1.0, 0.0, 0.0]);
+        assert_eq!([at(Wrap::Repeat, 0.0), at(Wrap::Mirror, 0.0), at(Wrap::Clamp, 0.0)], [0.5, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn huge_coordinates_do_not_panic() {
+        for wrap in [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp] {
+            for u in [1e30, -1e30, f32::MAX, f32::MIN] {
+                let _ = black_and_white(wrap).sample(Vec2::splat(u));
+            }
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! Sampling in proportion to a linear function on the interval and a bilinear function on the square.
+
+use glam::Vec2;
+
+use super::BELOW_ONE;
+
+/// The point `t` of `[0, 1)` at which the linear density from `a` to `b` (not both 0) has accumulated the share `u`.
+///
+/// The form without cancellation: both terms of the denominator are non-negative.
+pub fn sample_linear(u: f32, a: f32, b: f32) -> f32 {
+    let root = (a * a + u * (b * b - a * a)).max(0.0).sqrt();
+    let denominator = a + root;
+    if denominator > 0.0 { (u * (a + b) / denominator).min(BELOW_ONE) } else { 0.0 }
+}
+
+/// The share that the linear density from `a` to `b` has accumulated at `t`: the inverse of [`sample_linear`].
+pub fn invert_linear(t: f32, a: f32, b: f32) -> f32 {
+    let sum = a + b;
+    if sum > 0.0 { (t * (a * (2.0 - t) + b * t) / sum).min(BELOW_ONE) } else { t }
+}
+
+/// The values of a bilinear function at the corners of a cell, `[upper left, upper right, lower left, lower right]`.
+#[derive(Clone, Copy, Debug)]
+pub struct Corners(pub [f32; 4]);
+
+impl Corners {
+    /// The function's value.
+    pub fn evaluate(&self, t: Vec2) -> f32 {
+        let (left, right) = self.edges(t.y);
+        (1.0 - t.x) * left + t.x * right
+    }
+
+    /// The mean over the cell.
+    pub fn mean(&self) -> f32 {
+        0.25 * self.0.iter().sum::<f32>()
+    }
+
+    /// Carries a uniform point to one distributed in proportion to the function.
+    pub fn sample(&self, u: Vec2) -> Vec2 {
+        let [a, b, c, d] = self.0;
+        let y = sample_linear(u.y, a + b, c + d);
+        let (left, right) = self.edges(y);
+        Vec2::new(sample_linear(u.x, left, right), y)
+    }
+
+    /// The inverse of [`Self::sample`].
+    pub fn invert(&self, t: Vec2) -> Vec2 {
+        let [a, b, c, d] = self.0;
+        let (left, right) = self.edges(t.y);
+        Vec2::new(invert_linear(t.x, left, right), invert_linear(t.y, a + b, c + d))
+    }
+
+    fn edges(&self, y: f32) -> (f32, f32) {
+        let [a, b, c, d] = self.0;
+        ((1.0 - y) * a + y * c, (1.0 - y) * b + y * d)
+    }
+}

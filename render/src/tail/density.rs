@@ -1,0 +1,111 @@
+//! The normalised density of an environment map's light over the sample square.
+
+use std::f64::consts::PI;
+
+use glam::Vec2;
+
+use super::{BELOW_ONE, bilinear::Corners};
+use crate::error::{Error, Result};
+
+/// `luminance x sin theta`, normalised to integrate to 1 over X, bilinear between the texels of the map.
+///
+/// Luminance is linear, so this is the very function that the renderer's bilinear radiance lookup gives, but for the sine,
+/// which is linear within a cell here. It is positive wherever the bilinear luminance is, the pole rows included: their weight
+/// is the mean of the sine over their half cell.
+///
+/// Cells lie *between* texel centres: cell `i` of a row spans texels `i` and `i + 1` (periodic), so a cell's left edge is at
+/// `u = (i + 0.5) / width`.
+#[derive(Clone, Debug)]
+pub struct BilinearDensity {
+    width: usize,
+    height: usize,
+    nodes: Vec<f32>,
+}
+
+impl BilinearDensity {
+    /// Builds the density of the luminance `[height * width]`.
+    ///
+    /// # Errors
+    /// The size does not fit, a value is negative or not finite, or all are zero.
+    pub fn new(width: usize, height: usize, luminance: &[f32]) -> Result<Self> {
+        if width == 0 || height < 2 || luminance.len() != width * height {
+            let reason = format!("{width} x {height} does not fit {} values (height at least 2)", luminance.len());
+            return Err(Error::argument("tail luminance", reason));
+        }
+        if luminance.iter().any(|value| !(value.is_finite() && *value >= 0.0)) {
+            return Err(Error::argument("tail luminance", "holds a value that is negative or not finite"));
+        }
+        let weights: Vec<f64> = (0..height).map(|row| row_weight(row, height)).collect();
+        let weighted = |(index, &value): (usize, &f32)| f64::from(value) * weights[index / width];
+        let cells = (width * (height - 1)) as f64;
+        // The integral is a sum over cells of the mean of four corners: inner rows count twice, end rows once.
+        let sum: f64 = luminance
+            .iter()
+            .enumerate()
+            .map(|node| weighted(node) * if node.0 / width == 0 || node.0 / width == height - 1 { 0.5 } else { 1.0 })
+            .sum();
+        if sum <= 0.0 {
+            return Err(Error::argument("tail luminance", "is zero everywhere: there is no light to sample"));
+        }
+        let nodes = luminance.iter().enumerate().map(|node| (weighted(node) * cells / sum) as f32).collect();
+        Ok(Self { width, height, nodes })
+    }
+
+    /// Cells in a row (periodic).
+    pub fn columns(&self) -> usize {
+        self.width
+    }
+
+    /// Rows of cells.
+    pub fn rows(&self) -> usize {
+        self.height - 1
+    }
+
+    /// The densities at the corners of a cell.
+    pub fn corners(&self, column: usize, row: usize) -> Corners {
+        let next = if column + 1 == self.width { 0 } else { column + 1 };
+        let (upper, lower) = (row * self.width, (row + 1) * self.width);
+        let nodes = &self.nodes;
+        Corners([nodes[upper + column], nodes[upper + next], nodes[lower + column], nodes[lower + next]])
+    }
+
+    /// The density of a row of nodes.
+    pub fn node_row(&self, row: usize) -> &[f32] {
+        &self.nodes[row * self.width..(row + 1) * self.width]
+    }
+
+    /// The cell of a point of X, `(column, row, position inside)`.
+    pub fn cell(&self, x: Vec2) -> (usize, usize, Vec2) {
+        let shifted = x.x * self.width as f32 - 0.5;
+        let across = if shifted < 0.0 { shifted + self.width as f32 } else { shifted };
+        let column = (across as usize).min(self.width - 1);
+        let down = x.y * self.rows() as f32;
+        let row = (down as usize).min(self.rows() - 1);
+        let inside = Vec2::new(across - column as f32, down - row as f32).clamp(Vec2::ZERO, Vec2::ONE);
+        (column, row, inside)
+    }
+
+    /// The point of X at a position inside a cell: the inverse of [`Self::cell`].
+    pub fn point(&self, column: usize, row: usize, inside: Vec2) -> Vec2 {
+        let u = (column as f32 + inside.x + 0.5) / self.width as f32;
+        let v = (row as f32 + inside.y) / self.rows() as f32;
+        Vec2::new(if u >= 1.0 { (u - 1.0).clamp(0.0, BELOW_ONE) } else { u }, v.min(1.0))
+    }
+
+    /// The density at a point of X.
+    pub fn density(&self, x: Vec2) -> f32 {
+        let (column, row, inside) = self.cell(x);
+        self.corners(column, row).evaluate(inside)
+    }
+}
+
+/// The mean of `sin theta` over the hat function of a row of nodes, in f64.
+fn row_weight(row: usize, height: usize) -> f64 {
+    let step = PI / (height - 1) as f64;
+    // The integral of hat x sine over a whole hat is sin(theta) (2 - 2 cos h) / h^2 times h; over a pole's half hat it is 1 - sin(h)/h.
+    if row == 0 || row == height - 1 {
+        2.0 * (1.0 - step.sin() / step) / step
+    } else {
+        (row as f64 * step).sin() * (2.0 - 2.0 * step.cos()) / (step * step)
+    }
+}

@@ -1,0 +1,115 @@
+//! The marginal/conditional tail: first a row by its share of the light, then a column within the row.
+
+use glam::Vec2;
+
+use super::{
+    BELOW_ONE, TailWarp,
+    bilinear::{invert_linear, sample_linear},
+    density::BilinearDensity,
+};
+
+/// The row-column tail (the inversion method in two steps, as in pbrt and Mitsuba), exact for the bilinear density: the marginal
+/// is piecewise linear over v, and so is the conditional over u, whose nodes blend those of the two rows around v.
+#[derive(Clone, Debug)]
+pub struct RowColumn {
+    grid: BilinearDensity,
+    /// Marginal density at the rows of nodes, `[rows + 1]`.
+    marginal: Vec<f32>,
+    /// Share of the light above each row of nodes, `[rows + 1]`, from 0 to 1.
+    above: Vec<f32>,
+    /// Integral of each row of nodes from its first texel centre to each next one, `[rows + 1][columns + 1]`.
+    before: Vec<f32>,
+}
+
+impl RowColumn {
+    /// Builds the tables of a density.
+    pub fn new(grid: BilinearDensity) -> Self {
+        let (columns, rows) = (grid.columns(), grid.rows());
+        let mut before = Vec::with_capacity((columns + 1) * (rows + 1));
+        let mut sums = Vec::with_capacity(rows + 1);
+        for row in 0..=rows {
+            let nodes = grid.node_row(row);
+            let mut sum = 0.0_f64;
+            before.push(0.0);
+            for column in 0..columns {
+                sum += 0.5 * f64::from(nodes[column] + nodes[(column + 1) % columns]) / columns as f64;
+                before.push(sum as f32);
+            }
+            sums.push(sum);
+        }
+        let steps: Vec<f64> = sums.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect();
+        let total: f64 = steps.iter().sum();
+        let mut above = vec![0.0_f32];
+        let mut sum = 0.0;
+        for step in steps {
+            sum += step;
+            above.push((sum / total) as f32);
+        }
+        Self { grid, marginal: sums.into_iter().map(|sum| sum as f32).collect(), above, before }
+    }
+
+    /// The density of the map.
+    pub fn grid(&self) -> &BilinearDensity {
+        &self.grid
+    }
+
+    /// The integral of the blended row from its first texel centre to the left edge of a cell.
+    fn before(&self, row: usize, t: f32, column: usize) -> f32 {
+        let stride = self.grid.columns() + 1;
+        let (upper, lower) = (self.before[row * stride + column], self.before[(row + 1) * stride + column]);
+        (1.0 - t) * upper + t * lower
+    }
+}
+
+/// The last index in `0..count` whose value (non-decreasing in the index) is at most `target`.
+fn last_at_most(count: usize, target: f32, value: impl Fn(usize) -> f32) -> usize {
+    let (mut low, mut size) = (0, count);
+    while size > 1 {
+        let half = size / 2;
+        low += if value(low + half) <= target { half } else { 0 };
+        size -= half;
+    }
+    low
+}
+
+/// The share of the way from `start` to `end`.
+fn fraction(value: f32, start: f32, end: f32) -> f32 {
+    if end > start { ((value - start) / (end - start)).clamp(0.0, BELOW_ONE) } else { 0.0 }
+}
+
+impl TailWarp for RowColumn {
+    fn forward(&self, y: Vec2) -> (Vec2, f32) {
+        let y = y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE));
+        let row = last_at_most(self.grid.rows(), y.y, |row| self.above[row]);
+        let share = fraction(y.y, self.above[row], self.above[row + 1]);
+        let t = sample_linear(share, self.marginal[row], self.marginal[row + 1]);
+
+        let columns = self.grid.columns();
+        let target = y.x * self.before(row, t, columns);
+        let column = last_at_most(columns, target, |column| self.before(row, t, column));
+        let share = fraction(target, self.before(row, t, column), self.before(row, t, column + 1));
+        let corners = self.grid.corners(column, row);
+        let [a, b, c, d] = corners.0;
+        let s = sample_linear(share, (1.0 - t) * a + t * c, (1.0 - t) * b + t * d);
+        let inside = Vec2::new(s, t);
+        (self.grid.point(column, row, inside), 1.0 / corners.evaluate(inside))
+    }
+
+    fn inverse(&self, x: Vec2) -> (Vec2, f32) {
+        let (column, row, inside) = self.grid.cell(x);
+        let corners = self.grid.corners(column, row);
+        let [a, b, c, d] = corners.0;
+        let t = inside.y;
+        let down = invert_linear(t, self.marginal[row], self.marginal[row + 1]);
+        let v = self.above[row] + down * (self.above[row + 1] - self.above[row]);
+        let across = invert_linear(inside.x, (1.0 - t) * a + t * c, (1.0 - t) * b + t * d);
+        let (start, end) = (self.before(row, t, column), self.before(row, t, column + 1));
+        let total = self.before(row, t, self.grid.columns());
+        let u = if total > 0.0 { (start + across * (end - start)) / total } else { inside.x };
+        (Vec2::new(u, v).min(Vec2::splat(BELOW_ONE)), corners.evaluate(inside))
+    }
+
+    fn density(&self, x: Vec2) -> f32 {
+        self.grid.density(x)
+    }
+}

@@ -1,0 +1,184 @@
+//! Arguments that several commands share, and what they open.
+
+use std::{fs, path::Path, str::FromStr, sync::Arc};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use glam::Vec3A;
+use headtail_render::{
+    environment::Environment,
+    integrator::{Budget, View},
+    scene::{Camera, Scene},
+    tail::TailKind,
+};
+
+/// Which picture to take.
+#[derive(Args, Clone, Debug)]
+pub struct ViewArguments {
+    /// A built-in scene (temple, dishes, sphere, plane) or a glTF 2.0 file (.glb, .gltf).
+    #[arg(long, value_name = "NAME|FILE")]
+    pub scene: String,
+    /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub env: String,
+    /// Image width in pixels.
+    #[arg(long, default_value_t = 640, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub width: u32,
+    /// Image height in pixels.
+    #[arg(long, default_value_t = 480, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub height: u32,
+    /// Camera position in metres. Default: the scene's camera, else one that frames the scene.
+    #[arg(long, value_name = "X,Y,Z", requires = "look_at", allow_hyphen_values = true)]
+    pub look_from: Option<Triple>,
+    /// The point that the camera looks at.
+    #[arg(long, value_name = "X,Y,Z", requires = "look_from", allow_hyphen_values = true)]
+    pub look_at: Option<Triple>,
+    /// Vertical field of view in degrees.
+    #[arg(long, value_name = "DEGREES")]
+    pub fov: Option<f32>,
+    /// Put a grey diffuse plane under the scene.
+    #[arg(long)]
+    pub ground: bool,
+    /// Leave out shadow rays: every point sees the whole environment.
+    #[arg(long)]
+    pub unshadowed: bool,
+    /// Threads to render with. Default: all cores.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+/// Three numbers separated by commas.
+#[derive(Clone, Copy, Debug)]
+pub struct Triple(pub Vec3A);
+
+impl FromStr for Triple {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Vec<f32> = text.split(',').filter_map(|part| part.trim().parse().ok()).collect();
+        match numbers[..] {
+            [x, y, z] if text.split(',').count() == 3 && [x, y, z].iter().all(|n| n.is_finite()) => {
+                Ok(Self(Vec3A::new(x, y, z)))
+            }
+            _ => Err("write three numbers separated by commas, as in 0,1.5,4".into()),
+        }
+    }
+}
+
+/// Two counts written `ROWSxCOLUMNS`.
+#[derive(Clone, Copy, Debug)]
+pub struct Grid(pub usize, pub usize);
+
+impl FromStr for Grid {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let counts = text.split_once('x').and_then(|(rows, columns)| Some((rows.parse().ok()?, columns.parse().ok()?)));
+        counts.map(|(rows, columns)| Self(rows, columns)).ok_or_else(|| "write two counts, as in 16x32".into())
+    }
+}
+
+/// The kind of tail warp, as the command line names it.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub enum TailArgument {
+    /// Quad-tree warp: keeps neighbours together; the better one on most maps.
+    Hierarchical,
+    /// First a row, then a column.
+    RowColumn,
+}
+
+impl From<TailArgument> for TailKind {
+    fn from(argument: TailArgument) -> Self {
+        match argument {
+            TailArgument::Hierarchical => Self::Hierarchical,
+            TailArgument::RowColumn => Self::RowColumn,
+        }
+    }
+}
+
+/// Scene, camera and environment, opened.
+pub struct OpenedView {
+    scene: Scene,
+    camera: Camera,
+    /// The environment.
+    pub environment: Arc<Environment>,
+    width: usize,
+    height: usize,
+    unshadowed: bool,
+}
+
+impl ViewArguments {
+    /// Opens scene and environment and sets the number of threads.
+    pub fn open(&self) -> Result<OpenedView> {
+        if let Some(threads) = self.threads {
+            // A second call in one process keeps the first number; the commands call this once.
+            rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
+        }
+        let environment = open_environment(&self.env)?;
+        let mut scene = Scene::open(&self.scene)?;
+        // The camera frames the scene as it is, not the wide plane below it.
+        let own = scene.camera();
+        if self.ground {
+            scene.add_ground();
+        }
+        let from = self.look_from.map_or(own.look_from(), |triple| triple.0);
+        let at = self.look_at.map_or(own.look_at(), |triple| triple.0);
+        let camera = Camera::new(from, at, self.fov.unwrap_or(own.vertical_fov()))?;
+        Ok(OpenedView {
+            scene,
+            camera,
+            environment,
+            width: self.width as usize,
+            height: self.height as usize,
+            unshadowed: self.unshadowed,
+        })
+    }
+}
+
+impl OpenedView {
+    /// What the integrator renders.
+    pub fn view(&self) -> View<'_> {
+        View {
+            scene: &self.scene,
+            camera: &self.camera,
+            environment: &self.environment,
+            width: self.width,
+            height: self.height,
+            unshadowed: self.unshadowed,
+        }
+    }
+
+    /// The scene's name.
+    pub fn scene_name(&self) -> &str {
+        self.scene.name()
+    }
+}
+
+/// Opens an environment and says on standard error what had to be repaired in it.
+pub fn open_environment(name_or_path: &str) -> Result<Arc<Environment>> {
+    let environment = Environment::open(name_or_path)?;
+    for repair in environment.repairs() {
+        eprintln!("warning: {name_or_path}: {repair}");
+    }
+    Ok(Arc::new(environment))
+}
+
+/// A budget of samples per pixel or of seconds, of which exactly one is given.
+pub fn budget(spp: Option<u32>, seconds: Option<f64>) -> Result<Budget> {
+    match (spp, seconds) {
+        (Some(spp), None) => {
+            ensure!(spp > 0, "--spp: at least 1 sample per pixel is needed");
+            Ok(Budget::Spp(spp))
+        }
+        (None, Some(seconds)) => {
+            ensure!(seconds > 0.0 && seconds <= 1e6, "--seconds: {seconds} is not between 0 and 1e6");
+            Ok(Budget::Time(std::time::Duration::from_secs_f64(seconds)))
+        }
+        _ => bail!("give one of --spp and --seconds"),
+    }
+}
+
+/// Makes the folder of results.
+pub fn make_folder(folder: &Path) -> Result<()> {
+    fs::create_dir_all(folder).with_context(|| format!("{}: the folder cannot be made", folder.display()))
+}

@@ -1,0 +1,90 @@
+//! `headtail bake`: tabulate a head, or the target itself.
+
+use std::{path::PathBuf, time::Instant};
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use headtail_render::{
+    bake::{CellGrid, NormalGrid, direct_bake},
+    environment::Environment,
+    export::{ExportedSampler, Intermediate},
+    tail::Tail,
+};
+use headtail_train::learned_bake;
+
+use crate::arguments::{Grid, TailArgument, make_folder, open_environment};
+
+/// Tabulate a trained head, or the cosine product itself without any training, over a grid of normals.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail bake --direct --env studio --out out/studio-direct.safetensors
+  headtail bake --direct --env room.hdr --cells 64x64 --out out/room-direct.safetensors
+  headtail bake --from out/room/sampler.safetensors --normals 16x32 --cells 8x8 --out out/room-baked.safetensors
+
+The paper's table has 16x32 normals of 8x8 cells; the default has 32x32 cells (about 2 MB). Between normals the
+tables are interpolated.")]
+#[group(id = "source", required = true, multiple = false, args = ["from", "direct"])]
+pub struct Arguments {
+    /// Bake the head in this file.
+    #[arg(long, value_name = "FILE")]
+    from: Option<PathBuf>,
+    /// Bake light x cosine itself; needs --env.
+    #[arg(long, requires = "env")]
+    direct: bool,
+    /// The map for --direct: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
+    #[arg(long, value_name = "MAP", conflicts_with = "from")]
+    env: Option<String>,
+    /// The tail warp for --direct.
+    #[arg(long, default_value = "hierarchical", conflicts_with = "from")]
+    tail: TailArgument,
+    /// Normals from pole to pole x around.
+    #[arg(long, value_name = "ROWSxCOLUMNS", default_value = "16x32")]
+    normals: Grid,
+    /// Cells of the intermediate square, elevation x azimuth.
+    #[arg(long, value_name = "ROWSxCOLUMNS", default_value = "32x32")]
+    cells: Grid,
+    /// File to write.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+/// Bakes and writes the table.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let start = Instant::now();
+    let normals = NormalGrid::new(arguments.normals.0, arguments.normals.1).context("--normals")?;
+    let cells = CellGrid::new(arguments.cells.0, arguments.cells.1).context("--cells")?;
+    let baked = match (&arguments.from, &arguments.env) {
+        (Some(file), _) => {
+            let exported = ExportedSampler::read(file)?;
+            let Intermediate::Head(head) = &exported.intermediate else {
+                bail!("{}: the file holds a table already; name a trained head", file.display());
+            };
+            let table = learned_bake(head, &exported.tail, normals, cells)?;
+            ExportedSampler { intermediate: Intermediate::Bake(table), ..exported }
+        }
+        (None, Some(map)) => {
+            let environment = open_environment(map)?;
+            direct(&environment, arguments.tail, normals, cells)?
+        }
+        (None, None) => bail!("give --from FILE, or --direct with --env MAP"),
+    };
+    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        make_folder(folder)?;
+    }
+    baked.write(&arguments.out)?;
+    println!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// The direct bake for a map.
+pub fn direct(
+    environment: &Environment,
+    tail: TailArgument,
+    normals: NormalGrid,
+    cells: CellGrid,
+) -> Result<ExportedSampler> {
+    let kind = tail.into();
+    let warp = Tail::new(kind, environment.width(), environment.height(), &environment.luminance())?;
+    let table = direct_bake(&warp, normals, cells)?;
+    Ok(ExportedSampler::new(Intermediate::DirectBake(table), kind, environment, None)?)
+}

@@ -1,0 +1,322 @@
+//! `headtail compare`: samplers side by side, at equal samples or equal time.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
+    time::Instant,
+};
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use headtail_render::{
+    bake::{CellGrid, NormalGrid},
+    color::luminance,
+    export::{ExportedSampler, Intermediate},
+    image::{Image, read_radiance, write_exr},
+    integrator::{Budget, DirectEstimator, Rendering, render},
+    sampler::{EnvironmentLight, ProductSampler, SamplerSpec},
+    statistics::{ErrorMetrics, ttuv},
+};
+
+use crate::{
+    arguments::{OpenedView, TailArgument, ViewArguments, budget, make_folder},
+    bake, progress,
+    render::{attributes, quietly},
+    report::{self, Comparison, Preparation, RenderedImage, Row},
+};
+
+/// Compare samplers on one view; writes results.csv, report.html and the images.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail compare --scene temple --env studio --samplers cosine,emitter,mis,ris:4 --spp 4,16,64 --out out/temple
+  headtail compare --scene spot.glb --ground --env room.hdr --samplers mis,direct:out/room-direct.safetensors,oracle --spp 16 --out out/spot
+  headtail compare --scene dishes --env sunset --samplers mis,ris:4,head:out/sunset/sampler.safetensors --seconds 1,4 --runs 5 --out out/dishes
+
+Errors are measured over the pixels that surfaces cover entirely: what the camera sees of the environment is the same for
+every sampler. Ctrl-C writes a report of the runs that are done.")]
+pub struct Arguments {
+    #[command(flatten)]
+    view: ViewArguments,
+    /// Samplers, separated by commas: cosine, emitter, mis, mis2, mis-comp, ris:M, head:FILE, baked:FILE, direct:FILE, oracle.
+    #[arg(long, value_name = "SPEC,...", value_delimiter = ',', required = true)]
+    samplers: Vec<SamplerSpec>,
+    /// Samples per pixel; several are separated by commas.
+    #[arg(long, value_name = "N,...", value_delimiter = ',', required_unless_present = "seconds")]
+    spp: Vec<u32>,
+    /// Seconds per image; several are separated by commas.
+    #[arg(long, value_name = "T,...", value_delimiter = ',')]
+    seconds: Vec<f64>,
+    /// Runs with different seeds for each sampler and budget.
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    runs: u32,
+    /// Seed of the first run; run k has seed + k.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// OpenEXR image to measure errors against. Default: render one with the direct bake and --reference-spp.
+    #[arg(long, value_name = "FILE")]
+    reference: Option<PathBuf>,
+    /// Samples per pixel of the reference that is rendered.
+    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..))]
+    reference_spp: u32,
+    /// Folder for the results.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+impl Arguments {
+    /// The comparison that `headtail demo` makes.
+    pub fn new(view: ViewArguments, samplers: Vec<SamplerSpec>, out: PathBuf) -> Self {
+        let (spp, seconds) = (vec![1, 4, 16], vec![1.0]);
+        Self { view, samplers, spp, seconds, runs: 3, seed: 1, reference: None, reference_spp: 512, out }
+    }
+}
+
+/// A sampler ready to render.
+struct Entry {
+    label: String,
+    estimator: Box<dyn DirectEstimator>,
+    preparation: Preparation,
+}
+
+/// What a run's image says, over the covered pixels.
+struct Measured {
+    metrics: ErrorMetrics,
+    mean_luminance: f64,
+}
+
+/// Renders everything and writes the report.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let mut budgets = Vec::new();
+    for &spp in &arguments.spp {
+        budgets.push((format!("{spp}spp"), budget(Some(spp), None)?));
+    }
+    for &seconds in &arguments.seconds {
+        budgets.push((format!("{seconds}s"), budget(None, Some(seconds))?));
+    }
+    let opened = arguments.view.open()?;
+    let entries = arguments.samplers.iter().map(|spec| Entry::build(spec, &opened)).collect::<Result<Vec<_>>>()?;
+    make_folder(&arguments.out)?;
+    let stop = progress::stop_flag()?;
+
+    let (reference, covered, reference_note) = reference(arguments, &opened, &stop)?;
+    ensure!(covered.iter().any(|covered| *covered), "no pixel is covered by a surface: move the camera");
+    let reference_pixels = select(&reference, &covered);
+
+    let mut comparison = Comparison {
+        scene: opened.scene_name().to_owned(),
+        env: opened.environment.name().to_owned(),
+        width: arguments.view.width as usize,
+        height: arguments.view.height as usize,
+        command: command(),
+        machine: machine(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        reference,
+        reference_note,
+        rows: Vec::new(),
+        images: Vec::new(),
+        preparation: Vec::new(),
+    };
+    let bar = progress::bar((budgets.len() * entries.len()) as u64 * u64::from(arguments.runs), "comparing");
+    for (budget_label, budget) in &budgets {
+        // Runs outside, samplers inside: a machine that slows down for a while slows all samplers down.
+        for run in 0..arguments.runs {
+            for entry in &entries {
+                if stop.load(Ordering::Relaxed) {
+                    break;
+                }
+                bar.set_message(format!("{} {budget_label}", entry.label));
+                let seed = arguments.seed + u64::from(run);
+                let rendering = quietly(opened.view(), &*entry.estimator, *budget, seed);
+                let pixels = select(&rendering.surfaces, &covered);
+                let metrics = ErrorMetrics::of(&pixels, &reference_pixels)?;
+                let measured = Measured { metrics, mean_luminance: mean_luminance(&pixels) };
+                comparison.rows.push(row(&comparison, entry, budget_label, run, seed, &rendering, &measured));
+                if run == 0 {
+                    let image = rendering.composite();
+                    let file = format!("{}_{budget_label}.exr", file_name(&entry.label));
+                    write_exr(&arguments.out.join(file), &image, &attributes(&entry.label, &rendering, seed))?;
+                    comparison.images.push(RenderedImage {
+                        sampler: entry.label.clone(),
+                        budget: budget_label.clone(),
+                        image,
+                    });
+                }
+                bar.inc(1);
+            }
+        }
+    }
+    bar.finish_and_clear();
+    ensure!(!comparison.rows.is_empty(), "interrupted before the first run was done");
+    comparison.preparation = entries.into_iter().map(|entry| entry.preparation).collect();
+    report::write(&arguments.out, &comparison)?;
+    summarise(&comparison);
+    println!("open {}", arguments.out.join("report.html").display());
+    Ok(())
+}
+
+impl Entry {
+    fn build(spec: &SamplerSpec, opened: &OpenedView) -> Result<Self> {
+        let label = spec.to_string();
+        let start = Instant::now();
+        let estimator = spec.build(&opened.environment)?;
+        let built = start.elapsed().as_secs_f64();
+        let mut preparation = Preparation { sampler: label.clone(), seconds: built, text: "tables built".into() };
+        if let SamplerSpec::Head(file) | SamplerSpec::Baked(file) = spec
+            && let Some(training) = ExportedSampler::read(file)?.training
+        {
+            preparation.text =
+                format!("file read; trained before for {} steps on {}", training.steps, training.backend);
+            if let Some(seconds) = training.seconds {
+                preparation.seconds += seconds;
+                preparation.text += &format!(" ({seconds:.1} s)");
+            }
+        }
+        Ok(Self { label, estimator, preparation })
+    }
+}
+
+/// The reference without background, the pixels that surfaces cover entirely, and how it came about.
+fn reference(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool) -> Result<(Image, Vec<bool>, String)> {
+    let environment = &opened.environment;
+    let baked =
+        bake::direct(environment, TailArgument::Hierarchical, NormalGrid::new(16, 32)?, CellGrid::new(64, 64)?)?;
+    let Intermediate::DirectBake(table) = baked.intermediate else { unreachable!("a direct bake was asked for") };
+    let light = EnvironmentLight::with_tail(environment.clone(), baked.tail);
+    let estimator = headtail_render::integrator::SingleSample::new(ProductSampler::new(light, table));
+    // A seed far from those of the runs.
+    let seed = arguments.seed ^ 0x5eed_0000_0000;
+    let spp = if arguments.reference.is_some() { 64 } else { arguments.reference_spp };
+    let bar = progress::bar(1000, "reference");
+    let show = |spent: f64| bar.set_position((1000.0 * spent) as u64);
+    let rendering = render(opened.view(), &estimator, Budget::Spp(spp), seed, stop, &show);
+    bar.finish_and_clear();
+    let covered = rendering.coverage.iter().map(|share| *share == 1.0).collect();
+    if let Some(file) = &arguments.reference {
+        let image = read_radiance(file)?;
+        let (width, height) = (arguments.view.width as usize, arguments.view.height as usize);
+        ensure!(
+            (image.width, image.height) == (width, height),
+            "{}: the image is {} x {}; the comparison is {width} x {height}",
+            file.display(),
+            image.width,
+            image.height
+        );
+        return Ok((image, covered, format!("Read from {}.", file.display())));
+    }
+    let file = arguments.out.join("reference.exr");
+    let image = rendering.composite();
+    write_exr(&file, &image, &attributes("direct", &rendering, seed))?;
+    let note = format!("Rendered with the direct bake (64 x 64 cells) at {} samples per pixel.", rendering.spp);
+    Ok((image, covered, note))
+}
+
+/// The chosen pixels as an image of one row.
+fn select(image: &Image, chosen: &[bool]) -> Image {
+    let pixels: Vec<_> =
+        image.pixels.iter().zip(chosen).filter(|(_, chosen)| **chosen).map(|(pixel, _)| *pixel).collect();
+    Image { width: pixels.len(), height: 1, pixels }
+}
+
+fn mean_luminance(image: &Image) -> f64 {
+    let sum: f64 = image.pixels.iter().map(|&pixel| f64::from(luminance(pixel.into()))).sum();
+    sum / image.pixels.len() as f64
+}
+
+fn row(
+    comparison: &Comparison,
+    entry: &Entry,
+    budget: &str,
+    run: u32,
+    seed: u64,
+    rendering: &Rendering,
+    measured: &Measured,
+) -> Row {
+    let metrics = &measured.metrics;
+    Row {
+        scene: comparison.scene.clone(),
+        env: comparison.env.clone(),
+        sampler: entry.label.clone(),
+        budget: budget.to_owned(),
+        run: Some(run),
+        spp: f64::from(rendering.spp),
+        rays_per_sample: rendering.rays_per_sample,
+        seconds: rendering.seconds,
+        mse: metrics.mse,
+        relmse: metrics.relmse,
+        relmse_trimmed: metrics.relmse_trimmed,
+        ttuv: ttuv(metrics.mse, rendering.seconds),
+        mean_luminance: measured.mean_luminance,
+        max_weight: f64::from(rendering.max_weight),
+        seed,
+        version: comparison.version.clone(),
+    }
+}
+
+/// A sampler's label as part of a file name: of a path, the file and its folder are kept.
+fn file_name(label: &str) -> String {
+    let (name, argument) = label.split_once(':').unwrap_or((label, ""));
+    let path = Path::new(argument).with_extension("");
+    let folder = path.parent().and_then(Path::file_name);
+    let parts = [Some(name.as_ref()), folder, path.file_name()];
+    let joined: Vec<_> = parts.into_iter().flatten().map(|part| part.to_string_lossy()).collect();
+    joined.join("-").chars().map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' }).collect()
+}
+
+/// Mean MSE, time and the ratio to one-sample MIS (else the first sampler) for each budget, on standard output.
+fn summarise(comparison: &Comparison) {
+    println!("{:10} {:44} {:>10} {:>10} {:>9} {:>9}", "budget", "sampler", "MSE", "ratio", "spp", "seconds");
+    let mut groups: Vec<(&str, &str)> = Vec::new();
+    for row in &comparison.rows {
+        if !groups.contains(&(&row.budget, &row.sampler)) {
+            groups.push((&row.budget, &row.sampler));
+        }
+    }
+    let mean = |budget: &str, sampler: &str, of: fn(&Row) -> f64| {
+        let values: Vec<f64> =
+            comparison.rows.iter().filter(|row| row.budget == budget && row.sampler == sampler).map(of).collect();
+        values.iter().sum::<f64>() / values.len() as f64
+    };
+    for (budget, sampler) in &groups {
+        let base = groups.iter().find(|(b, s)| b == budget && *s == "mis").or(groups.iter().find(|(b, _)| b == budget));
+        let base = base.map_or(f64::NAN, |(budget, sampler)| mean(budget, sampler, |row| row.mse));
+        let mse = mean(budget, sampler, |row| row.mse);
+        println!(
+            "{budget:10} {sampler:44} {mse:>10.3e} {:>10.2} {:>9.1} {:>9.3}",
+            base / mse,
+            mean(budget, sampler, |row| row.spp),
+            mean(budget, sampler, |row| row.seconds)
+        );
+    }
+}
+
+/// The command line, the program without its folder.
+fn command() -> String {
+    let quote = |argument: String| {
+        let plain = argument.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:,=+".contains(c));
+        if plain { argument } else { format!("'{}'", argument.replace('\'', "'\\''")) }
+    };
+    std::iter::once("headtail".to_owned()).chain(std::env::args().skip(1).map(quote)).collect::<Vec<_>>().join(" ")
+}
+
+/// Processor and threads.
+fn machine() -> String {
+    let model = fs::read_to_string("/proc/cpuinfo").ok().and_then(|text| {
+        let line = text.lines().find(|line| line.starts_with("model name"))?.split_once(':')?.1.trim().to_owned();
+        Some(line)
+    });
+    let model = model.unwrap_or_else(|| std::env::consts::ARCH.to_owned());
+    format!("{model}, {} threads", rayon::current_num_threads())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_become_plain_file_names() {
+        assert_eq!(file_name("ris:4"), "ris-4");
+        assert_eq!(file_name("head:a/b c/sampler.safetensors"), "head-b_c-sampler");
+        assert_eq!(file_name("mis-comp"), "mis-comp");
+    }
+}

@@ -1,0 +1,115 @@
+//! `headtail render`: one picture with one sampler.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use headtail_render::{
+    image::{Attribute, Image, write_exr, write_png},
+    integrator::{self, Budget, DirectEstimator, Rendering, View},
+    sampler::SamplerSpec,
+};
+
+use crate::{
+    arguments::{ViewArguments, budget, make_folder},
+    progress,
+};
+
+/// Render direct light with one sampler; writes FILE.exr (linear) and FILE.png (tone-mapped).
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail render --scene temple --env studio --sampler mis --spp 64 --out out/temple.exr
+  headtail render --scene spot.glb --ground --env room.hdr --sampler direct:out/room-direct.safetensors --seconds 10 --out out/spot.exr
+  headtail render --scene dishes --env sunset --sampler head:out/sunset/sampler.safetensors --spp 16 --unshadowed --out out/dishes.exr
+
+Ctrl-C writes what there is.")]
+pub struct Arguments {
+    #[command(flatten)]
+    view: ViewArguments,
+    /// cosine, emitter, mis, mis2, mis-comp, ris:M, head:FILE, baked:FILE, direct:FILE or oracle.
+    #[arg(long, value_name = "SPEC")]
+    sampler: SamplerSpec,
+    /// Samples per pixel.
+    #[arg(long, conflicts_with = "seconds", required_unless_present = "seconds")]
+    spp: Option<u32>,
+    /// Render for this long instead.
+    #[arg(long)]
+    seconds: Option<f64>,
+    /// Seed of the samples.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Stops by which the PNG is made brighter than its automatic exposure.
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    exposure: f32,
+    /// Linear OpenEXR file; the PNG lies beside it.
+    #[arg(long, value_name = "FILE.exr")]
+    out: PathBuf,
+}
+
+/// Luminance of the median pixel of a picture.
+const MIDDLE_GREY: f32 = 0.25;
+
+/// Renders and writes both files.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    ensure!(
+        arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")),
+        "--out {}: the file's name must end in .exr",
+        arguments.out.display()
+    );
+    let budget = budget(arguments.spp, arguments.seconds)?;
+    let opened = arguments.view.open()?;
+    let estimator = arguments.sampler.build(&opened.environment)?;
+    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        make_folder(folder)?;
+    }
+    let stop = progress::stop_flag()?;
+    let bar = progress::bar(1000, "rendering");
+    let show = |spent: f64| bar.set_position((1000.0 * spent) as u64);
+    let rendering = integrator::render(opened.view(), &*estimator, budget, arguments.seed, &stop, &show);
+    bar.finish_and_clear();
+
+    let image = rendering.composite();
+    let sampler = arguments.sampler.to_string();
+    write_exr(&arguments.out, &image, &attributes(&sampler, &rendering, arguments.seed))?;
+    let png = arguments.out.with_extension("png");
+    write_png(&png, &image, exposure(&image) + arguments.exposure)?;
+    println!(
+        "{sampler}: {} spp in {:.2} s, {:.2} shadow rays per sample, largest weight {:.3}",
+        rendering.spp, rendering.seconds, rendering.rays_per_sample, rendering.max_weight
+    );
+    println!("{} and {} written", arguments.out.display(), png.display());
+    Ok(())
+}
+
+/// What an OpenEXR result says of itself.
+pub fn attributes(sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attribute> {
+    vec![
+        Attribute::new("sampler", sampler),
+        Attribute::new("spp", rendering.spp as i32),
+        // OpenEXR has no 64-bit integers.
+        Attribute::new("seed", seed.to_string()),
+        Attribute::new("seconds", rendering.seconds),
+        Attribute::new("headtailVersion", env!("CARGO_PKG_VERSION")),
+    ]
+}
+
+/// The exposure in stops that puts the picture's median luminance at a middle grey.
+pub fn exposure(image: &Image) -> f32 {
+    let mut lit: Vec<f32> = image
+        .pixels
+        .iter()
+        .map(|&pixel| headtail_render::color::luminance(pixel.into()))
+        .filter(|luminance| *luminance > 0.0 && luminance.is_finite())
+        .collect();
+    if lit.is_empty() {
+        return 0.0;
+    }
+    let middle = lit.len() / 2;
+    let (_, median, _) = lit.select_nth_unstable_by(middle, f32::total_cmp);
+    (MIDDLE_GREY / *median).log2()
+}
+
+/// Renders without a word.
+pub fn quietly(view: View<'_>, estimator: &dyn DirectEstimator, budget: Budget, seed: u64) -> Rendering {
+    integrator::render(view, estimator, budget, seed, &std::sync::atomic::AtomicBool::new(false), &|_| {})
+}

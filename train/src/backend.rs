@@ -1,0 +1,80 @@
+//! The tensor library's backends, chosen at run time.
+
+use std::fmt;
+
+use headtail_model::burn::prelude::Device;
+use serde::{Deserialize, Serialize};
+
+use crate::{Error, Result};
+
+/// A backend. All names exist in every build, so that asking for one that was left out is an error that says what to do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Backend {
+    /// burn's CPU backend.
+    #[default]
+    Flex,
+    /// The older CPU backend; burn removes it after 0.22.
+    Ndarray,
+    /// Vulkan, Metal or DX12, through wgpu.
+    Wgpu,
+}
+
+impl Backend {
+    /// Every backend, compiled or not.
+    pub const ALL: [Self; 3] = [Self::Flex, Self::Ndarray, Self::Wgpu];
+
+    /// The backend's device, without autodiff.
+    ///
+    /// # Errors
+    /// [`Error::BackendNotCompiled`] if the build lacks the feature of the backend's name.
+    pub fn device(self) -> Result<Device> {
+        match self {
+            #[cfg(feature = "flex")]
+            Self::Flex => Ok(Device::flex()),
+            // Deprecated by burn 0.22, whose successor has no ndarray backend; it goes when burn is upgraded.
+            #[cfg(feature = "ndarray")]
+            #[allow(deprecated)]
+            Self::Ndarray => Ok(Device::ndarray()),
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu => Ok(Device::wgpu(headtail_model::burn::prelude::DeviceKind::DefaultDevice)),
+            #[allow(unreachable_patterns)]
+            backend => Err(Error::BackendNotCompiled { backend }),
+        }
+    }
+
+    /// Whether tensors live in the host's memory, so that reading them back costs a copy and no synchronisation.
+    pub const fn is_host(self) -> bool {
+        matches!(self, Self::Flex | Self::Ndarray)
+    }
+}
+
+impl fmt::Display for Backend {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Flex => "flex",
+            Self::Ndarray => "ndarray",
+            Self::Wgpu => "wgpu",
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_backend_that_is_not_compiled_names_its_feature() {
+        for backend in Backend::ALL {
+            let compiled = match backend {
+                Backend::Flex => cfg!(feature = "flex"),
+                Backend::Ndarray => cfg!(feature = "ndarray"),
+                Backend::Wgpu => cfg!(feature = "wgpu"),
+            };
+            if !compiled {
+                let message = backend.device().unwrap_err().to_string();
+                assert!(message.contains(&format!("--features {backend}")), "{message}");
+            }
+        }
+    }
+}

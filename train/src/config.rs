@@ -1,0 +1,145 @@
+//! The configuration of a training run; the defaults stand in one place, [`FitConfig::default`].
+
+use headtail_model::HeadConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::{Backend, Error, Loss, Result};
+
+/// A training run. Missing keys of a file take the defaults, unknown keys are errors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FitConfig {
+    /// The head's shape.
+    pub head: HeadConfig,
+    /// Where tensors live.
+    pub backend: Backend,
+    /// Seed of weights, batches and validation.
+    pub seed: u64,
+    /// Optimiser steps.
+    pub steps: usize,
+    /// Conditions per step.
+    pub conditions: usize,
+    /// Strata per side of the intermediate square: each condition has `strata^2` jittered points.
+    pub strata: usize,
+    /// What is minimised.
+    pub loss: Loss,
+    /// Peak learning rate; it rises linearly over `warmup` and falls along half a cosine to zero.
+    pub learning_rate: f64,
+    /// Fraction of the steps over which the learning rate rises.
+    pub warmup: f64,
+    /// AdamW's first-moment decay.
+    pub beta_1: f32,
+    /// AdamW's second-moment decay.
+    pub beta_2: f32,
+    /// AdamW's denominator floor.
+    pub epsilon: f32,
+    /// AdamW's decoupled weight decay.
+    pub weight_decay: f32,
+    /// The gradient over all weights is scaled down to at most this norm.
+    pub clip_norm: f64,
+    /// Training stops with an error when more steps than this were skipped because loss or gradient was not finite.
+    pub max_skipped: usize,
+    /// Steps between validations; 0 validates at the end only.
+    pub validate_every: usize,
+    /// Conditions of the validation set.
+    pub validation_conditions: usize,
+    /// Strata per side for each validation condition.
+    pub validation_strata: usize,
+}
+
+impl Default for FitConfig {
+    /// The cosine head's run.
+    fn default() -> Self {
+        Self {
+            head: HeadConfig::COSINE,
+            backend: Backend::Flex,
+            seed: 0,
+            steps: 1000,
+            conditions: 64,
+            strata: 8,
+            loss: Loss::LogChiSquare,
+            learning_rate: 4e-3,
+            warmup: 0.05,
+            beta_1: 0.9,
+            beta_2: 0.999,
+            epsilon: 1e-8,
+            weight_decay: 1e-4,
+            clip_norm: 1.0,
+            max_skipped: 10,
+            validate_every: 100,
+            validation_conditions: 64,
+            validation_strata: 32,
+        }
+    }
+}
+
+impl FitConfig {
+    /// Points per condition and step.
+    pub fn samples(&self) -> usize {
+        self.strata * self.strata
+    }
+
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::Config`] or [`Error::Model`] names the first field that is out of range.
+    pub fn validate(&self) -> Result<()> {
+        self.head.validate()?;
+        within("steps", self.steps, 1..=100_000_000, "in 1..=1e8")?;
+        within("conditions", self.conditions, 1..=1 << 16, "in 1..=65536")?;
+        within("strata", self.strata, 1..=1024, "in 1..=1024")?;
+        within("validation_conditions", self.validation_conditions, 1..=1 << 16, "in 1..=65536")?;
+        within("validation_strata", self.validation_strata, 1..=1024, "in 1..=1024")?;
+        within("learning_rate", self.learning_rate, f64::MIN_POSITIVE..=1.0, "in (0, 1]")?;
+        within("warmup", self.warmup, 0.0..=1.0, "in [0, 1]")?;
+        within("beta_1", self.beta_1, 0.0..=0.999_999, "in [0, 1)")?;
+        within("beta_2", self.beta_2, 0.0..=0.999_999, "in [0, 1)")?;
+        within("epsilon", self.epsilon, f32::MIN_POSITIVE..=1.0, "in (0, 1]")?;
+        within("weight_decay", self.weight_decay, 0.0..=1.0, "in [0, 1]")?;
+        within("clip_norm", self.clip_norm, f64::MIN_POSITIVE..=f64::MAX, "positive and finite")
+    }
+}
+
+fn within<T: PartialOrd + std::fmt::Display>(
+    field: &'static str,
+    value: T,
+    range: std::ops::RangeInclusive<T>,
+    requirement: &'static str,
+) -> Result<()> {
+    if range.contains(&value) { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), requirement }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_are_valid_and_survive_a_file() {
+        let config = FitConfig::default();
+        config.validate().unwrap();
+        let text = serde_json::to_string(&config).unwrap();
+        assert_eq!(serde_json::from_str::<FitConfig>(&text).unwrap(), config);
+    }
+
+    #[test]
+    fn missing_keys_take_defaults_and_unknown_keys_are_errors() {
+        let config: FitConfig = serde_json::from_str(r#"{"steps": 7, "loss": "forward-kl"}"#).unwrap();
+        assert_eq!(config, FitConfig { steps: 7, loss: Loss::ForwardKl, ..FitConfig::default() });
+        let error = serde_json::from_str::<FitConfig>(r#"{"step": 7}"#).unwrap_err();
+        assert!(error.to_string().contains("step"), "{error}");
+    }
+
+    #[test]
+    fn values_out_of_range_are_refused_by_name() {
+        let refused = |config: FitConfig| match config.validate() {
+            Err(Error::Config { field, .. }) => field,
+            other => panic!("{other:?}"),
+        };
+        let good = FitConfig::default;
+        assert_eq!(refused(FitConfig { steps: 0, ..good() }), "steps");
+        assert_eq!(refused(FitConfig { learning_rate: f64::NAN, ..good() }), "learning_rate");
+        assert_eq!(refused(FitConfig { beta_2: 1.0, ..good() }), "beta_2");
+        assert_eq!(refused(FitConfig { strata: 0, ..good() }), "strata");
+        assert_eq!(refused(FitConfig { clip_norm: f64::INFINITY, ..good() }), "clip_norm");
+    }
+}

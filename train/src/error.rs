@@ -1,0 +1,63 @@
+//! Errors of training.
+
+use crate::backend::Backend;
+
+/// What can go wrong in training.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum Error {
+    /// The backend is not part of this build.
+    #[error("the backend `{backend}` is not in this build: build with `--features {backend}`")]
+    BackendNotCompiled {
+        /// The backend asked for.
+        backend: Backend,
+    },
+    /// A field of the training configuration is out of range.
+    #[error("training configuration: {field} = {value}, but it must be {requirement}")]
+    Config {
+        /// The field's name.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// The range it must lie in.
+        requirement: &'static str,
+    },
+    /// The head's configuration or weights are wrong.
+    #[error(transparent)]
+    Model(#[from] headtail_model::Error),
+    /// The exported sampler or its tables cannot be made or written.
+    #[error(transparent)]
+    Render(#[from] std::sync::Arc<headtail_render::Error>),
+    /// The target gave a density that is negative, infinite or NaN.
+    #[error("the target density is {density} at y = {y:?} under condition {condition:?}")]
+    BadTarget {
+        /// What the target gave.
+        density: f32,
+        /// The point of the intermediate square.
+        y: [f32; 2],
+        /// The condition.
+        condition: Vec<f32>,
+    },
+    /// The target is zero under every validation condition.
+    #[error("the target is zero everywhere under all {conditions} validation conditions: is the environment black?")]
+    EmptyTarget {
+        /// How many conditions were tried.
+        conditions: usize,
+    },
+    /// Too many steps without a finite loss and gradient.
+    #[error("training diverged: {skipped} steps were not finite by step {step}; try a smaller learning rate")]
+    Diverged {
+        /// The step at which training gave up.
+        step: usize,
+        /// Steps skipped so far.
+        skipped: usize,
+    },
+}
+
+/// The crate's result.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl From<headtail_render::Error> for Error {
+    fn from(error: headtail_render::Error) -> Self {
+        Self::Render(std::sync::Arc::new(error))
+    }
+}
