@@ -258,7 +258,7 @@ impl Layout {
             }
             let title = format!(
                 "{}, {}: MSE {} in {} s",
-                group.sampler,
+                summary.name(&group.sampler),
                 group.budget,
                 text(group.mse.mean),
                 text(group.mean.seconds)
@@ -280,7 +280,7 @@ impl Layout {
             spread(&labels.iter().map(|label| label.2).collect::<Vec<_>>(), Self::LINE_HEIGHT, y.end + 4.0, y.start);
         for ((line, end_x, end_y), place) in labels.into_iter().zip(places) {
             let left = x.end + 14.0;
-            let name = shorten(line.sampler, self.letters);
+            let name = shorten(summary.name(line.sampler), self.letters);
             push(svg, format_args!("<g class=\"{}\">", series_class(summary, line.sampler)));
             push(
                 svg,
@@ -374,21 +374,28 @@ fn power_label(value: f64) -> String {
     format!("{factor}10<tspan dy=\"-.45em\" font-size=\"75%\">{exponent}</tspan>")
 }
 
+/// Times that differ by a larger part are not equal: a budget of time that was overrun, e.g. by whole passes.
+const EQUAL_TIMES: f64 = 0.05;
+
 /// The two comparisons that the bars show: at equal samples, and at equal time.
 ///
-/// Without a budget of time, the ratio of MSE x time at the largest budget of samples stands in for the second: it is what
-/// the ratio at equal time would be, since MSE falls inversely with time.
+/// Where times are not equal, the ratio of MSE x time stands in for that of MSE: it is what the ratio at equal time would
+/// be, since MSE falls inversely with time. So it does without a budget of time, at the largest budget of samples.
 pub fn comparisons(summary: &Summary) -> Vec<(String, String, Measure)> {
     let mut comparisons = Vec::new();
     let samples = summary.largest(BudgetKind::Samples);
     if let Some(budget) = samples {
         comparisons.push((format!("equal samples ({})", budget.words()), budget.name.clone(), Measure::Mse));
     }
-    if let Some(budget) = summary.largest(BudgetKind::Time) {
-        comparisons.push((format!("equal time ({})", budget.words()), budget.name.clone(), Measure::Mse));
-    } else if let Some(budget) = samples {
-        let title = format!("equal time (MSE \u{d7} time at {})", budget.name);
-        comparisons.push((title, budget.name.clone(), Measure::Ttuv));
+    if let Some(budget) = summary.largest(BudgetKind::Time).or(samples) {
+        let seconds = || summary.at(&budget.name).map(|group| group.mean.seconds);
+        let (least, most) = (seconds().fold(f64::INFINITY, f64::min), seconds().fold(0.0, f64::max));
+        let equal = budget.kind == BudgetKind::Time && most <= (1.0 + EQUAL_TIMES) * least;
+        comparisons.push(if equal {
+            (format!("equal time ({})", budget.words()), budget.name.clone(), Measure::Mse)
+        } else {
+            (format!("equal time (MSE \u{d7} time at {})", budget.name), budget.name.clone(), Measure::Ttuv)
+        });
     }
     if comparisons.is_empty() {
         let budget = summary.shown_first();
@@ -430,7 +437,13 @@ pub fn ratio_bars(summary: &Summary) -> String {
 
 fn bar(html: &mut String, summary: &Summary, axis: &Axis, sampler: &str, ratio: Option<Ratio>) {
     let class = series_class(summary, sampler);
-    push(html, format_args!("<div class=\"bar-row {class}\"><span class=\"bar-name\">{}</span>", escape(sampler)));
+    push(
+        html,
+        format_args!(
+            "<div class=\"bar-row {class}\"><span class=\"bar-name\">{}</span>",
+            escape(summary.name(sampler))
+        ),
+    );
     push(
         html,
         format_args!("<span class=\"bar-track\"><span class=\"bar-one\" style=\"left:{:.2}%\"></span>", axis.at(1.0)),

@@ -3,9 +3,6 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use glam::Vec3A;
-use headtail_render::color::luminance;
-use headtail_render::image::Image;
 use headtail_render::statistics::{MeanInterval, RELATIVE_EPSILON, TRIMMED_FRACTION};
 
 use super::chart;
@@ -46,12 +43,6 @@ pub fn page(comparison: &Comparison, summary: &Summary) -> Result<String> {
     Ok(page)
 }
 
-/// The mean luminance of an image.
-pub fn mean_luminance(image: &Image) -> f64 {
-    let sum: f64 = image.pixels.iter().map(|&pixel| f64::from(luminance(Vec3A::from_array(pixel)))).sum();
-    sum / image.pixels.len() as f64
-}
-
 /// The pictures of the page, each embedded once.
 struct Gallery {
     exposure: f32,
@@ -85,7 +76,7 @@ impl Gallery {
                 })
                 .collect();
             if !images.is_empty() {
-                panels.push(Panel::of(budget, &images, &comparison.reference, exposure)?);
+                panels.push(Panel::of(budget, &images, comparison, exposure)?);
             }
         }
         Ok(Self { exposure, reference: picture::rendering(&comparison.reference, exposure)?, panels })
@@ -106,8 +97,9 @@ impl Gallery {
 }
 
 impl Panel {
-    fn of(budget: &Budget, images: &[&RenderedImage], reference: &Image, exposure: f32) -> Result<Self> {
-        let maps = images.iter().map(|image| ErrorMap::of(&image.image, reference)).collect::<Result<Vec<_>>>()?;
+    fn of(budget: &Budget, images: &[&RenderedImage], comparison: &Comparison, exposure: f32) -> Result<Self> {
+        let error_map = |image: &&RenderedImage| ErrorMap::of(&image.image, comparison);
+        let maps = images.iter().map(error_map).collect::<Result<Vec<_>>>()?;
         let scale = ErrorScale::of(maps.iter());
         let picture = |(rendered, map): (&&RenderedImage, &ErrorMap)| {
             Ok(Picture {
@@ -154,7 +146,7 @@ fn count(number: usize, thing: &str) -> String {
 }
 
 fn reading_section(comparison: &Comparison, summary: &Summary) -> String {
-    let sentences = reading::sentences(summary, mean_luminance(&comparison.reference));
+    let sentences = reading::sentences(summary, comparison.reference_luminance());
     let items: Vec<String> = sentences.iter().map(|sentence| format!("<li>{sentence}</li>\n")).collect();
     let mut section = format!("<section class=\"reading\">\n<h2>In short</h2>\n<ul>\n{}</ul>\n", items.concat());
     if !comparison.preparation.is_empty() {
@@ -206,7 +198,7 @@ fn options(summary: &Summary, gallery: &Gallery, selected: &str) -> String {
         for group in summary.at(&budget.name) {
             if gallery.has(&group.sampler, &group.budget) {
                 let note = ratio_words(summary, group).unwrap_or_default();
-                let text = format!("{}, {}", group.sampler, group.budget);
+                let text = format!("{}, {}", summary.name(&group.sampler), group.budget);
                 options += &option(&image_id(summary, &group.sampler, &group.budget), &text, &note);
             }
         }
@@ -222,7 +214,7 @@ fn ratio_words(summary: &Summary, group: &Group) -> Option<String> {
         return None;
     }
     let (value, word) = if ratio.value >= 1.0 { (ratio.value, "lower") } else { (1.0 / ratio.value, "higher") };
-    Some(format!("MSE {}\u{d7} {word} than {}", times(value), summary.baseline))
+    Some(format!("MSE {}\u{d7} {word} than {}", times(value), summary.name(&summary.baseline)))
 }
 
 fn multiples(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> String {
@@ -268,7 +260,7 @@ fn multiples(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> S
 
 /// A sampler's rendering, its error map, and its MSE.
 fn card(comparison: &Comparison, summary: &Summary, picture: &Picture, group: &Group) -> String {
-    let name = escape(&group.sampler);
+    let name = escape(summary.name(&group.sampler));
     let ratio = match ratio_words(summary, group) {
         Some(words) => escape(&words),
         None if group.sampler == summary.baseline => "the baseline of the ratios".to_owned(),
@@ -423,7 +415,7 @@ fn table(comparison: &Comparison, summary: &Summary) -> String {
             "</table>\n</div>\n<p class=\"note\"><span class=\"best\">Marked</span> values are the lowest at their budget. Means over the runs\
              {}; the reference's mean luminance is {}. Every run is in <code>results.csv</code>.</p>\n",
             if summary.groups.iter().any(|group| group.runs > 1) { " with 95\u{a0}% confidence intervals" } else { "" },
-            html_digits(mean_luminance(&comparison.reference), 4),
+            html_digits(comparison.reference_luminance(), 4),
         ),
     );
     section + "</section>\n"
@@ -432,7 +424,7 @@ fn table(comparison: &Comparison, summary: &Summary) -> String {
 fn table_row(summary: &Summary, group: &Group, rivals: &[&Group], order: usize) -> String {
     let mut row = format!(
         "<tr><th scope=\"row\" data-value=\"{0}\">{1}{0}</th><td data-value=\"{order}\">{2}</td>",
-        escape(&group.sampler),
+        escape(summary.name(&group.sampler)),
         chart::swatch(summary, &group.sampler),
         escape(&group.budget),
     );
@@ -474,6 +466,15 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
     }
     let side = comparison.width.div_ceil(picture::ERROR_MAP_WIDTH).max(1);
     let timed = summary.largest(BudgetKind::Time).is_some();
+    let measured = comparison.measured.iter().filter(|measured| **measured).count() as f64;
+    let pixels = if comparison.measured.is_empty() {
+        "all pixels".to_owned()
+    } else {
+        format!(
+            "the measured pixels, {}\u{a0}% of the image",
+            times(100.0 * measured / comparison.measured.len() as f64)
+        )
+    };
     let facts = [
         ("Machine", escape(&comparison.machine)),
         ("Reference", escape(&comparison.reference_note)),
@@ -483,7 +484,7 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
              over the runs, with the 95\u{a0}% interval of Student\u{2019}s t distribution. p-values are of Welch\u{2019}s t-test."
                 .to_owned(),
         ),
-        ("MSE", "Mean over pixels and channels of (x \u{2212} r)<sup>2</sup>, r the reference, in linear Rec.709.".to_owned()),
+        ("MSE", format!("Mean over {pixels}, and over channels of (x \u{2212} r)<sup>2</sup>, r the reference, in linear Rec.709.")),
         (
             "relMSE",
             format!(
@@ -503,10 +504,11 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
             "Images",
             format!(
                 "Exposure {}{} stops for all, extended Reinhard tone curve, sRGB. Error maps: relative squared error{}, \
-                 logarithmic, one scale for all samplers at a budget; cyan is not a number.",
+                 logarithmic, one scale for all samplers at a budget; cyan is not a number{}.",
                 if gallery.exposure < 0.0 { "\u{2212}" } else { "+" },
                 gallery.exposure.abs(),
                 if side > 1 { format!(", averaged over {side} \u{d7} {side} pixels") } else { String::new() },
+                if comparison.measured.is_empty() { "" } else { ", grey is not measured" },
             ),
         ),
     ];
@@ -614,7 +616,7 @@ mod tests {
     #[test]
     fn images_of_another_size_are_refused() {
         let mut comparison = synthetic::comparison();
-        comparison.images[3].image = Image::black(3, 3);
+        comparison.images[3].image = headtail_render::image::Image::black(3, 3);
         let summary = Summary::of(&comparison.rows).unwrap();
         assert!(page(&comparison, &summary).is_err());
     }

@@ -40,19 +40,20 @@ fn winner(summary: &Summary, budget: &str, measure: Measure) -> Option<String> {
     };
     let value = best.measure(measure).mean;
     let over = |other: &Group| times(other.measure(measure).mean / value);
-    let mut sentence = format!("{} {} has the lowest {what}, {}", escape(&at), name(best), html(value));
+    let mut sentence = format!("{} {} has the lowest {what}, {}", escape(&at), name(summary, best), html(value));
     let baseline = summary.group(&summary.baseline, budget).filter(|group| group.measure(measure).mean.is_finite());
     match baseline {
         Some(baseline) if baseline.sampler == best.sampler => {
-            sentence += &format!(": {} times lower than the next, {}", over(runner_up), name(runner_up));
+            sentence += &format!(": {} times lower than the next, {}", over(runner_up), name(summary, runner_up));
         }
         Some(baseline) => {
             sentence += &format!(": {} times lower than {}", over(baseline), escape(&summary.baseline_words()));
             if runner_up.sampler != baseline.sampler {
-                sentence += &format!(", and {} times lower than the next, {}", over(runner_up), name(runner_up));
+                sentence +=
+                    &format!(", and {} times lower than the next, {}", over(runner_up), name(summary, runner_up));
             }
         }
-        None => sentence += &format!(": {} times lower than the next, {}", over(runner_up), name(runner_up)),
+        None => sentence += &format!(": {} times lower than the next, {}", over(runner_up), name(summary, runner_up)),
     }
     Some(sentence + &confidence(best, runner_up, measure) + ".")
 }
@@ -81,7 +82,7 @@ fn outliers(summary: &Summary) -> Option<String> {
     let different: Vec<String> = others
         .into_iter()
         .filter_map(|(measure, words)| best(measure).filter(|&name| name != by_mse).map(|name| (words, name)))
-        .map(|(words, sampler)| format!("by {words} it is <b>{}</b>", escape(sampler)))
+        .map(|(words, sampler)| format!("by {words} it is {}", bold(summary.name(sampler))))
         .collect();
     if different.is_empty() {
         return None;
@@ -99,9 +100,9 @@ fn rays(summary: &Summary) -> Option<String> {
     }
     Some(format!(
         "Equal samples are not equal work: {} traces {} rays per sample, {} only {}.",
-        name(most),
+        name(summary, most),
         amount(most.mean.rays_per_sample),
-        name(least),
+        name(summary, least),
         amount(least.mean.rays_per_sample)
     ))
 }
@@ -120,7 +121,11 @@ fn luminance(summary: &Summary, reference: f64) -> Option<String> {
         .filter(|group| group.luminance_p_value(reference).is_some_and(|p| p < threshold))
         .map(|group| {
             let direction = if deviation(group) > 0.0 { "above" } else { "below" };
-            format!("that of {} is {}\u{a0}% {direction} it", name(group), times(100.0 * deviation(group).abs()))
+            format!(
+                "that of {} is {}\u{a0}% {direction} it",
+                name(summary, group),
+                times(100.0 * deviation(group).abs())
+            )
         })
         .collect();
     Some(if deviating.is_empty() {
@@ -143,12 +148,16 @@ fn broken(summary: &Summary) -> Option<String> {
     if names.is_empty() {
         return None;
     }
-    let names: Vec<String> = names.iter().map(|name| format!("<b>{}</b>", escape(name))).collect();
+    let names: Vec<String> = names.iter().map(|name| bold(summary.name(name))).collect();
     Some(format!("Images of {} have pixels that are infinite or not a number; they are not ranked.", names.join(", ")))
 }
 
-fn name(group: &Group) -> String {
-    format!("<b>{}</b>", escape(&group.sampler))
+fn name(summary: &Summary, group: &Group) -> String {
+    bold(summary.name(&group.sampler))
+}
+
+fn bold(name: &str) -> String {
+    format!("<b>{}</b>", escape(name))
 }
 
 #[cfg(test)]
@@ -198,6 +207,14 @@ mod tests {
         all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.ttuv = 100.0);
         let text = read(&all);
         assert!(text.contains("Per unit of time (MSE \u{d7} time at 16spp) <b>mis</b> has the lowest"), "{text}");
+    }
+
+    #[test]
+    fn a_budget_of_time_that_was_overrun_is_not_called_equal_time() {
+        let mut all = rows("2s", &[("mis", 8.0), ("head", 1.0)]);
+        all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.seconds *= 1.1);
+        let text = read(&all);
+        assert!(text.contains("Per unit of time (MSE \u{d7} time at 2s)") && !text.contains("In equal time"), "{text}");
     }
 
     #[test]
