@@ -107,7 +107,8 @@ pub fn duration(seconds: f64) -> String {
         s if s >= 3600.0 => format!("{} h {:02} min", (s / 3600.0) as u64, (s / 60.0) as u64 % 60),
         s if s >= 120.0 => format!("{} min {:02} s", (s / 60.0) as u64, s as u64 % 60),
         s if s >= 1.0 => format!("{} s", text(s)),
-        s => format!("{} ms", text(s * 1e3)),
+        s if s >= 1e-3 => format!("{} ms", text(s * 1e3)),
+        _ => "under 1 ms".to_owned(),
     }
 }
 
@@ -168,6 +169,7 @@ mod tests {
     #[test]
     fn durations_have_units() {
         assert_eq!(duration(0.012), "12.0 ms");
+        assert_eq!(duration(1e-6), "under 1 ms");
         assert_eq!(duration(35.0), "35.0 s");
         assert_eq!(duration(135.0), "2 min 15 s");
         assert_eq!(duration(7265.0), "2 h 01 min");

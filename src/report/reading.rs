@@ -39,23 +39,31 @@ fn winner(summary: &Summary, budget: &str, measure: Measure) -> Option<String> {
         _ => (format!("In equal time, {words},"), "MSE"),
     };
     let value = best.measure(measure).mean;
-    let over = |other: &Group| times(other.measure(measure).mean / value);
+    let over = |other: &Group| lead(other.measure(measure).mean / value);
     let mut sentence = format!("{} {} has the lowest {what}, {}", escape(&at), name(summary, best), html(value));
     let baseline = summary.group(&summary.baseline, budget).filter(|group| group.measure(measure).mean.is_finite());
     match baseline {
         Some(baseline) if baseline.sampler == best.sampler => {
-            sentence += &format!(": {} times lower than the next, {}", over(runner_up), name(summary, runner_up));
+            sentence += &format!(": {} lower than the next, {}", over(runner_up), name(summary, runner_up));
         }
         Some(baseline) => {
-            sentence += &format!(": {} times lower than {}", over(baseline), escape(&summary.baseline_words()));
+            sentence += &format!(": {} lower than {}", over(baseline), escape(&summary.baseline_words()));
             if runner_up.sampler != baseline.sampler {
-                sentence +=
-                    &format!(", and {} times lower than the next, {}", over(runner_up), name(summary, runner_up));
+                sentence += &format!(", and {} lower than the next, {}", over(runner_up), name(summary, runner_up));
             }
         }
-        None => sentence += &format!(": {} times lower than the next, {}", over(runner_up), name(summary, runner_up)),
+        None => sentence += &format!(": {} lower than the next, {}", over(runner_up), name(summary, runner_up)),
     }
     Some(sentence + &confidence(best, runner_up, measure) + ".")
+}
+
+/// How far ahead a value is, in words: "3.4 times", or "7 %" where that would be "1.1 times".
+fn lead(ratio: f64) -> String {
+    if ratio >= 1.15 {
+        format!("{} times", times(ratio))
+    } else {
+        format!("{}\u{a0}%", times(100.0 * (1.0 - 1.0 / ratio)))
+    }
 }
 
 /// Whether the best and the next can be told apart, as a clause.
@@ -195,7 +203,10 @@ mod tests {
     #[test]
     fn a_lead_within_noise_is_called_so() {
         let text = read(&rows("16spp", &[("mis", 8.0), ("ris", 1.005), ("head", 1.0)]));
-        assert!(text.contains("with 3 runs the two cannot be told apart"), "{text}");
+        assert!(
+            text.contains("and 0.50\u{a0}% lower than the next, <b>ris</b>; with 3 runs the two cannot be told apart"),
+            "{text}"
+        );
         let single: Vec<Row> =
             rows("16spp", &[("mis", 8.0), ("head", 1.0)]).into_iter().filter(|row| row.run == Some(0)).collect();
         assert!(read(&single).contains("a single run cannot say"));
