@@ -112,6 +112,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         machine: machine(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         reference,
+        measured: covered.clone(),
         reference_note,
         rows: Vec::new(),
         images: Vec::new(),
