@@ -27,7 +27,7 @@ const SHORT_PASS: u32 = 4;
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Budget {
-    /// After this many samples per pixel.
+    /// After this many samples per pixel; 0 counts as 1.
     Spp(u32),
     /// After this much wall-clock time, at the end of a pass over all pixels.
     Time(Duration),
@@ -100,6 +100,8 @@ pub fn render(
     progress: &dyn Fn(f64),
 ) -> Rendering {
     let start = Instant::now();
+    // Without a sample there is no mean: 0 / 0 would be black with NaN, and the share of the budget never reach 1.
+    let budget = if budget == Budget::Spp(0) { Budget::Spp(1) } else { budget };
     let pass = if matches!(budget, Budget::Spp(_)) { PASS } else { SHORT_PASS };
     let mut pixels = vec![Pixel::default(); view.width * view.height];
     let mut spp = 0;
