@@ -261,15 +261,11 @@ const EXTENT: Vec2 = Vec2::new(0.5 / (ROWS * SUBCELLS) as f32, 1.0 / (ROWS * SUB
 const MOST_POINTS: usize = 16;
 
 /// Chi-square on the sphere, and the integral of the pdf, which must be the share of draws that give a direction.
-fn draws_follow_pdf(bound: &Bound<'_>, world: &World, through_tail: bool, samples: usize, tests: usize) -> Verdict {
-    let (rows, subcells) = (ROWS, SUBCELLS);
+fn draws_follow_pdf(bound: &Bound<'_>, dense: Option<&Dense>, probes: usize, tests: usize) -> Verdict {
+    let (rows, subcells, samples) = (ROWS, SUBCELLS, 100_000);
     // Jumps of a table in dim places, which get 2 x 2 points, cost the integral up to half a percent.
     let test = SphereChiSquare { rows, subcells, samples, tests, mass_tolerance: 8e-3, ..SphereChiSquare::default() };
     let draw = |random: &mut Stream| (bound.sample)(random.uniform2()).map(|s| s.wi);
-    let dense = through_tail.then_some(&world.dense);
-    // The rows of the map that cross a sun are sheared by the row-column tail: within half a degree of elevation, an edge of
-    // a cell of Y moves by a quarter of a turn in azimuth, and whatever is dim there gets no points for its mass.
-    let probes = if world.name == "sunset / row-column" { 6 } else { 2 };
     let pdf = |w| dense.and_then(|dense| dense.mean(bound, w)).unwrap_or_else(|| mean_over(bound, w, probes));
     let report = test.run(draw, pdf);
     if report.passed() { Ok(()) } else { Err(format!("{report}; {}", worst_cell(&report))) }
@@ -450,13 +446,22 @@ fn for_all(count: usize, check: impl Fn(&World, &Case, &ShadingPoint, usize) -> 
 #[test]
 fn directions_are_drawn_with_the_claimed_density() {
     for_all(1, |world, case, at, tests| {
-        draws_follow_pdf(&case.subject.bind(at), world, case.through_tail, 100_000, tests)
+        // The rows of the map that cross a sun are sheared by the row-column tail: within half a degree of elevation, an edge
+        // of a cell of Y moves by a quarter of a turn in azimuth, and a dim place gets no points for its mass. The p-value of
+        // the oracle, whose cells are the narrowest, is an ordinary one from 12 points on (1e-24 with 2, 6e-5 with 4, 0.3 with
+        // 12, 0.4 with 16).
+        let probes = match (&*world.name, case.name) {
+            ("sunset / row-column", "oracle") => 12,
+            ("sunset / row-column", _) => 6,
+            _ => 2,
+        };
+        draws_follow_pdf(&case.subject.bind(at), case.through_tail.then_some(&world.dense), probes, tests)
     });
 }
 
 #[test]
 fn the_pdf_of_a_sample_is_the_sample_s_pdf() {
-    for_all(2, |_, case, at, _| pdf_of_samples_agrees(&case.subject.bind(at), 10_000));
+    for_all(2, |_, case, at, _| pdf_of_samples_agrees(&case.subject.bind(at), 5_000));
 }
 
 #[test]
@@ -472,7 +477,7 @@ fn all_samplers_estimate_the_same_light() {
         if !case.covers || hopeless {
             return Ok(());
         }
-        mean_of_sampler(&case.subject.bind(at), at, world.quadrature.reflected(at.ns), 50_000, tests)
+        mean_of_sampler(&case.subject.bind(at), at, world.quadrature.reflected(at.ns), 30_000, tests)
     });
 }
 
@@ -600,7 +605,7 @@ fn broken_samplers_are_found_out() {
         let sampler = Faulty { sampler: ProductSampler::new(world.light.clone(), table.clone()), fault };
         let bound = sampler.bind(&at);
         let verdicts = [
-            draws_follow_pdf(&bound, world, false, 100_000, 150),
+            draws_follow_pdf(&bound, None, 2, 150),
             pdf_of_samples_agrees(&bound, 10_000),
             pdf_covers(&bound, &at, world),
             mean_of_sampler(&bound, &at, truth, 50_000, 450),
