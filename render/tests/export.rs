@@ -135,7 +135,7 @@ impl Folder {
 
     /// The error of a file that must be refused.
     fn refused(&self, bytes: &[u8]) -> String {
-        self.read(bytes).err().expect("the file is accepted")
+        self.read(bytes).expect_err("the file is accepted")
     }
 }
 
@@ -363,7 +363,7 @@ fn what_is_no_sampler_file_is_refused() {
     let deep = format!("{{\"a\":{}", "[".repeat(200_000));
     assert!(folder.refused(&[&(deep.len() as u64).to_le_bytes(), deep.as_bytes()].concat()).contains("header"));
     for path in [folder.0.path().to_owned(), folder.path("not there.safetensors")] {
-        one_sentence(&ExportedSampler::read(&path).err().expect("accepted"), &path);
+        one_sentence(&ExportedSampler::read(&path).expect_err("accepted"), &path);
     }
 }
 
