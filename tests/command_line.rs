@@ -4,7 +4,7 @@
 
 use std::{
     fs,
-    path::{Path, PathBuf},
+    path::Path,
     process::{Command, Output},
 };
 
@@ -69,8 +69,8 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-fn picture(path: PathBuf) -> Image {
-    read_radiance(&path).unwrap()
+fn picture(path: &Path) -> Image {
+    read_radiance(path).unwrap()
 }
 
 /// Mean over pixels and channels.
@@ -124,9 +124,9 @@ fn a_head_is_fitted_baked_rendered_and_inspected() {
         assert!(said.starts_with(sampler) && said.contains("64 spp"), "{said}");
     }
     succeed(path, &format!("{view} --sampler mis --out mis.exr"));
-    let expected = mean(&picture(path.join("mis.exr")));
+    let expected = mean(&picture(&path.join("mis.exr")));
     for name in ["head", "baked"] {
-        let found = mean(&picture(path.join(name).with_extension("exr")));
+        let found = mean(&picture(&path.join(name).with_extension("exr")));
         // 432 pixels at 64 samples of relative deviation below 1: the mean is known to well under 1 %.
         assert!((found / expected - 1.0).abs() < 0.02, "{name}: {found}, mis: {expected}");
     }
@@ -154,13 +154,13 @@ fn every_sampler_without_a_file_gives_the_same_mean() {
     let path = here.path();
     let view = format!("render --scene sphere --env overcast --unshadowed {SMALL}");
     succeed(path, &format!("{view} --sampler mis --spp 256 --out reference.exr"));
-    let expected = mean(&picture(path.join("reference.exr")));
+    let expected = mean(&picture(&path.join("reference.exr")));
     for (sampler, spp) in
         [("cosine", 64), ("emitter", 64), ("mis2", 64), ("mis-comp", 64), ("ris:4", 64), ("oracle", 2)]
     {
         let said = succeed(path, &format!("{view} --sampler {sampler} --spp {spp} --out picture.exr"));
         assert!(said.starts_with(&format!("{sampler}: {spp} spp")), "{said}");
-        let found = mean(&picture(path.join("picture.exr")));
+        let found = mean(&picture(&path.join("picture.exr")));
         assert!((found / expected - 1.0).abs() < 0.03, "{sampler}: {found}, mis: {expected}");
     }
 }
@@ -173,7 +173,7 @@ fn both_budgets_render_a_picture_of_the_size_asked_for() {
         let view = "render --scene temple --env window --sampler mis --width 31 --height 17";
         let said = succeed(path, &format!("{view} {budget} --out out/{name}.exr"));
         assert!(said.contains(" spp in ") && said.contains(&format!("{name}.png written")), "{said}");
-        let image = picture(path.join("out").join(name).with_extension("exr"));
+        let image = picture(&path.join("out").join(name).with_extension("exr"));
         assert_eq!((image.width, image.height), (31, 17));
         assert!(image.pixels.iter().flatten().all(|value| value.is_finite() && *value >= 0.0));
     }
@@ -189,7 +189,7 @@ fn shadows_ground_and_camera_change_the_picture() {
             path,
             &format!("render --scene temple --env overcast --sampler cosine --spp 16 {SMALL} {options} --out a.exr"),
         );
-        picture(path.join("a.exr"))
+        picture(&path.join("a.exr"))
     };
     let shadowed = render("");
     let unshadowed = render("--unshadowed");
@@ -297,7 +297,7 @@ fn the_same_seed_gives_the_same_picture_on_any_number_of_threads() {
         succeed(here.path(), &format!("{view} --threads {threads} --seed {seed} --out {out}.exr"));
     }
     // The EXR files hold the time that was taken; their pixels and the PNG files have no such excuse.
-    let [a, b, c] = ["a", "b", "c"].map(|name| picture(here.path().join(name).with_extension("exr")));
+    let [a, b, c] = ["a", "b", "c"].map(|name| picture(&here.path().join(name).with_extension("exr")));
     assert_eq!(a, b);
     assert_ne!(a, c);
     let png = |name: &str| fs::read(here.path().join(name)).unwrap();
@@ -329,11 +329,11 @@ fn maps_are_repaired_or_refused_with_a_sentence() {
     }
     assert!(!path.join("a.exr").exists() && !path.join("table").exists());
 
-    // mantissa 128, exponent 129: radiance 1 everywhere, from a single texel.
+    // Mantissa 128, exponent 129: radiance 1 everywhere, from a single texel. A white sphere in it cannot be seen.
     write("one.hdr", &radiance_file(1, 1, 128, 129));
-    succeed(path, &render("one.hdr"));
-    let white = picture(path.join("a.exr"));
-    assert!(white.pixels.iter().flatten().all(|value| *value <= 1.01) && mean(&white) > 0.9);
+    succeed(path, &render("one.hdr").replace("mis", "cosine"));
+    let white = picture(&path.join("a.exr"));
+    assert!(white.pixels.iter().flatten().all(|value| (value - 1.0).abs() < 1e-3));
     succeed(path, "bake --direct --env one.hdr --normals 4x6 --cells 4x4 --out one.safetensors");
 
     let mut spoilt = Image { width: 8, height: 4, pixels: vec![[1.0; 3]; 32] };
@@ -346,7 +346,7 @@ fn maps_are_repaired_or_refused_with_a_sentence() {
         let warning = warnings.lines().find(|line| line.contains(kind)).unwrap_or_else(|| panic!("{warnings}"));
         assert!(warning.starts_with("warning: spoilt.exr: "), "{warning}");
     }
-    assert!(picture(path.join("a.exr")).pixels.iter().flatten().all(|value| value.is_finite()));
+    assert!(picture(&path.join("a.exr")).pixels.iter().flatten().all(|value| value.is_finite()));
 }
 
 #[test]
@@ -507,7 +507,7 @@ fn interruption_writes_the_picture_so_far() {
         said.split_whitespace().nth(1).and_then(|word| word.parse().ok()).unwrap_or_else(|| panic!("{said}"));
     assert!((1..400_000_000).contains(&spp), "{said}");
     succeed(path, &format!("render {view} --spp 4 --out short.exr"));
-    let (long, short) = (picture(path.join("out/a.exr")), picture(path.join("short.exr")));
+    let (long, short) = (picture(&path.join("out/a.exr")), picture(&path.join("short.exr")));
     // More samples of the same picture: close to it, and not black.
     let errors = ErrorMetrics::of(&short, &long).unwrap();
     assert!(mean(&long) > 0.1 && errors.relmse < 0.5, "{} {errors:?}", mean(&long));
