@@ -218,8 +218,9 @@ fn heads_agree_with_the_reference() {
         let (conditions, samples) = (20, 10);
         let y: Vec<f32> = (0..conditions * samples * 2).map(|_| stream.uniform()).collect();
         let c: Vec<f32> = (0..conditions).flat_map(|_| stream.direction().to_array()).collect();
-        let logs =
-            read(head.log_density(tensor(&y, [conditions, samples, 2], &device), tensor(&c, [conditions, 3], &device)));
+        let logs = read(
+            head.log_density(&tensor(&y, [conditions, samples, 2], &device), tensor(&c, [conditions, 3], &device)),
+        );
         for (i, &log) in logs.iter().enumerate() {
             let condition = i / samples;
             let point = [f64::from(y[2 * i]), f64::from(y[2 * i + 1])];
@@ -241,7 +242,7 @@ fn gradients_agree_with_central_differences() {
         let y: Vec<f32> = (0..conditions * samples * 2).map(|_| stream.uniform()).collect();
         let c: Vec<f32> = (0..conditions).flat_map(|_| stream.direction().to_array()).collect();
         let loss = head
-            .log_density(tensor(&y, [conditions, samples, 2], &device), tensor(&c, [conditions, 3], &device))
+            .log_density(&tensor(&y, [conditions, samples, 2], &device), tensor(&c, [conditions, 3], &device))
             .mean();
         let gradients = GradientsParams::from_grads(loss.backward(), &head);
         // A step of "plain" descent exposes the gradient under the exported names.

@@ -102,7 +102,7 @@ impl FitConfig {
     }
 }
 
-fn within<T: PartialOrd + std::fmt::Display>(
+fn within<T: Copy + PartialOrd + std::fmt::Display>(
     field: &'static str,
     value: T,
     range: std::ops::RangeInclusive<T>,

@@ -118,8 +118,8 @@ pub fn fit(
             summary.loss = loss;
         }
         summary.steps = step + 1;
-        let due =
-            config.validate_every > 0 && summary.steps % config.validate_every == 0 && summary.steps < config.steps;
+        // Never due where `validate_every` is 0: no step is a multiple of it.
+        let due = summary.steps.is_multiple_of(config.validate_every) && summary.steps < config.steps;
         progress(&Progress {
             step: summary.steps,
             steps: config.steps,
@@ -184,9 +184,9 @@ mod tests {
     fn a_known_target_is_recovered() {
         for mode in [Mode::Coupled, Mode::Autoregressive] {
             let config = FitConfig {
-                head: HeadConfig { condition: 2, bins: 8, mode, ..HeadConfig::COSINE },
+                head: HeadConfig { condition: 2, bins: 8, hidden: 32, mode, ..HeadConfig::COSINE },
                 steps: 1500,
-                conditions: 48,
+                conditions: 32,
                 strata: 6,
                 validate_every: 0,
                 validation_conditions: 32,

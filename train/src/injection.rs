@@ -29,7 +29,7 @@ use crate::{Loss, loss::log_weights, target::Batch};
 /// `device` is the head's, with autodiff. `None` if the target is zero under every condition.
 pub fn in_graph(head: &Head, loss: Loss, batch: &Batch, device: &Device) -> Option<(f32, Gradients)> {
     let (y, c) = tensors(batch, device);
-    let loss = loss.of_batch(batch, &head.log_density(y, c))?;
+    let loss = loss.of_batch(batch, &head.log_density(&y, c))?;
     let gradients = loss.backward();
     Some((loss.into_scalar::<f32>(), gradients))
 }

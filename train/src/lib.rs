@@ -1,7 +1,7 @@
 //! Training of head warps: targets in the intermediate square Y, losses, the training loop and export.
 //!
 //! With an exact tail the density that a head has to learn is `q*(y|c)`, proportional to BRDF x cosine seen through the tail:
-//! no environment factor is left (see [`target`]). [`fit`] is the entry point.
+//! no environment factor is left (see [`target`]). [`fit()`] is the entry point.
 
 pub mod backend;
 pub mod bake;

@@ -38,7 +38,8 @@ impl Validation {
     pub fn divergence(&self, head: &Head, device: &Device) -> Divergence {
         let (y, c) = tensors(&self.batch, device);
         let samples = self.batch.samples;
-        let log_q = head.log_density(y, c).try_into_vec_as::<f32>().expect("densities are readable and convert to f32");
+        let log_q =
+            head.log_density(&y, c).try_into_vec_as::<f32>().expect("densities are readable and convert to f32");
         let mut unused = vec![0.0; samples];
         let (mut kl, mut variance, mut count) = (0.0, 0.0, 0.0);
         for (densities, log_q) in self.batch.densities.chunks_exact(samples).zip(log_q.chunks_exact(samples)) {

@@ -72,12 +72,12 @@ impl Head {
     }
 
     /// `ln q(y|c)` per unit area of Y, `[conditions, samples]`.
-    pub fn log_density(&self, y: Tensor<3>, c: Tensor<2>) -> Tensor<2> {
+    pub fn log_density(&self, y: &Tensor<3>, c: Tensor<2>) -> Tensor<2> {
         self.inverse(y, c).1
     }
 
     /// The density direction `y -> (z, ln |dz/dy|)`: `[conditions, samples, 2]` and `[conditions, samples]`. Closed form.
-    pub fn inverse(&self, y: Tensor<3>, c: Tensor<2>) -> (Tensor<3>, Tensor<2>) {
+    pub fn inverse(&self, y: &Tensor<3>, c: Tensor<2>) -> (Tensor<3>, Tensor<2>) {
         let condition = self.encode(c);
         let [u, v] = split(y);
         let (z_v, log_v) = self.layers[0].inverse(v.clone(), &u, condition.clone());
@@ -90,7 +90,7 @@ impl Head {
     }
 
     /// Samples: uniform `z` (`[conditions, samples, 2]`) to `y` and `ln q(y|c)` per unit area of Y.
-    pub fn sample(&self, z: Tensor<3>, c: Tensor<2>) -> (Tensor<3>, Tensor<2>) {
+    pub fn sample(&self, z: &Tensor<3>, c: Tensor<2>) -> (Tensor<3>, Tensor<2>) {
         let condition = self.encode(c);
         let [z_u, z_v] = split(z);
         match self.config.mode {
@@ -111,7 +111,7 @@ impl Head {
     ///
     /// With [`azimuth_logits`](Self::azimuth_logits) this takes the networks apart from the splines, for whoever evaluates splines otherwise.
     pub fn elevation_logits(&self, y: &Tensor<3>, c: Tensor<2>) -> Tensor<3> {
-        let [u, _] = split(y.clone());
+        let [u, _] = split(y);
         self.layers[0].logits(&u, self.encode(c))
     }
 
@@ -172,7 +172,7 @@ impl Head {
 }
 
 /// `[conditions, samples, 2]` to its two coordinates `(u, v)`.
-fn split(points: Tensor<3>) -> [Tensor<2>; 2] {
+fn split(points: &Tensor<3>) -> [Tensor<2>; 2] {
     let [conditions, samples, _] = points.dims();
     let column = |index: usize| points.clone().narrow(2, index, 1).reshape([conditions, samples]);
     [column(0), column(1)]

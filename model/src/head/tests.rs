@@ -78,7 +78,7 @@ fn a_new_head_is_the_identity() {
     for config in configurations() {
         let head = Head::new(config, 3, &device).unwrap();
         let (y, c) = (points(10, 20, 1, &device), conditions(10, 3, 2, &device));
-        for (x, log) in [head.inverse(y.clone(), c.clone()), head.sample(y.clone(), c.clone())] {
+        for (x, log) in [head.inverse(&y, c.clone()), head.sample(&y, c.clone())] {
             assert!(read(x).iter().zip(read(y.clone())).all(|(a, b)| (a - b).abs() <= 1e-6));
             assert!(read(log).iter().all(|log| log.abs() <= 4e-6));
         }
@@ -91,8 +91,8 @@ fn inverse_undoes_sample_and_agrees_on_the_density() {
     for (seed, config) in configurations().into_iter().enumerate() {
         let head = random_head(config, seed as u64, &device);
         let (z, c) = (points(100, 100, 3, &device), conditions(100, 3, 4, &device));
-        let (y, log_sample) = head.sample(z.clone(), c.clone());
-        let (back, log_inverse) = head.inverse(y, c);
+        let (y, log_sample) = head.sample(&z, c.clone());
+        let (back, log_inverse) = head.inverse(&y, c);
         for (a, b) in read(back).iter().zip(read(z)) {
             let error = (a - b).abs();
             assert!(error.min(1.0 - error) < 2e-5, "{a} {b}");
@@ -116,7 +116,7 @@ fn density_integrates_to_one_under_every_condition() {
     for (seed, config) in configurations().into_iter().enumerate() {
         let head = random_head(config, 10 + seed as u64, &device);
         let y = Tensor::<3>::from_data(TensorData::new(grid.clone(), [1, side * side, 2]), &device);
-        let logs = read(head.log_density(y, conditions(1, 3, seed as u64, &device)));
+        let logs = read(head.log_density(&y, conditions(1, 3, seed as u64, &device)));
         let integral = logs.iter().map(|&log| f64::from(log).exp()).sum::<f64>() / (side * side) as f64;
         assert!((integral - 1.0).abs() < 1e-4, "{integral}");
         assert!(logs.iter().any(|log| log.abs() > 0.1), "the test needs a head that is not the identity");
@@ -131,7 +131,7 @@ fn density_is_the_same_on_both_sides_of_the_seam() {
         let c = conditions(1, 3, 5, &device);
         let at = |u: f32| {
             let y: Vec<f32> = (0..=10).flat_map(|i| [u, i as f32 / 10.0]).collect();
-            read(head.log_density(Tensor::from_data(TensorData::new(y, [1, 11, 2]), &device), c.clone()))
+            read(head.log_density(&Tensor::from_data(TensorData::new(y, [1, 11, 2]), &device), c.clone()))
         };
         // Coupled networks see sin(2 pi) = 2e-7 instead of 0.
         assert!(at(0.0).iter().zip(at(1.0)).all(|(a, b)| (a - b).abs() < 1e-4));
@@ -144,11 +144,11 @@ fn batched_equals_looped() {
     for (seed, config) in configurations().into_iter().enumerate() {
         let head = random_head(config, 30 + seed as u64, &device);
         let (y, c) = (points(6, 5, 6, &device), conditions(6, 3, 7, &device));
-        let all = read(head.log_density(y.clone(), c.clone()));
+        let all = read(head.log_density(&y, c.clone()));
         for condition in 0..6 {
             for sample in 0..5 {
                 let one = head.log_density(
-                    y.clone().narrow(0, condition, 1).narrow(1, sample, 1),
+                    &y.clone().narrow(0, condition, 1).narrow(1, sample, 1),
                     c.clone().narrow(0, condition, 1),
                 );
                 // Matrix products of other sizes add up in another order.
@@ -164,7 +164,7 @@ fn conditions_and_seeds_matter() {
     for config in configurations() {
         let y = points(2, 1, 8, &device).narrow(0, 0, 1).repeat_dim(0, 2);
         let c = conditions(2, 3, 9, &device);
-        let density = |seed| read(random_head(config, seed, &device).log_density(y.clone(), c.clone()));
+        let density = |seed| read(random_head(config, seed, &device).log_density(&y, c.clone()));
         let (one, other) = (density(1), density(2));
         assert!(one[0] != one[1] && one[0] != other[0]);
         assert_eq!(one, density(1));
@@ -181,7 +181,7 @@ fn weights_restore_the_head_in_any_order() {
         let restored = Head::from_weights(config, weights, &device).unwrap();
         assert_eq!(restored.weights(), head.weights());
         let (y, c) = (points(4, 4, 10, &device), conditions(4, 3, 11, &device));
-        assert_eq!(read(restored.log_density(y.clone(), c.clone())), read(head.log_density(y, c)));
+        assert_eq!(read(restored.log_density(&y, c.clone())), read(head.log_density(&y, c)));
     }
 }
 
@@ -241,12 +241,12 @@ fn logits_taken_apart_give_the_density() {
     for (mode, shared) in [(Mode::Coupled, 4), (Mode::Autoregressive, 1)] {
         let head = random_head(HeadConfig { mode, ..HeadConfig::COSINE }, 50, &device);
         let (y, c) = (points(3, 4, 12, &device), conditions(3, 3, 13, &device));
-        let [u, v] = super::split(y.clone());
+        let [u, v] = super::split(&y);
         let elevation = head.elevation_logits(&y, c.clone());
         let (z_v, log_v) = spline::inverse(Topology::Interval, v.clone(), &elevation);
         let azimuth = head.azimuth_logits(if mode == Mode::Coupled { &z_v } else { &v }, c.clone());
         assert_eq!((elevation.dims(), azimuth.dims()), ([3, shared, 13], [3, 4, 13]));
         let (_, log_u) = spline::inverse(Topology::Circle, u, &azimuth);
-        assert_eq!(read(log_v + log_u), read(head.log_density(y, c)));
+        assert_eq!(read(log_v + log_u), read(head.log_density(&y, c)));
     }
 }
