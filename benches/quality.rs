@@ -109,8 +109,7 @@ fn mean(values: impl ParallelIterator<Item = Option<(f64, f64)>>) -> Quality {
 fn train(light: &EnvironmentLight) -> Fallible<(Head, f64)> {
     let start = Instant::now();
     let direction = |y: [f32; 2]| light.tail().forward_direction(Vec2::from_array(y)).1.to_array();
-    let fitted =
-        fit(&FitConfig::default(), &CosineTarget::new(&direction), &mut |_| {}, &AtomicBool::new(false))?;
+    let fitted = fit(&FitConfig::default(), &CosineTarget::new(&direction), &mut |_| {}, &AtomicBool::new(false))?;
     Ok((native_head(&fitted.head)?, start.elapsed().as_secs_f64()))
 }
 
@@ -158,16 +157,17 @@ fn main() -> Fallible<()> {
         let environment = Arc::new(Environment::open(map)?);
         results.push((environment.name().to_owned(), measure_map(&environment)?));
     }
-    let ratio = |qualities: &[(&str, Quality)], k: usize| qualities[0].1.relative_variance / qualities[k].1.relative_variance;
-    print_table("relative variance of mis over that of the sampler", &results, &ratio);
-    print_table("KL(product || sampler) in nats", &results, &|qualities, k| qualities[k].1.kl);
+    let ratio =
+        |qualities: &[(&str, Quality)], k: usize| qualities[0].1.relative_variance / qualities[k].1.relative_variance;
+    print_table("relative variance of mis over that of the sampler", &results, ratio);
+    print_table("KL(product || sampler) in nats", &results, |qualities, k| qualities[k].1.kl);
     Ok(())
 }
 
 type Results = [(String, Vec<(&'static str, Quality)>)];
 
 /// A Markdown table of one figure, with the median over maps last.
-fn print_table(title: &str, results: &Results, figure: &dyn Fn(&[(&str, Quality)], usize) -> f64) {
+fn print_table(title: &str, results: &Results, figure: impl Fn(&[(&str, Quality)], usize) -> f64) {
     let columns: Vec<_> = results[0].1.iter().map(|(name, _)| *name).collect();
     println!("\n{title}\n\n| map | {} |\n|---|{}", columns.join(" | "), "---|".repeat(columns.len()));
     let line = |name: &str, values: &[f64]| {

@@ -23,7 +23,7 @@ use crate::arguments::{Grid, TailArgument, make_folder, open_environment};
 
 The paper's table has 16x32 normals of 8x8 cells; the default has 32x32 cells (2 MB, to which the map's luminance is \
 added). Between normals the tables are interpolated.")]
-#[group(id = "source", required = true, multiple = false, args = ["from", "direct"])]
+#[command(group = clap::ArgGroup::new("source").required(true).args(["from", "direct"]))]
 pub struct Arguments {
     /// Bake the head in this file.
     #[arg(long, value_name = "FILE")]

@@ -56,7 +56,8 @@ impl BlendedSums<'_> {
         let length = self.lines[0].len();
         let target = u * self.at(length - 1);
         let blocks = length.div_ceil(BLOCK);
-        let block = (0..blocks - 1).map(|block| usize::from(self.at(block * BLOCK + BLOCK - 1) <= target)).sum::<usize>();
+        let block =
+            (0..blocks - 1).map(|block| usize::from(self.at(block * BLOCK + BLOCK - 1) <= target)).sum::<usize>();
         let first = block * BLOCK;
         let count = BLOCK.min(length - first);
         let mut sums = [f32::INFINITY; BLOCK];
@@ -85,7 +86,12 @@ mod tests {
         for length in [1, 2, 7, 8, 9, 16, 31, 32, 64] {
             let line = |seed: usize| -> Vec<f32> {
                 let masses = (0..length).map(|k| ((k * 7 + seed * 5) % 11) as f32 + 0.1);
-                masses.scan(0.0, |sum, mass| { *sum += mass; Some(*sum) }).collect()
+                masses
+                    .scan(0.0, |sum, mass| {
+                        *sum += mass;
+                        Some(*sum)
+                    })
+                    .collect()
             };
             let lines = [line(1), line(2), line(3), line(4)];
             let blended = BlendedSums { lines: lines.each_ref().map(Vec::as_slice), weights: [0.1, 0.2, 0.3, 0.4] };
