@@ -1,6 +1,6 @@
 //! Time of one direction sample, without rays: `cargo bench --bench sampling`.
 //!
-//! Each iteration prepares the sampler for a new normal and draws one sample. `coherent` normals lie within six degrees of each
+//! Each sample has a normal of its own: preparation is part of the time. Samples are drawn in batches. `coherent` normals lie within six degrees of each
 //! other, as those of neighbouring pixels do; `scattered` normals are uniform over the sphere. The map is the file named by
 //! the environment variable HEADTAIL_MAP, else the built-in `studio`.
 
@@ -58,13 +58,13 @@ fn points(normals: Normals) -> Vec<(ShadingPoint, Vec2)> {
     (0..SAMPLES).map(|_| point()).collect()
 }
 
+/// One sample of each point, in batches as a wavefront renderer asks for them.
 fn bench<S: DirectionSampler>(bencher: Bencher, normals: Normals, sampler: &S) {
-    let points = points(normals);
+    let (at, u): (Vec<_>, Vec<_>) = points(normals).into_iter().unzip();
+    let mut out = vec![None; SAMPLES];
     bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
-        for (at, u) in &points {
-            let prepared = sampler.prepare(at);
-            black_box(sampler.sample(&prepared, at, *u));
-        }
+        sampler.sample_batch(black_box(&at), &u, &mut out);
+        black_box(&out);
     });
 }
 

@@ -57,12 +57,24 @@ impl NormalGrid {
     ///
     /// The angles come from a polynomial of error 1e-5: a weight that is off by 1e-4 changes the table that is interpolated
     /// by as much, and since drawing and pdf use the same weights, no bias follows.
+    #[inline(always)]
     pub fn stencil(&self, normal: Vec3A) -> Stencil {
+        self.stencil_at(self.position(normal))
+    }
+
+    /// Where a unit normal lies on the grid: columns and rows, as real numbers.
+    #[inline(always)]
+    pub(super) fn position(&self, normal: Vec3A) -> Vec2 {
         let azimuth = fast_atan2(normal.x, -normal.z) * (self.azimuth as f32 / TAU);
         let azimuth = if azimuth < 0.0 { azimuth + self.azimuth as f32 } else { azimuth };
         let horizontal = (normal.x * normal.x + normal.z * normal.z).sqrt();
         let polar = fast_atan2(horizontal, normal.y).max(0.0) * ((self.polar - 1) as f32 / PI);
+        Vec2::new(azimuth, polar)
+    }
 
+    /// The nodes and weights around a position on the grid.
+    #[inline(always)]
+    pub(super) fn stencil_at(&self, Vec2 { x: azimuth, y: polar }: Vec2) -> Stencil {
         let column = (azimuth as usize).min(self.azimuth - 1);
         let row = (polar as usize).min(self.polar - 2);
         let s = (azimuth - column as f32).clamp(0.0, 1.0);
@@ -77,12 +89,13 @@ impl NormalGrid {
 }
 
 /// `atan2` with an absolute error of about 1e-5 (Abramowitz and Stegun 1964, 4.4.49); 0 at the origin.
+#[inline(always)]
 fn fast_atan2(y: f32, x: f32) -> f32 {
-    let (small, large) = if y.abs() < x.abs() { (y.abs(), x.abs()) } else { (x.abs(), y.abs()) };
-    let a = if large > 0.0 { small / large } else { 0.0 };
+    let (small, large) = (y.abs().min(x.abs()), y.abs().max(x.abs()));
+    let a = small / large.max(f32::MIN_POSITIVE);
     let s = a * a;
     let angle = a * (0.999_866 + s * (-0.330_299_5 + s * (0.180_141 + s * (-0.085_133 + s * 0.020_835_1))));
-    let angle = if y.abs() < x.abs() { angle } else { FRAC_PI_2 - angle };
+    let angle = if y.abs() > x.abs() { FRAC_PI_2 - angle } else { angle };
     let angle = if x < 0.0 { PI - angle } else { angle };
     angle.copysign(y)
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3A};
 
-use super::{CoversIntegrand, DirectionSample, DirectionSampler, EnvironmentLight, ShadingPoint};
+use super::{CoversIntegrand, DirectionSample, DirectionSampler, EnvironmentLight, ShadingPoint, light::BATCH};
 use crate::{error::Result, tail::Tail};
 
 /// Samples the environment map and nothing else.
@@ -31,6 +31,12 @@ impl DirectionSampler for EmitterSampler {
 
     fn pdf(&self, _prepared: &(), _at: &ShadingPoint, wi: Vec3A) -> f32 {
         self.light.pdf(wi)
+    }
+
+    fn sample_batch(&self, _at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
+        for (u, out) in u.chunks(BATCH).zip(out.chunks_mut(BATCH)) {
+            self.light.sample_batch_through_tail(u, &[1.0; BATCH][..u.len()], out);
+        }
     }
 }
 

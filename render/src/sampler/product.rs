@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3A};
 
-use super::{CoversIntegrand, DirectionSample, DirectionSampler, EnvironmentLight, ShadingPoint};
+use super::{CoversIntegrand, DirectionSample, DirectionSampler, EnvironmentLight, ShadingPoint, light::BATCH};
 
 /// A conditional distribution over the intermediate square Y: a head warp, or a table in its place.
 ///
@@ -16,6 +16,13 @@ pub trait IntermediateDensity: Send + Sync {
 
     /// Carries a uniform point `z` of `[0, 1)^2` to `(y, density over Y)`.
     fn sample(&self, prepared: &Self::Prepared, z: Vec2) -> (Vec2, f32);
+
+    /// [`Self::prepare`] and [`Self::sample`] for many conditions; all slices have equal length.
+    fn sample_batch(&self, at: &[ShadingPoint], z: &[Vec2], y: &mut [Vec2], q: &mut [f32]) {
+        for (((at, &z), y), q) in at.iter().zip(z).zip(y).zip(q) {
+            (*y, *q) = self.sample(&self.prepare(at), z);
+        }
+    }
 
     /// The density over Y at `y`.
     fn density(&self, prepared: &Self::Prepared, y: Vec2) -> f32;
@@ -51,6 +58,15 @@ impl<I: IntermediateDensity> DirectionSampler for ProductSampler<I> {
     fn pdf(&self, prepared: &Self::Prepared, _at: &ShadingPoint, wi: Vec3A) -> f32 {
         let (y, pdf) = self.light.pull_back(wi);
         if pdf > 0.0 { self.intermediate.density(prepared, y) * pdf } else { 0.0 }
+    }
+
+    fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
+        for ((at, u), out) in at.chunks(BATCH).zip(u.chunks(BATCH)).zip(out.chunks_mut(BATCH)) {
+            let (mut y, mut q) = ([Vec2::ZERO; BATCH], [0.0; BATCH]);
+            let (y, q) = (&mut y[..u.len()], &mut q[..u.len()]);
+            self.intermediate.sample_batch(at, u, y, q);
+            self.light.sample_batch_through_tail(y, q, out);
+        }
     }
 }
 

@@ -76,8 +76,10 @@ fn share(part: f64, whole: f64) -> f32 {
 /// Puts a coordinate into one of two parts of sizes `share` and `1 - share`, and stretches it to `[0, 1)`.
 fn descend(coordinate: &mut f32, share: f32) -> usize {
     let second = *coordinate >= share;
-    let (start, size) = if second { (share, 1.0 - share) } else { (0.0, share) };
-    *coordinate = ((*coordinate - start) / size).clamp(0.0, BELOW_ONE);
+    // Both halves are computed and one is selected: which half a sample falls into cannot be predicted.
+    let first_half = *coordinate / share;
+    let second_half = (*coordinate - share) / (1.0 - share);
+    *coordinate = if second { second_half } else { first_half }.clamp(0.0, BELOW_ONE);
     usize::from(second)
 }
 
@@ -86,20 +88,63 @@ fn ascend(coordinate: &mut f32, second: bool, share: f32) {
     *coordinate = if second { share + *coordinate * (1.0 - share) } else { *coordinate * share };
 }
 
+/// A point of Y on its way down the tree.
+#[derive(Clone, Copy, Debug)]
+struct Descent {
+    y: Vec2,
+    column: usize,
+    row: usize,
+}
+
+impl Descent {
+    fn new(y: Vec2) -> Self {
+        Self { y: y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE)), column: 0, row: 0 }
+    }
+
+    #[inline(always)]
+    fn step(&mut self, level: &Level) {
+        let [upper, left_of_upper, left_of_lower, _] = level.splits[self.row * level.columns + self.column];
+        let lower = descend(&mut self.y.y, upper);
+        let right = descend(&mut self.y.x, if lower == 0 { left_of_upper } else { left_of_lower });
+        self.column = (self.column << usize::from(level.splits_columns)) + right;
+        self.row = (self.row << usize::from(level.splits_rows)) + lower;
+    }
+
+    fn finish(self, grid: &BilinearDensity) -> (Vec2, f32) {
+        let corners = grid.corners(self.column, self.row);
+        let inside = corners.sample(self.y);
+        (grid.point(self.column, self.row, inside), 1.0 / corners.evaluate(inside))
+    }
+}
+
+/// Points that go down the tree side by side: each waits for memory and divisions while the others move.
+const ABREAST: usize = 16;
+
 impl TailWarp for Hierarchical {
     fn forward(&self, y: Vec2) -> (Vec2, f32) {
-        let mut y = y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE));
-        let (mut column, mut row) = (0_usize, 0_usize);
+        let mut descent = Descent::new(y);
         for level in &self.levels {
-            let [upper, left_of_upper, left_of_lower, _] = level.splits[row * level.columns + column];
-            let lower = descend(&mut y.y, upper);
-            let right = descend(&mut y.x, if lower == 0 { left_of_upper } else { left_of_lower });
-            column = (column << usize::from(level.splits_columns)) + right;
-            row = (row << usize::from(level.splits_rows)) + lower;
+            descent.step(level);
         }
-        let corners = self.grid.corners(column, row);
-        let inside = corners.sample(y);
-        (self.grid.point(column, row, inside), 1.0 / corners.evaluate(inside))
+        descent.finish(&self.grid)
+    }
+
+    fn forward_batch(&self, y: &[Vec2], out: &mut [(Vec2, f32)]) {
+        for (y, out) in y.chunks(ABREAST).zip(out.chunks_mut(ABREAST)) {
+            let mut descents = [Descent::new(Vec2::ZERO); ABREAST];
+            let descents = &mut descents[..y.len()];
+            for (descent, &y) in descents.iter_mut().zip(y) {
+                *descent = Descent::new(y);
+            }
+            for level in &self.levels {
+                for descent in &mut *descents {
+                    descent.step(level);
+                }
+            }
+            for (descent, out) in descents.iter().zip(out) {
+                *out = descent.finish(&self.grid);
+            }
+        }
     }
 
     fn inverse(&self, x: Vec2) -> (Vec2, f32) {

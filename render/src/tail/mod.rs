@@ -26,6 +26,13 @@ pub trait TailWarp: Send + Sync {
     /// `y` in `[0, 1)^2` to `(x, |dx/dy|)`; the Jacobian is infinite where the light vanishes.
     fn forward(&self, y: Vec2) -> (Vec2, f32);
 
+    /// [`Self::forward`] of many points; `y` and `out` have equal length.
+    fn forward_batch(&self, y: &[Vec2], out: &mut [(Vec2, f32)]) {
+        for (&y, out) in y.iter().zip(out) {
+            *out = self.forward(y);
+        }
+    }
+
     /// `x` in `[0, 1]^2` to `(y, |dy/dx|)`; the Jacobian is 0 where the light vanishes, and `y` is then only near.
     fn inverse(&self, x: Vec2) -> (Vec2, f32);
 
@@ -100,6 +107,13 @@ impl TailWarp for Tail {
         match self {
             Self::RowColumn(tail) => tail.forward(y),
             Self::Hierarchical(tail) => tail.forward(y),
+        }
+    }
+
+    fn forward_batch(&self, y: &[Vec2], out: &mut [(Vec2, f32)]) {
+        match self {
+            Self::RowColumn(tail) => tail.forward_batch(y, out),
+            Self::Hierarchical(tail) => tail.forward_batch(y, out),
         }
     }
 
