@@ -1,8 +1,8 @@
 //! Variance and KL of every sampler on Lambert surfaces without shadows: `cargo bench --bench quality -- [MAP ...]`.
 //!
-//! For 100 random normals the relative variance of one sample is integrated over 384 x 384 points of the intermediate square:
+//! For 100 random normals the relative variance of one sample is integrated over 250 x 250 points of the intermediate square:
 //! through an exact tail the emitter's density is constant there, so a sun costs no more points than a sky. Resampled
-//! samplers have no pdf: theirs is measured from 20,000 draws per normal. A head is trained for each map with the defaults
+//! samplers have no pdf: theirs is measured from 8,000 draws per normal. A head is trained for each map with the defaults
 //! of `headtail fit`. Prints two tables: mean relative variance of one-sample MIS over that of the sampler (at one shadow
 //! ray each; higher is better), and KL(product || sampler) in nats. Without arguments it takes the built-in environments.
 
@@ -30,8 +30,8 @@ use headtail_train::{CosineTarget, FitConfig, fit, learned_bake, native_head};
 use rayon::prelude::*;
 
 const NORMALS: u64 = 100;
-const SIDE: usize = 384;
-const DRAWS: usize = 20_000;
+const SIDE: usize = 250;
+const DRAWS: usize = 8_000;
 
 type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 

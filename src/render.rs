@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 use clap::Args;
 use headtail_render::{
+    color::luminance,
     image::{Attribute, Image, write_exr, write_png},
     integrator::{self, Budget, DirectEstimator, Rendering, View},
     sampler::SamplerSpec,
@@ -46,8 +47,8 @@ pub struct Arguments {
     out: PathBuf,
 }
 
-/// Luminance of the median pixel of a picture.
-const MIDDLE_GREY: f32 = 0.25;
+/// Luminance that the mean of a picture's surfaces is shown with.
+const MIDDLE_GREY: f32 = 0.35;
 
 /// Renders and writes both files.
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -72,7 +73,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let sampler = arguments.sampler.to_string();
     write_exr(&arguments.out, &image, &attributes(&sampler, &rendering, arguments.seed))?;
     let png = arguments.out.with_extension("png");
-    write_png(&png, &image, exposure(&image) + arguments.exposure)?;
+    write_png(&png, &image, exposure(&rendering) + arguments.exposure)?;
     println!(
         "{sampler}: {} spp in {:.2} s, {:.2} shadow rays per sample, largest weight {:.3}",
         rendering.spp, rendering.seconds, rendering.rays_per_sample, rendering.max_weight
@@ -93,20 +94,15 @@ pub fn attributes(sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attrib
     ]
 }
 
-/// The exposure in stops that puts the picture's median luminance at a middle grey.
-pub fn exposure(image: &Image) -> f32 {
-    let mut lit: Vec<f32> = image
-        .pixels
-        .iter()
-        .map(|&pixel| headtail_render::color::luminance(pixel.into()))
-        .filter(|luminance| *luminance > 0.0 && luminance.is_finite())
-        .collect();
-    if lit.is_empty() {
-        return 0.0;
-    }
-    let middle = lit.len() / 2;
-    let (_, median, _) = lit.select_nth_unstable_by(middle, f32::total_cmp);
-    (MIDDLE_GREY / *median).log2()
+/// The exposure in stops that puts the mean luminance of the surfaces (of the whole picture, where there is none) at a middle
+/// grey. The mean does not depend on noise, so pictures of one view by different samplers are equally bright.
+fn exposure(rendering: &Rendering) -> f32 {
+    let mean = |image: &Image, area: f32| {
+        image.pixels.iter().map(|&pixel| luminance(pixel.into())).sum::<f32>() / area.max(1.0)
+    };
+    let surfaces = mean(&rendering.surfaces, rendering.coverage.iter().sum());
+    let shown = if surfaces > 0.0 { surfaces } else { mean(&rendering.background, rendering.coverage.len() as f32) };
+    if shown > 0.0 && shown.is_finite() { (MIDDLE_GREY / shown).log2() } else { 0.0 }
 }
 
 /// Renders without a word.
