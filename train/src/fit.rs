@@ -144,7 +144,7 @@ mod tests {
     use headtail_render::random::Stream;
 
     use super::*;
-    use crate::{Backend, CosineTarget};
+    use crate::{Backend, CosineTarget, test_support::sky};
 
     /// A von Mises density of the azimuth around the condition's angle, times a beta density of the elevation.
     struct VonMisesTimesBeta;
@@ -163,13 +163,6 @@ mod tests {
             let toward = condition[0] * (TAU * u).cos() + condition[1] * (TAU * u).sin();
             toward.exp() * v * (1.0 - v)
         }
-    }
-
-    /// Light from the upper half of the sphere only.
-    fn sky(y: [f32; 2]) -> [f32; 3] {
-        let cos = 1.0 - y[1];
-        let sin = (1.0 - cos * cos).max(0.0).sqrt();
-        [sin * (TAU * y[0]).sin(), cos, -sin * (TAU * y[0]).cos()]
     }
 
     fn small() -> FitConfig {

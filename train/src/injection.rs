@@ -199,19 +199,13 @@ fn mean_loss(loss: Loss, batch: &Batch, log_q: &[f32]) -> Option<(f32, Vec<f32>)
 #[cfg(test)]
 mod tests {
     use headtail_model::{EncoderConfig, HeadConfig, burn::optim::GradientsParams, burn::prelude::Module};
-    use headtail_render::random::{Purpose, Stream};
+    use headtail_render::random::Purpose;
 
     use super::*;
-    use crate::{Backend, CosineTarget};
-
-    fn random_head(config: HeadConfig, device: &Device) -> Head {
-        let mut weights = Head::new(config, 1, device).unwrap().weights();
-        let mut stream = Stream::new(1, Purpose::Test, 0);
-        for weight in weights.iter_mut().filter(|weight| weight.values.iter().all(|&value| value == 0.0)) {
-            weight.values.iter_mut().for_each(|value| *value = stream.uniform() - 0.5);
-        }
-        Head::from_weights(config, weights, device).unwrap()
-    }
+    use crate::{
+        Backend, CosineTarget,
+        test_support::{random_head, sky},
+    };
 
     /// Gradients under the exported names' order, by a unit step of plain descent.
     fn by_weight(head: &Head, gradients: Gradients) -> Vec<f32> {
@@ -226,14 +220,6 @@ mod tests {
         }
         head.visit(&mut Collect(&gradients, &mut list));
         list
-    }
-
-    /// Sky above, nothing below: a condition that looks straight down sees no light.
-    fn sky(y: [f32; 2]) -> [f32; 3] {
-        let cos = 1.0 - y[1];
-        let sin = (1.0 - cos * cos).max(0.0).sqrt();
-        let phi = std::f32::consts::TAU * y[0];
-        [sin * phi.sin(), cos, -sin * phi.cos()]
     }
 
     fn batch() -> Batch {
