@@ -21,9 +21,9 @@ use crate::arguments::{Grid, TailArgument, make_folder, open_environment};
   headtail bake --direct --env room.hdr --cells 64x64 --out out/room-direct.safetensors
   headtail bake --from out/room/sampler.safetensors --normals 16x32 --cells 8x8 --out out/room-baked.safetensors
 
-The paper's table has 16x32 normals of 8x8 cells; the default has 32x32 cells (about 2 MB). Between normals the
-tables are interpolated.")]
-#[group(id = "source", required = true, multiple = false, args = ["from", "direct"])]
+The paper's table has 16x32 normals of 8x8 cells; the default has 32x32 cells (2 MB, to which the map's luminance is \
+added). Between normals the tables are interpolated.")]
+#[command(group = clap::ArgGroup::new("source").required(true).args(["from", "direct"]))]
 pub struct Arguments {
     /// Bake the head in this file.
     #[arg(long, value_name = "FILE")]

@@ -33,7 +33,7 @@ use crate::{
   headtail compare --scene spot.glb --ground --env room.hdr --samplers mis,direct:out/room-direct.safetensors,oracle --spp 16 --out out/spot
   headtail compare --scene dishes --env sunset --samplers mis,ris:4,head:out/sunset/sampler.safetensors --seconds 1,4 --runs 5 --out out/dishes
 
-Errors are measured over the pixels that surfaces cover entirely: what the camera sees of the environment is the same for
+Errors are measured over the pixels that surfaces cover entirely: what the camera sees of the environment is the same for \
 every sampler. Ctrl-C writes a report of the runs that are done.")]
 pub struct Arguments {
     #[command(flatten)]
@@ -112,6 +112,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         machine: machine(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         reference,
+        measured: covered.clone(),
         reference_note,
         rows: Vec::new(),
         images: Vec::new(),

@@ -25,8 +25,8 @@ use crate::arguments::{Triple, make_folder};
   headtail inspect out/studio/sampler.safetensors --out out/studio-up.png
   headtail inspect out/room-direct.safetensors --normal 1,0.5,0 --out out/room-side.png
 
-The target and the final density are lat-long pictures of the sphere per unit of solid angle; the intermediate density is
-over the intermediate square Y (azimuth across, elevation down). All three share one colour scale.")]
+The target and the final density are lat-long pictures of the sphere per unit of solid angle; the intermediate density is \
+over the intermediate square Y (azimuth across, elevation down). Each has a colour scale of its own, of six powers of ten.")]
 pub struct Arguments {
     /// A file written by fit or bake.
     file: PathBuf,

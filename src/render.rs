@@ -89,7 +89,7 @@ pub fn attributes(sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attrib
         // OpenEXR has no 64-bit integers.
         Attribute::new("seed", seed.to_string()),
         Attribute::new("seconds", rendering.seconds),
-        Attribute::new("headtailVersion", env!("CARGO_PKG_VERSION")),
+        Attribute::new("headtail.version", env!("CARGO_PKG_VERSION")),
     ]
 }
 

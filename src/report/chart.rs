@@ -9,7 +9,7 @@ use std::fmt::Write;
 use super::number::{escape, text, times};
 use super::summary::{BudgetKind, Group, Measure, Ratio, Summary};
 
-/// Colours of the palette (`--s0` to `--s7` in the style sheet); samplers beyond them have dashed lines.
+/// Colours of the palette (`--s0` to `--s7` in the style sheet); samplers beyond them have dashed lines and hollow markers.
 const COLOURS: usize = 8;
 
 /// The CSS class that gives a sampler its colour: ink for the baseline, then the palette in order.
@@ -41,7 +41,7 @@ pub fn error_over_time(summary: &Summary) -> String {
         return String::new();
     }
     let wide = Layout { class: "wide", width: 700.0, height: 460.0, left: 62.0, right: 150.0, letters: 20 };
-    let narrow = Layout { class: "narrow", width: 372.0, height: 400.0, left: 52.0, right: 104.0, letters: 14 };
+    let narrow = Layout { class: "narrow", width: 380.0, height: 400.0, left: 50.0, right: 132.0, letters: 14 };
     [wide, narrow].iter().map(|layout| layout.draw(summary, &lines)).collect()
 }
 
@@ -147,7 +147,7 @@ impl Layout {
             self.class, self.width, self.height
         );
         self.draw_grid(&mut svg, &x, &y);
-        self.draw_guide(&mut svg, &x, &y, lines, summary);
+        self.draw_guides(&mut svg, &x, &y, lines);
         for line in lines {
             self.draw_line(&mut svg, &x, &y, summary, line);
         }
@@ -199,28 +199,38 @@ impl Layout {
         push(svg, format_args!("<text class=\"axis\" x=\"{:.1}\" y=\"14\">mean squared error</text>", 4.0));
     }
 
-    /// The slope of Monte Carlo, MSE inversely proportional to time, through the baseline's first point.
-    fn draw_guide(&self, svg: &mut String, x: &Axis, y: &Axis, lines: &[Line], summary: &Summary) {
-        let line = lines.iter().find(|line| line.sampler == summary.baseline).unwrap_or(&lines[0]);
-        let through = line.points[0];
-        let product = (through.mse.mean * through.mean.seconds).log10();
-        // The part of the line inside the frame, in decades of time.
-        let from = x.low.max(product - y.high);
-        let to = x.high.min(product - y.low);
-        if to - from < 0.05 {
-            return;
+    /// Lines of slope -1, along which MSE x time stays the same, as it does for Monte Carlo; one for each power of ten.
+    fn draw_guides(&self, svg: &mut String, x: &Axis, y: &Axis, lines: &[Line]) {
+        let point = |seconds: f64, product: f64| (x.at(10_f64.powf(seconds)), y.at(10_f64.powf(product - seconds)));
+        // The part of a line inside the frame, in decades of time.
+        let inside = |product: f64| (x.low.max(product - y.high), x.high.min(product - y.low));
+        let products: Vec<f64> =
+            ((x.low + y.low).ceil() as i32..=(x.high + y.high).floor() as i32).map(f64::from).collect();
+        for &product in &products {
+            let (from, to) = inside(product);
+            let ((x1, y1), (x2, y2)) = (point(from, product), point(to, product));
+            push(svg, format_args!("<path class=\"guide\" d=\"M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}\"/>"));
         }
-        let point = |decade: f64| (x.at(10_f64.powf(decade)), y.at(10_f64.powf(product - decade)));
-        let ((x1, y1), (x2, y2)) = (point(from), point(to));
-        push(svg, format_args!("<path class=\"guide\" d=\"M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}\"/>"));
-        let angle = (y2 - y1).atan2(x2 - x1).to_degrees();
-        let (cx, cy) = (x1 + 0.86 * (x2 - x1), y1 + 0.86 * (y2 - y1));
-        push(
-            svg,
-            format_args!(
-                "<text class=\"guide-label\" text-anchor=\"middle\" transform=\"translate({cx:.1} {cy:.1}) rotate({angle:.1})\" dy=\"-5\">slope \u{2212}1</text>"
-            ),
-        );
+        // The label goes to a line beside the data that is long enough for it: above them if there is one, else below.
+        let long = |product: &f64| inside(*product).1 - inside(*product).0 > 0.3 * (x.high - x.low);
+        let data =
+            || lines.iter().flat_map(|line| &line.points).map(|group| (group.mse.mean * group.mean.seconds).log10());
+        let (least, largest) = (data().fold(f64::INFINITY, f64::min), data().fold(f64::NEG_INFINITY, f64::max));
+        let above = products.iter().find(|&product| *product > largest + 0.1 && long(product));
+        let below = products.iter().rfind(|&product| *product < least - 0.1 && long(product));
+        if let Some(&product) = above.or(below) {
+            let (from, to) = inside(product);
+            let ((x1, y1), (x2, y2)) = (point(from, product), point(to, product));
+            let angle = (y2 - y1).atan2(x2 - x1).to_degrees();
+            let (cx, cy) = (0.5 * (x1 + x2), 0.5 * (y1 + y2));
+            push(
+                svg,
+                format_args!(
+                    "<text class=\"guide-label\" text-anchor=\"middle\" transform=\"translate({cx:.1} {cy:.1}) \
+                     rotate({angle:.1})\" dy=\"-5\">slope \u{2212}1</text>"
+                ),
+            );
+        }
     }
 
     fn draw_line(&self, svg: &mut String, x: &Axis, y: &Axis, summary: &Summary, line: &Line) {
@@ -248,7 +258,7 @@ impl Layout {
             }
             let title = format!(
                 "{}, {}: MSE {} in {} s",
-                group.sampler,
+                summary.name(&group.sampler),
                 group.budget,
                 text(group.mse.mean),
                 text(group.mean.seconds)
@@ -270,7 +280,7 @@ impl Layout {
             spread(&labels.iter().map(|label| label.2).collect::<Vec<_>>(), Self::LINE_HEIGHT, y.end + 4.0, y.start);
         for ((line, end_x, end_y), place) in labels.into_iter().zip(places) {
             let left = x.end + 14.0;
-            let name = shorten(line.sampler, self.letters);
+            let name = shorten(summary.name(line.sampler), self.letters);
             push(svg, format_args!("<g class=\"{}\">", series_class(summary, line.sampler)));
             push(
                 svg,
@@ -355,7 +365,7 @@ fn marker(index: usize, x: f64, y: f64) -> String {
 fn power_label(value: f64) -> String {
     let exponent = (value.log10() + 1e-9).floor() as i32;
     let digit = (value / 10_f64.powi(exponent)).round();
-    if (-2..=3).contains(&exponent) {
+    if (-3..=3).contains(&exponent) {
         let decimals = (-exponent).max(0) as usize;
         return format!("{value:.decimals$}");
     }
@@ -364,21 +374,28 @@ fn power_label(value: f64) -> String {
     format!("{factor}10<tspan dy=\"-.45em\" font-size=\"75%\">{exponent}</tspan>")
 }
 
+/// Times that differ by a larger part are not equal: a budget of time that was overrun, e.g. by whole passes.
+const EQUAL_TIMES: f64 = 0.05;
+
 /// The two comparisons that the bars show: at equal samples, and at equal time.
 ///
-/// Without a budget of time, the ratio of MSE x time at the largest budget of samples stands in for the second: it is what
-/// the ratio at equal time would be, since MSE falls inversely with time.
+/// Where times are not equal, the ratio of MSE x time stands in for that of MSE: it is what the ratio at equal time would
+/// be, since MSE falls inversely with time. So it does without a budget of time, at the largest budget of samples.
 pub fn comparisons(summary: &Summary) -> Vec<(String, String, Measure)> {
     let mut comparisons = Vec::new();
     let samples = summary.largest(BudgetKind::Samples);
     if let Some(budget) = samples {
         comparisons.push((format!("equal samples ({})", budget.words()), budget.name.clone(), Measure::Mse));
     }
-    if let Some(budget) = summary.largest(BudgetKind::Time) {
-        comparisons.push((format!("equal time ({})", budget.words()), budget.name.clone(), Measure::Mse));
-    } else if let Some(budget) = samples {
-        let title = format!("equal time (MSE \u{d7} time at {})", budget.name);
-        comparisons.push((title, budget.name.clone(), Measure::Ttuv));
+    if let Some(budget) = summary.largest(BudgetKind::Time).or(samples) {
+        let seconds = || summary.at(&budget.name).map(|group| group.mean.seconds);
+        let (least, most) = (seconds().fold(f64::INFINITY, f64::min), seconds().fold(0.0, f64::max));
+        let equal = budget.kind == BudgetKind::Time && most <= (1.0 + EQUAL_TIMES) * least;
+        comparisons.push(if equal {
+            (format!("equal time ({})", budget.words()), budget.name.clone(), Measure::Mse)
+        } else {
+            (format!("equal time (MSE \u{d7} time at {})", budget.name), budget.name.clone(), Measure::Ttuv)
+        });
     }
     if comparisons.is_empty() {
         let budget = summary.shown_first();
@@ -420,7 +437,13 @@ pub fn ratio_bars(summary: &Summary) -> String {
 
 fn bar(html: &mut String, summary: &Summary, axis: &Axis, sampler: &str, ratio: Option<Ratio>) {
     let class = series_class(summary, sampler);
-    push(html, format_args!("<div class=\"bar-row {class}\"><span class=\"bar-name\">{}</span>", escape(sampler)));
+    push(
+        html,
+        format_args!(
+            "<div class=\"bar-row {class}\"><span class=\"bar-name\">{}</span>",
+            escape(summary.name(sampler))
+        ),
+    );
     push(
         html,
         format_args!("<span class=\"bar-track\"><span class=\"bar-one\" style=\"left:{:.2}%\"></span>", axis.at(1.0)),
@@ -478,7 +501,7 @@ mod tests {
         assert_eq!(power_label(500.0), "500");
         assert_eq!(power_label(1e-4), "10<tspan dy=\"-.45em\" font-size=\"75%\">\u{2212}4</tspan>");
         assert!(power_label(5e-4).starts_with("5\u{d7}10"));
-        assert!(power_label(1e-3).ends_with("\u{2212}3</tspan>"));
+        assert_eq!(power_label(1e-3), "0.001");
     }
 
     #[test]

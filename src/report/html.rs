@@ -3,16 +3,13 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use glam::Vec3A;
-use headtail_render::color::luminance;
-use headtail_render::image::Image;
 use headtail_render::statistics::{MeanInterval, RELATIVE_EPSILON, TRIMMED_FRACTION};
 
 use super::chart;
-use super::number::{duration, escape, html, html_interval, times};
+use super::number::{amount, duration, escape, html, html_digits, html_uncertainty, times};
 use super::picture::{self, ErrorMap, ErrorScale};
 use super::reading;
-use super::summary::{BudgetKind, Group, Measure, Summary};
+use super::summary::{Budget, BudgetKind, Group, Measure, Summary};
 use super::{Comparison, RenderedImage};
 
 const STYLE: &str = include_str!("page.css");
@@ -46,24 +43,23 @@ pub fn page(comparison: &Comparison, summary: &Summary) -> Result<String> {
     Ok(page)
 }
 
-/// The mean luminance of an image.
-pub fn mean_luminance(image: &Image) -> f64 {
-    let sum: f64 = image.pixels.iter().map(|&pixel| f64::from(luminance(Vec3A::from_array(pixel)))).sum();
-    sum / image.pixels.len() as f64
-}
-
 /// The pictures of the page, each embedded once.
 struct Gallery {
     exposure: f32,
-    scale: ErrorScale,
     reference: String,
+    panels: Vec<Panel>,
+}
+
+/// The pictures at a budget.
+struct Panel {
+    budget: Budget,
+    scale: ErrorScale,
     pictures: Vec<Picture>,
 }
 
 /// A rendering and its error map as `data:` addresses.
 struct Picture {
     sampler: String,
-    budget: String,
     rendering: String,
     errors: String,
 }
@@ -71,31 +67,49 @@ struct Picture {
 impl Gallery {
     fn of(comparison: &Comparison, summary: &Summary) -> Result<Self> {
         let exposure = picture::exposure(&comparison.reference);
-        let known = |image: &&RenderedImage| summary.group(&image.sampler, &image.budget).is_some();
-        let images: Vec<&RenderedImage> = comparison.images.iter().filter(known).collect();
-        let maps = images
-            .iter()
-            .map(|rendered| ErrorMap::of(&rendered.image, &comparison.reference))
-            .collect::<Result<Vec<_>>>()?;
-        let scale = ErrorScale::of(&maps);
-        let pictures = images
-            .iter()
-            .zip(&maps)
-            .map(|(rendered, map)| {
-                Ok(Picture {
-                    sampler: rendered.sampler.clone(),
-                    budget: rendered.budget.clone(),
-                    rendering: picture::rendering(&rendered.image, exposure)?,
-                    errors: map.picture(&scale)?,
+        let mut panels = Vec::new();
+        for budget in &summary.budgets {
+            let images: Vec<&RenderedImage> = summary
+                .at(&budget.name)
+                .filter_map(|group| {
+                    comparison.images.iter().find(|i| i.sampler == group.sampler && i.budget == group.budget)
                 })
-            })
-            .collect::<Result<Vec<_>>>()?;
-        let reference = picture::rendering(&comparison.reference, exposure)?;
-        Ok(Self { exposure, scale, reference, pictures })
+                .collect();
+            if !images.is_empty() {
+                panels.push(Panel::of(budget, &images, comparison, exposure)?);
+            }
+        }
+        Ok(Self { exposure, reference: picture::rendering(&comparison.reference, exposure)?, panels })
     }
 
-    fn picture(&self, sampler: &str, budget: &str) -> Option<&Picture> {
-        self.pictures.iter().find(|picture| picture.sampler == sampler && picture.budget == budget)
+    fn panel(&self, budget: &str) -> Option<&Panel> {
+        self.panels.iter().find(|panel| panel.budget.name == budget)
+    }
+
+    fn has(&self, sampler: &str, budget: &str) -> bool {
+        self.panel(budget).is_some_and(|panel| panel.pictures.iter().any(|picture| picture.sampler == sampler))
+    }
+
+    /// The budget whose pictures are shown first.
+    fn shown_first(&self, summary: &Summary) -> Option<&Panel> {
+        self.panel(&summary.shown_first().name).or(self.panels.last())
+    }
+}
+
+impl Panel {
+    fn of(budget: &Budget, images: &[&RenderedImage], comparison: &Comparison, exposure: f32) -> Result<Self> {
+        let error_map = |image: &&RenderedImage| ErrorMap::of(&image.image, comparison);
+        let maps = images.iter().map(error_map).collect::<Result<Vec<_>>>()?;
+        let scale = ErrorScale::of(maps.iter());
+        let picture = |(rendered, map): (&&RenderedImage, &ErrorMap)| {
+            Ok(Picture {
+                sampler: rendered.sampler.clone(),
+                rendering: picture::rendering(&rendered.image, exposure)?,
+                errors: map.picture(&scale)?,
+            })
+        };
+        let pictures = images.iter().zip(&maps).map(picture).collect::<Result<Vec<_>>>()?;
+        Ok(Self { budget: budget.clone(), scale, pictures })
     }
 }
 
@@ -132,7 +146,7 @@ fn count(number: usize, thing: &str) -> String {
 }
 
 fn reading_section(comparison: &Comparison, summary: &Summary) -> String {
-    let sentences = reading::sentences(summary, mean_luminance(&comparison.reference));
+    let sentences = reading::sentences(summary, comparison.reference_luminance());
     let items: Vec<String> = sentences.iter().map(|sentence| format!("<li>{sentence}</li>\n")).collect();
     let mut section = format!("<section class=\"reading\">\n<h2>In short</h2>\n<ul>\n{}</ul>\n", items.concat());
     if !comparison.preparation.is_empty() {
@@ -143,12 +157,10 @@ fn reading_section(comparison: &Comparison, summary: &Summary) -> String {
 }
 
 fn slider(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> String {
-    if gallery.pictures.is_empty() {
-        return String::new();
-    }
-    let first = &summary.shown_first().name;
+    let Some(panel) = gallery.shown_first(summary) else { return String::new() };
+    let first = &panel.budget.name;
     let best = summary.ranking(first, Measure::Mse).into_iter().find(|group| group.sampler != summary.baseline);
-    let id = |sampler: &str| gallery.picture(sampler, first).map(|_| image_id(summary, sampler, first));
+    let id = |sampler: &str| gallery.has(sampler, first).then(|| image_id(summary, sampler, first));
     let left = id(&summary.baseline).unwrap_or_else(|| "image-reference".to_owned());
     let right = best.and_then(|group| id(&group.sampler)).unwrap_or_else(|| "image-reference".to_owned());
     let (width, height) = (comparison.width, comparison.height);
@@ -184,9 +196,9 @@ fn options(summary: &Summary, gallery: &Gallery, selected: &str) -> String {
     for budget in &summary.budgets {
         push(&mut options, format_args!("<optgroup label=\"{}\">", escape(&budget.words())));
         for group in summary.at(&budget.name) {
-            if gallery.picture(&group.sampler, &group.budget).is_some() {
+            if gallery.has(&group.sampler, &group.budget) {
                 let note = ratio_words(summary, group).unwrap_or_default();
-                let text = format!("{}, {}", group.sampler, group.budget);
+                let text = format!("{}, {}", summary.name(&group.sampler), group.budget);
                 options += &option(&image_id(summary, &group.sampler, &group.budget), &text, &note);
             }
         }
@@ -202,45 +214,44 @@ fn ratio_words(summary: &Summary, group: &Group) -> Option<String> {
         return None;
     }
     let (value, word) = if ratio.value >= 1.0 { (ratio.value, "lower") } else { (1.0 / ratio.value, "higher") };
-    Some(format!("MSE {}\u{d7} {word} than {}", times(value), summary.baseline))
+    Some(format!("MSE {}\u{d7} {word} than {}", times(value), summary.name(&summary.baseline)))
 }
 
 fn multiples(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> String {
-    if gallery.pictures.is_empty() {
-        return String::new();
-    }
-    let budgets: Vec<_> =
-        summary.budgets.iter().filter(|budget| gallery.pictures.iter().any(|p| p.budget == budget.name)).collect();
-    let first = &summary.shown_first().name;
+    let Some(first) = gallery.shown_first(summary) else { return String::new() };
     let mut section = String::from("<section>\n<h2>Every sampler</h2>\n");
     section += "<fieldset class=\"budgets\" id=\"budgets\"><legend>Budget</legend>";
-    for (index, budget) in budgets.iter().enumerate() {
-        let checked = if budget.name == *first { " checked" } else { "" };
+    for (index, panel) in gallery.panels.iter().enumerate() {
+        let checked = if panel.budget == first.budget { " checked" } else { "" };
         push(
             &mut section,
             format_args!(
-                "<label><input type=\"radio\" name=\"budget\" value=\"panel-{index}\"{checked}><span>{}</span></label>",
-                escape(&budget.name)
+                "<label><input type=\"radio\" name=\"budget\" value=\"{index}\"{checked}><span>{}</span></label>",
+                escape(&panel.budget.name)
             ),
         );
     }
-    section += "</fieldset>\n<div class=\"multiples\">\n";
+    let bars: Vec<String> =
+        gallery.panels.iter().enumerate().map(|(index, panel)| colour_bar(index, panel, comparison)).collect();
     push(
         &mut section,
         format_args!(
-            "<figure class=\"card\"><img id=\"image-reference\" src=\"{}\" alt=\"Reference image\" width=\"{}\" height=\"{}\">{}\
-             <figcaption><b>reference</b><span class=\"number\">{}</span></figcaption></figure>\n",
+            "</fieldset>\n<div class=\"multiples\">\n<figure class=\"card\"><img id=\"image-reference\" src=\"{}\" \
+             alt=\"Reference image\" width=\"{}\" height=\"{}\">{}<figcaption><b>reference</b><span>{}</span></figcaption>\
+             </figure>\n",
             gallery.reference,
             comparison.width,
             comparison.height,
-            colour_bar(&gallery.scale, comparison),
+            bars.concat(),
             escape(&comparison.reference_note),
         ),
     );
-    for (index, budget) in budgets.iter().enumerate() {
-        push(&mut section, format_args!("<div class=\"panel\" id=\"panel-{index}\">\n"));
-        for group in summary.at(&budget.name) {
-            section += &card(comparison, summary, gallery, group);
+    for (index, panel) in gallery.panels.iter().enumerate() {
+        push(&mut section, format_args!("<div class=\"panel\" data-panel=\"{index}\">\n"));
+        for picture in &panel.pictures {
+            if let Some(group) = summary.group(&picture.sampler, &panel.budget.name) {
+                section += &card(comparison, summary, picture, group);
+            }
         }
         section += "</div>\n";
     }
@@ -248,9 +259,8 @@ fn multiples(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> S
 }
 
 /// A sampler's rendering, its error map, and its MSE.
-fn card(comparison: &Comparison, summary: &Summary, gallery: &Gallery, group: &Group) -> String {
-    let Some(picture) = gallery.picture(&group.sampler, &group.budget) else { return String::new() };
-    let name = escape(&group.sampler);
+fn card(comparison: &Comparison, summary: &Summary, picture: &Picture, group: &Group) -> String {
+    let name = escape(summary.name(&group.sampler));
     let ratio = match ratio_words(summary, group) {
         Some(words) => escape(&words),
         None if group.sampler == summary.baseline => "the baseline of the ratios".to_owned(),
@@ -260,25 +270,28 @@ fn card(comparison: &Comparison, summary: &Summary, gallery: &Gallery, group: &G
     format!(
         "<figure class=\"card\"><img id=\"{}\" src=\"{}\" alt=\"{name} at {}\" width=\"{width}\" height=\"{height}\">\
          <img class=\"errors\" src=\"{}\" alt=\"Error of {name}\" width=\"{width}\" height=\"{height}\">\
-         <figcaption><b>{}{name}</b><span class=\"number\">MSE {}</span><span>{ratio}</span></figcaption></figure>\n",
+         <figcaption><b>{}{name}</b><span class=\"number\">MSE {} {}</span><span>{ratio}</span></figcaption></figure>\n",
         image_id(summary, &group.sampler, &group.budget),
         picture.rendering,
         escape(&group.budget),
         picture.errors,
         chart::swatch(summary, &group.sampler),
-        html_interval(&group.mse),
+        html(group.mse.mean),
+        html_uncertainty(&group.mse),
     )
 }
 
-/// What the colours of the error maps mean, in place of the reference's own error map.
-fn colour_bar(scale: &ErrorScale, comparison: &Comparison) -> String {
-    let (from, to) = (scale.bottom(), scale.top);
-    let ticks: Vec<String> = [from, from + 2.0, to].map(|power| format!("<span>{}</span>", html_power(power))).into();
+/// What the colours of the error maps of a budget mean, in place of the reference's own error map.
+fn colour_bar(index: usize, panel: &Panel, comparison: &Comparison) -> String {
+    let (from, to) = (panel.scale.bottom(), panel.scale.top);
+    let ticks = [from, 0.5 * (from + to), to].map(|power| format!("<span>{}</span>", html_power(power)));
     format!(
-        "<div class=\"colour-bar\" style=\"aspect-ratio:{}/{}\"><p>squared error relative to the reference</p>\
+        "<div class=\"colour-bar\" data-panel=\"{index}\" style=\"aspect-ratio:{}/{}\">\
+         <p>squared error relative to the reference, at {}</p>\
          <div class=\"gradient\" style=\"background:{}\"></div><div class=\"colour-ticks\">{}</div></div>",
         comparison.width,
         comparison.height,
+        escape(&panel.budget.name),
         ErrorScale::gradient(),
         ticks.concat(),
     )
@@ -304,8 +317,7 @@ fn charts(summary: &Summary) -> String {
     let baseline = escape(&summary.baseline_words());
     format!(
         "<section>\n<h2>Error and time</h2>\n<div class=\"charts\">\n<figure>{error}<figcaption>MSE against rendering time, \
-         one line per sampler over its budgets; lower and further left is better.{intervals} On a line parallel to the \
-         dashed one, MSE falls inversely with time, as Monte Carlo must.</figcaption></figure>\n\
+         one line per sampler over its budgets; lower and further left is better.{intervals} Along dotted lines MSE \u{d7} time stays the same, as it does for Monte Carlo.</figcaption></figure>\n\
          <figure>{}<figcaption>How many times lower the MSE is than that of {baseline}; bars to the right of 1 are better. \
          Logarithmic.{}</figcaption></figure>\n</div>\n</section>\n",
         chart::ratio_bars(summary),
@@ -333,26 +345,35 @@ impl Cell {
         Self { html: html(value), value }
     }
 
+    /// Luminances of samplers agree in their first digits, so that one more is needed.
+    fn luminance(interval: &MeanInterval) -> Self {
+        Self { html: html_digits(interval.mean, 4) + &html_uncertainty(interval), value: interval.mean }
+    }
+
+    fn amount(value: f64) -> Self {
+        Self { html: amount(value), value }
+    }
+
     fn interval(interval: &MeanInterval) -> Self {
-        Self { html: html_interval(interval), value: interval.mean }
+        Self { html: html(interval.mean) + &html_uncertainty(interval), value: interval.mean }
     }
 }
 
 const COLUMNS: [Column; 10] = [
-    Column { title: "spp", unit: "", cell: |_, group| Cell::number(group.mean.spp), marked: false },
+    Column { title: "spp", unit: "", cell: |_, group| Cell::amount(group.mean.spp), marked: false },
     Column {
         title: "Rays",
-        unit: "per sample",
-        cell: |_, group| Cell::number(group.mean.rays_per_sample),
+        unit: "/ sample",
+        cell: |_, group| Cell::amount(group.mean.rays_per_sample),
         marked: false,
     },
     Column { title: "Time", unit: "s", cell: |_, group| Cell::number(group.mean.seconds), marked: false },
     Column { title: "MSE", unit: "", cell: |_, group| Cell::interval(&group.mse), marked: true },
-    Column { title: "MSE ratio", unit: "higher is better", cell: ratio_cell, marked: false },
+    Column { title: "MSE ratio", unit: "\u{2191} better", cell: ratio_cell, marked: false },
     Column { title: "relMSE", unit: "", cell: |_, group| Cell::interval(&group.relmse), marked: true },
     Column { title: "relMSE", unit: "trimmed", cell: |_, group| Cell::interval(&group.relmse_trimmed), marked: true },
     Column { title: "TTUV", unit: "MSE \u{d7} s", cell: |_, group| Cell::interval(&group.ttuv), marked: true },
-    Column { title: "Luminance", unit: "mean", cell: |_, group| Cell::interval(&group.mean_luminance), marked: false },
+    Column { title: "Luminance", unit: "mean", cell: |_, group| Cell::luminance(&group.mean_luminance), marked: false },
     Column { title: "Weight", unit: "largest", cell: |_, group| Cell::number(group.mean.max_weight), marked: false },
 ];
 
@@ -394,7 +415,7 @@ fn table(comparison: &Comparison, summary: &Summary) -> String {
             "</table>\n</div>\n<p class=\"note\"><span class=\"best\">Marked</span> values are the lowest at their budget. Means over the runs\
              {}; the reference's mean luminance is {}. Every run is in <code>results.csv</code>.</p>\n",
             if summary.groups.iter().any(|group| group.runs > 1) { " with 95\u{a0}% confidence intervals" } else { "" },
-            html(mean_luminance(&comparison.reference)),
+            html_digits(comparison.reference_luminance(), 4),
         ),
     );
     section + "</section>\n"
@@ -403,7 +424,7 @@ fn table(comparison: &Comparison, summary: &Summary) -> String {
 fn table_row(summary: &Summary, group: &Group, rivals: &[&Group], order: usize) -> String {
     let mut row = format!(
         "<tr><th scope=\"row\" data-value=\"{0}\">{1}{0}</th><td data-value=\"{order}\">{2}</td>",
-        escape(&group.sampler),
+        escape(summary.name(&group.sampler)),
         chart::swatch(summary, &group.sampler),
         escape(&group.budget),
     );
@@ -445,6 +466,15 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
     }
     let side = comparison.width.div_ceil(picture::ERROR_MAP_WIDTH).max(1);
     let timed = summary.largest(BudgetKind::Time).is_some();
+    let measured = comparison.measured.iter().filter(|measured| **measured).count() as f64;
+    let pixels = if comparison.measured.is_empty() {
+        "all pixels".to_owned()
+    } else {
+        format!(
+            "the measured pixels, {}\u{a0}% of the image",
+            times(100.0 * measured / comparison.measured.len() as f64)
+        )
+    };
     let facts = [
         ("Machine", escape(&comparison.machine)),
         ("Reference", escape(&comparison.reference_note)),
@@ -454,7 +484,7 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
              over the runs, with the 95\u{a0}% interval of Student\u{2019}s t distribution. p-values are of Welch\u{2019}s t-test."
                 .to_owned(),
         ),
-        ("MSE", "Mean over pixels and channels of (x \u{2212} r)<sup>2</sup>, r the reference, in linear Rec.709.".to_owned()),
+        ("MSE", format!("Mean over {pixels}, and over channels of (x \u{2212} r)<sup>2</sup>, r the reference, in linear Rec.709.")),
         (
             "relMSE",
             format!(
@@ -474,10 +504,11 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
             "Images",
             format!(
                 "Exposure {}{} stops for all, extended Reinhard tone curve, sRGB. Error maps: relative squared error{}, \
-                 logarithmic, one scale for all; cyan is not a number.",
+                 logarithmic, one scale for all samplers at a budget; cyan is not a number{}.",
                 if gallery.exposure < 0.0 { "\u{2212}" } else { "+" },
                 gallery.exposure.abs(),
                 if side > 1 { format!(", averaged over {side} \u{d7} {side} pixels") } else { String::new() },
+                if comparison.measured.is_empty() { "" } else { ", grey is not measured" },
             ),
         ),
     ];
@@ -490,4 +521,103 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
 
 fn push(text: &mut String, arguments: std::fmt::Arguments) {
     text.write_fmt(arguments).expect("a String takes all that is written to it");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::synthetic;
+    use super::super::{Comparison, Row};
+    use super::*;
+
+    fn page_of(comparison: &Comparison) -> String {
+        page(comparison, &Summary::of(&comparison.rows).unwrap()).unwrap()
+    }
+
+    /// The values of an attribute, wherever it occurs.
+    fn values<'a>(page: &'a str, attribute: &str) -> Vec<&'a str> {
+        let starts = page.match_indices(attribute).map(|(at, _)| at + attribute.len());
+        starts.map(|start| &page[start..start + page[start..].find('"').unwrap()]).collect()
+    }
+
+    #[test]
+    fn the_page_asks_for_nothing_from_outside() {
+        let page = page_of(&synthetic::comparison());
+        assert!(values(&page, " src=\"").iter().all(|address| address.starts_with("data:image/png;base64,")));
+        assert!(
+            values(&page, " href=\"").iter().all(|address| address.starts_with("data:,") || address.starts_with('#'))
+        );
+        assert!(
+            !page.contains("//www") && !page.contains("http:") && !page.contains("https:") && !page.contains("@import")
+        );
+    }
+
+    #[test]
+    fn every_choice_of_the_slider_has_its_image_and_each_is_embedded_once() {
+        let comparison = synthetic::comparison();
+        let page = page_of(&comparison);
+        let ids = values(&page, " id=\"");
+        let choices: Vec<&str> =
+            values(&page, "<option value=\"").into_iter().filter(|id| id.starts_with("image")).collect();
+        assert_eq!(choices.len(), 2 * (comparison.images.len() + 1));
+        for choice in choices {
+            assert_eq!(ids.iter().filter(|id| **id == choice).count(), 1, "{choice}");
+        }
+        let sources = values(&page, " src=\"");
+        assert_eq!(sources.len(), 2 * comparison.images.len() + 1);
+    }
+
+    #[test]
+    fn names_from_outside_cannot_become_markup() {
+        let evil = "<script>alert('x')</script>\"onload=";
+        let mut comparison = synthetic::comparison();
+        (comparison.scene, comparison.env) = (evil.into(), evil.into());
+        (comparison.command, comparison.machine, comparison.version) = (evil.into(), evil.into(), evil.into());
+        comparison.reference_note = evil.into();
+        for row in &mut comparison.rows {
+            (row.sampler, row.budget) = (format!("{evil}{}", row.sampler), format!("{evil}{}", row.budget));
+        }
+        for image in &mut comparison.images {
+            (image.sampler, image.budget) = (format!("{evil}{}", image.sampler), format!("{evil}{}", image.budget));
+        }
+        for preparation in &mut comparison.preparation {
+            (preparation.sampler, preparation.text) = (evil.into(), evil.into());
+        }
+        let page = page_of(&comparison);
+        assert_eq!(page.matches("<script>").count(), 1, "the page's own");
+        assert!(!page.contains("\"onload=") && !page.contains("alert('x')"));
+    }
+
+    #[test]
+    fn the_lowest_error_of_each_budget_is_marked() {
+        let comparison = synthetic::comparison();
+        let page = page_of(&comparison);
+        // Four budgets; MSE, relMSE, trimmed relMSE and TTUV each have a lowest value.
+        assert_eq!(page.matches("class=\"number best\"").count(), 16);
+    }
+
+    #[test]
+    fn poor_comparisons_make_a_page_too() {
+        let complete = synthetic::comparison();
+        let poor = |rows: Vec<Row>| Comparison {
+            rows,
+            images: Vec::new(),
+            preparation: Vec::new(),
+            ..synthetic::comparison()
+        };
+        let broken = Row { mse: f64::NAN, relmse: f64::INFINITY, seconds: 0.0, ..synthetic::row("mis", "odd", 0) };
+        for rows in [vec![synthetic::row("mis", "4spp", 0)], vec![broken], complete.rows[..3].to_vec()] {
+            let page = page_of(&poor(rows));
+            assert!(page.contains("All numbers") && !page.contains("id=\"slider\""));
+            let drawings = page.split("<svg").skip(1).map(|rest| &rest[..rest.find("</svg>").unwrap()]);
+            assert!(drawings.into_iter().all(|svg| !svg.contains("NaN") && !svg.contains("inf")));
+        }
+    }
+
+    #[test]
+    fn images_of_another_size_are_refused() {
+        let mut comparison = synthetic::comparison();
+        comparison.images[3].image = headtail_render::image::Image::black(3, 3);
+        let summary = Summary::of(&comparison.rows).unwrap();
+        assert!(page(&comparison, &summary).is_err());
+    }
 }

@@ -8,11 +8,13 @@ mod picture;
 mod reading;
 mod summary;
 #[cfg(test)]
-pub mod synthetic;
+mod synthetic;
 
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
+use glam::Vec3A;
+use headtail_render::color::luminance;
 use headtail_render::file;
 use headtail_render::image::Image;
 
@@ -34,6 +36,8 @@ pub struct Comparison {
     pub version: String,
     /// The image that errors are measured against.
     pub reference: Image,
+    /// `[height * width]` the pixels over which errors and luminance of the rows are measured; empty for all pixels.
+    pub measured: Vec<bool>,
     /// How the reference was made, in a sentence.
     pub reference_note: String,
     /// The measured runs, in the order in which samplers and budgets are to be shown.
@@ -103,13 +107,61 @@ pub struct Preparation {
     pub text: String,
 }
 
+impl Comparison {
+    /// Whether errors are measured at the pixel of an index.
+    fn is_measured(&self, index: usize) -> bool {
+        self.measured.get(index).copied().unwrap_or(true)
+    }
+
+    /// The mean luminance of the reference over the measured pixels.
+    fn reference_luminance(&self) -> f64 {
+        let measured = self.reference.pixels.iter().enumerate().filter(|(index, _)| self.is_measured(*index));
+        let luminances: Vec<f64> = measured.map(|(_, &pixel)| f64::from(luminance(Vec3A::from_array(pixel)))).collect();
+        luminances.iter().sum::<f64>() / luminances.len() as f64
+    }
+}
+
 /// Writes `results.csv` and `report.html` into an existing folder.
 ///
 /// # Errors
-/// If there are no rows, if an image's size is not that of the reference, or if a file cannot be written.
+/// If there are no runs, if the size of an image or of `measured` is not that of the reference, or if a file cannot be
+/// written.
 pub fn write(folder: &Path, comparison: &Comparison) -> Result<()> {
+    ensure!(
+        comparison.measured.is_empty() || comparison.measured.len() == comparison.reference.pixels.len(),
+        "measured: {} pixels, the reference has {}",
+        comparison.measured.len(),
+        comparison.reference.pixels.len()
+    );
     let summary = summary::Summary::of(&comparison.rows)?;
     file::replace(&folder.join("results.csv"), &csv::encode(&comparison.rows, &summary)?)?;
     file::replace(&folder.join("report.html"), html::page(comparison, &summary)?.as_bytes())?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_files_are_written_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), &synthetic::comparison()).unwrap();
+        let mut names: Vec<String> = std::fs::read_dir(folder.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        assert_eq!(names, ["report.html", "results.csv"]);
+        assert!(write(&folder.path().join("missing"), &synthetic::comparison()).is_err());
+    }
+
+    #[test]
+    fn the_same_comparison_gives_the_same_bytes() {
+        let page = || {
+            let comparison = synthetic::comparison();
+            html::page(&comparison, &summary::Summary::of(&comparison.rows).unwrap()).unwrap()
+        };
+        assert_eq!(page(), page());
+    }
 }

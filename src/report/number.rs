@@ -28,7 +28,7 @@ fn exponent(value: f64, digits: usize) -> i32 {
 
 /// Whether a number of this power of ten is printed without one.
 fn is_plain(exponent: i32) -> bool {
-    (-2..=4).contains(&exponent)
+    (-3..=4).contains(&exponent)
 }
 
 fn fixed(value: f64, decimals: i32) -> String {
@@ -47,33 +47,40 @@ fn not_finite(value: f64) -> &'static str {
 
 /// A number with three significant digits, as HTML: `0.123`, `4.56 x 10<sup>-7</sup>`.
 pub fn html(value: f64) -> String {
+    html_digits(value, 3)
+}
+
+/// A number with `digits` significant digits, as HTML.
+pub fn html_digits(value: f64, digits: usize) -> String {
     if !value.is_finite() {
         return not_finite(value).to_owned();
     }
     if value == 0.0 {
         return "0".to_owned();
     }
-    let exponent = exponent(value, 3);
-    if is_plain(exponent) { fixed(value, 2 - exponent) } else { fixed(scaled(value, exponent), 2) + &power(exponent) }
+    let exponent = exponent(value, digits);
+    let decimals = digits as i32 - 1;
+    if is_plain(exponent) {
+        fixed(value, decimals - exponent)
+    } else {
+        fixed(scaled(value, exponent), decimals) + &power(exponent)
+    }
 }
 
-/// A mean with its 95 % interval, as HTML: `(1.23 +- 0.04) x 10<sup>-7</sup>`; the mean alone if there is no interval.
-pub fn html_interval(interval: &MeanInterval) -> String {
-    let MeanInterval { mean, half_width, .. } = *interval;
-    if !(mean.is_finite() && half_width.is_finite() && half_width > 0.0 && mean != 0.0) {
-        return html(mean);
+/// Half the length of an interval as a percentage of the mean, as HTML; empty if there is no interval.
+pub fn html_uncertainty(interval: &MeanInterval) -> String {
+    let percent = 100.0 * interval.half_width / interval.mean.abs();
+    if !percent.is_finite() {
+        return String::new();
     }
-    let scale = Some(exponent(mean, 3)).filter(|&exponent| !is_plain(exponent));
-    let shown = |value| scaled(value, scale.unwrap_or(0));
-    // Two digits of the half-width say all that it knows; a mean of more than six digits is hard to read.
-    let most = (5 - exponent(shown(mean), 3)).max(0);
-    let decimals = (1 - exponent(shown(half_width), 2)).clamp(0, most);
-    if shown(half_width) < 0.5 * 10_f64.powi(-decimals) {
-        return html(mean);
-    }
-    let (mean, half_width) = (fixed(shown(mean), decimals), fixed(shown(half_width), decimals));
-    let both = format!("{mean}<span class=\"ci\"> \u{b1} {half_width}</span>");
-    scale.map_or(both.clone(), |exponent| both + &power(exponent))
+    let percent =
+        if percent < 0.01 { "&lt;\u{202f}0.01".to_owned() } else { format!("\u{b1}\u{202f}{}", times(percent)) };
+    format!("<span class=\"ci\">{percent}\u{202f}%</span>")
+}
+
+/// A number that is a whole one as often as not: `64`, `64.3`.
+pub fn amount(value: f64) -> String {
+    if value.fract() == 0.0 && value.abs() < 1e15 { fixed(value, 0) } else { html(value) }
 }
 
 /// A number with three significant digits, as plain text: `0.123`, `4.56e-7`.
@@ -100,7 +107,8 @@ pub fn duration(seconds: f64) -> String {
         s if s >= 3600.0 => format!("{} h {:02} min", (s / 3600.0) as u64, (s / 60.0) as u64 % 60),
         s if s >= 120.0 => format!("{} min {:02} s", (s / 60.0) as u64, s as u64 % 60),
         s if s >= 1.0 => format!("{} s", text(s)),
-        s => format!("{} ms", text(s * 1e3)),
+        s if s >= 1e-3 => format!("{} ms", text(s * 1e3)),
+        _ => "under 1 ms".to_owned(),
     }
 }
 
@@ -128,7 +136,9 @@ mod tests {
         assert_eq!(html(1.0), "1.00");
         assert_eq!(html(0.012_345), "0.0123");
         assert_eq!(html(12_345.6), "12346");
-        assert_eq!(html(9.999_9e-4), "1.00\u{202f}\u{d7}\u{202f}10<sup>\u{2212}3</sup>");
+        assert_eq!(html(9.999_9e-4), "0.00100");
+        assert_eq!(html(9.999_9e-5), "1.00\u{202f}\u{d7}\u{202f}10<sup>\u{2212}4</sup>");
+        assert_eq!(html_digits(1.234_5, 4), "1.234");
         assert_eq!(html(-2.5), "\u{2212}2.50");
         assert_eq!(html(f64::NAN), "not a number");
         assert_eq!(text(4.567e-7), "4.57e-7");
@@ -140,21 +150,26 @@ mod tests {
     }
 
     #[test]
-    fn intervals_show_two_digits_of_what_is_unknown() {
-        let interval = |mean, half_width| html_interval(&MeanInterval { mean, half_width, count: 3 });
-        let ci = |text: &str| format!("<span class=\"ci\"> \u{b1} {text}</span>");
-        assert_eq!(interval(1.234, 0.056), format!("1.234{}", ci("0.056")));
-        assert_eq!(interval(1.234, 0.56), format!("1.23{}", ci("0.56")));
-        assert_eq!(interval(123.4, 56.0), format!("123{}", ci("56")));
-        assert_eq!(interval(1.234_5, 1e-9), "1.23");
-        let scaled = format!("1.234{}\u{202f}\u{d7}\u{202f}10<sup>\u{2212}5</sup>", ci("0.030"));
-        assert_eq!(interval(1.234e-5, 3.0e-7), scaled);
-        assert_eq!(interval(0.5, f64::INFINITY), "0.500");
+    fn uncertainties_are_parts_of_the_mean() {
+        let uncertainty = |mean, half_width| html_uncertainty(&MeanInterval { mean, half_width, count: 3 });
+        assert_eq!(uncertainty(2e-5, 1e-6), "<span class=\"ci\">\u{b1}\u{202f}5.0\u{202f}%</span>");
+        assert_eq!(uncertainty(1.0, 1e-9), "<span class=\"ci\">&lt;\u{202f}0.01\u{202f}%</span>");
+        assert_eq!(uncertainty(1.0, f64::INFINITY), "");
+        assert_eq!(uncertainty(0.0, 0.0), "");
+    }
+
+    #[test]
+    fn amounts_are_whole_where_they_can_be() {
+        assert_eq!(
+            (amount(64.0), amount(64.25), amount(f64::NAN)),
+            ("64".into(), "64.2".into(), "not a number".into())
+        );
     }
 
     #[test]
     fn durations_have_units() {
         assert_eq!(duration(0.012), "12.0 ms");
+        assert_eq!(duration(1e-6), "under 1 ms");
         assert_eq!(duration(35.0), "35.0 s");
         assert_eq!(duration(135.0), "2 min 15 s");
         assert_eq!(duration(7265.0), "2 h 01 min");

@@ -112,7 +112,8 @@
 (() => {
   const choices = document.querySelectorAll("#budgets input");
   const choose = () => {
-    for (const choice of choices) document.getElementById(choice.value).hidden = !choice.checked;
+    const chosen = [...choices].find((choice) => choice.checked)?.value;
+    for (const part of document.querySelectorAll("[data-panel]")) part.hidden = part.dataset.panel !== chosen;
   };
   for (const choice of choices) choice.addEventListener("change", choose);
   choose();
@@ -122,19 +123,19 @@
 (() => {
   const table = document.getElementById("results");
   const heads = [...table.tHead.rows[0].cells];
-  const compare = (a, b) => {
+  // What is not a number comes last either way, unless it is a name.
+  const compare = (a, b, sign) => {
     const [x, y] = [Number(a), Number(b)];
-    if (Number.isNaN(x) && Number.isNaN(y)) return a.localeCompare(b, "en", { numeric: true });
-    // What is not a number comes last.
+    if (Number.isNaN(x) && Number.isNaN(y)) return sign * a.localeCompare(b, "en", { numeric: true });
     if (Number.isNaN(x) || Number.isNaN(y)) return Number.isNaN(x) ? 1 : -1;
-    return x - y;
+    return sign * (x - y);
   };
   heads.forEach((head, column) => {
     head.querySelector("button").addEventListener("click", () => {
       const ascending = head.getAttribute("aria-sort") !== "ascending";
       const key = (row) => row.cells[column].dataset.value;
       const rows = [...table.tBodies].flatMap((body) => [...body.rows]);
-      rows.sort((a, b) => (ascending ? 1 : -1) * compare(key(a), key(b)));
+      rows.sort((a, b) => compare(key(a), key(b), ascending ? 1 : -1));
       // Sorted rows of all budgets share one body: the lines between budgets would no longer mean anything.
       for (const body of [...table.tBodies].slice(1)) body.remove();
       table.tBodies[0].replaceChildren(...rows);

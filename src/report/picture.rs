@@ -7,6 +7,8 @@ use headtail_render::color::luminance;
 use headtail_render::image::{Image, encode_png, encode_png_rgb8};
 use headtail_render::statistics::RELATIVE_EPSILON;
 
+use super::Comparison;
+
 /// Largest width of an error map: errors are averaged over squares of pixels, because the error of a single pixel is as
 /// random as the pixel.
 pub const ERROR_MAP_WIDTH: usize = 160;
@@ -28,6 +30,9 @@ const ERROR_COLOURS: [[u8; 3]; 10] = [
     [0xf7, 0xd1, 0x3d],
     [0xfc, 0xff, 0xa4],
 ];
+
+/// The colour of what is not measured.
+const UNMEASURED: [u8; 3] = [0x80, 0x80, 0x80];
 
 /// The colour of what is not a number; not among the others.
 const BROKEN: [u8; 3] = [0x00, 0xff, 0xff];
@@ -63,18 +68,23 @@ pub fn exposure(reference: &Image) -> f32 {
 pub struct ErrorMap {
     width: usize,
     height: usize,
-    errors: Vec<f64>,
+    /// `[height * width]`; `None` where no pixel is measured.
+    errors: Vec<Option<f64>>,
 }
 
 impl ErrorMap {
-    /// The errors of `image` against a reference of the same size.
-    pub fn of(image: &Image, reference: &Image) -> Result<Self> {
+    /// The errors of `image` against the reference of a comparison, which must have the same size.
+    pub fn of(image: &Image, comparison: &Comparison) -> Result<Self> {
+        let reference = &comparison.reference;
         let (size, wanted) = ((image.width, image.height), (reference.width, reference.height));
         ensure!(size == wanted, "images: an image is {size:?} pixels, the reference {wanted:?}");
         let side = image.width.div_ceil(ERROR_MAP_WIDTH).max(1);
         let (width, height) = (image.width.div_ceil(side), image.height.div_ceil(side));
         let mut sums = vec![(0.0, 0_u32); width * height];
         for (i, (pixel, reference)) in image.pixels.iter().zip(&reference.pixels).enumerate() {
+            if !comparison.is_measured(i) {
+                continue;
+            }
             let (sum, count) = &mut sums[i / image.width / side * width + i % image.width / side];
             for (&x, &r) in pixel.iter().zip(reference) {
                 let (x, r) = (f64::from(x), f64::from(r));
@@ -82,17 +92,19 @@ impl ErrorMap {
                 *count += 1;
             }
         }
-        Ok(Self { width, height, errors: sums.into_iter().map(|(sum, count)| sum / f64::from(count)).collect() })
+        let errors = sums.into_iter().map(|(sum, count)| (count > 0).then(|| sum / f64::from(count))).collect();
+        Ok(Self { width, height, errors })
     }
 
     /// The map in false colour on a scale, in a `data:` address.
     pub fn picture(&self, scale: &ErrorScale) -> Result<String> {
-        let pixels: Vec<[u8; 3]> = self.errors.iter().map(|&error| scale.colour(error)).collect();
+        let pixels: Vec<[u8; 3]> =
+            self.errors.iter().map(|error| error.map_or(UNMEASURED, |error| scale.colour(error))).collect();
         Ok(data_address(&encode_png_rgb8(self.width, self.height, &pixels)?))
     }
 }
 
-/// The logarithmic scale that error maps share.
+/// The logarithmic scale that the error maps of a budget share.
 pub struct ErrorScale {
     /// The power of ten of the brightest colour.
     pub top: f64,
@@ -100,9 +112,9 @@ pub struct ErrorScale {
 
 impl ErrorScale {
     /// The scale whose brightest colour is passed by one error in two hundred.
-    pub fn of(maps: &[ErrorMap]) -> Self {
+    pub fn of<'a>(maps: impl Iterator<Item = &'a ErrorMap>) -> Self {
         let mut errors: Vec<f64> =
-            maps.iter().flat_map(|map| &map.errors).copied().filter(|e| *e > 0.0 && e.is_finite()).collect();
+            maps.flat_map(|map| map.errors.iter().flatten()).copied().filter(|e| *e > 0.0 && e.is_finite()).collect();
         if errors.is_empty() {
             return Self { top: 0.0 };
         }
@@ -135,6 +147,7 @@ impl ErrorScale {
 
 #[cfg(test)]
 mod tests {
+    use super::super::synthetic;
     use super::*;
 
     fn grey(width: usize, height: usize, value: f32) -> Image {
@@ -149,12 +162,25 @@ mod tests {
         assert_eq!(exposure(&grey(4, 4, f32::NAN)), 0.0);
     }
 
+    fn error_map(image: &Image, reference: Image, measured: Vec<bool>) -> Result<ErrorMap> {
+        ErrorMap::of(image, &Comparison { reference, measured, ..synthetic::comparison() })
+    }
+
     #[test]
     fn error_maps_hold_the_relative_squared_error() {
-        let map = ErrorMap::of(&grey(500, 301, 3.0), &grey(500, 301, 1.0)).unwrap();
+        let map = error_map(&grey(500, 301, 3.0), grey(500, 301, 1.0), Vec::new()).unwrap();
         assert!(map.width <= ERROR_MAP_WIDTH && map.height == 301_usize.div_ceil(4));
-        assert!(map.errors.iter().all(|error| (error - 4.0 / 1.01).abs() < 1e-9));
-        assert!(ErrorMap::of(&grey(5, 3, 1.0), &grey(3, 5, 1.0)).is_err());
+        assert!(map.errors.iter().all(|error| (error.unwrap() - 4.0 / 1.01).abs() < 1e-9));
+        assert!(error_map(&grey(5, 3, 1.0), grey(3, 5, 1.0), Vec::new()).is_err());
+    }
+
+    #[test]
+    fn pixels_that_are_not_measured_are_left_out_of_error_maps() {
+        let mut image = grey(4, 1, 3.0);
+        image.pixels[2] = [1e9; 3];
+        let map = error_map(&image, grey(4, 1, 1.0), vec![true, true, false, true]).unwrap();
+        assert!(map.errors[2].is_none() && map.errors[3].is_some());
+        assert!(ErrorScale::of([map].iter()).top < 2.0);
     }
 
     #[test]
@@ -171,9 +197,9 @@ mod tests {
 
     #[test]
     fn the_scale_fits_the_errors() {
-        let map = |value: f32| ErrorMap::of(&grey(8, 8, value), &grey(8, 8, 1.0)).unwrap();
-        assert_eq!(ErrorScale::of(&[map(1.1), map(1.2)]).top, -1.0);
-        assert_eq!(ErrorScale::of(&[map(1.0)]).top, 0.0);
-        assert_eq!(ErrorScale::of(&[]).bottom(), -4.0);
+        let map = |value: f32| error_map(&grey(8, 8, value), grey(8, 8, 1.0), Vec::new()).unwrap();
+        assert_eq!(ErrorScale::of([map(1.1), map(1.2)].iter()).top, -1.0);
+        assert_eq!(ErrorScale::of([map(1.0)].iter()).top, 0.0);
+        assert_eq!(ErrorScale::of([].iter()).bottom(), -4.0);
     }
 }

@@ -3,7 +3,7 @@
 use headtail_render::statistics::sidak;
 
 use super::chart::comparisons;
-use super::number::{escape, html, times};
+use super::number::{amount, escape, html, times};
 use super::summary::{BudgetKind, Group, Measure, Summary};
 
 /// Above this p-value two means are not told apart.
@@ -39,22 +39,31 @@ fn winner(summary: &Summary, budget: &str, measure: Measure) -> Option<String> {
         _ => (format!("In equal time, {words},"), "MSE"),
     };
     let value = best.measure(measure).mean;
-    let over = |other: &Group| times(other.measure(measure).mean / value);
-    let mut sentence = format!("{} {} has the lowest {what}, {}", escape(&at), name(best), html(value));
+    let over = |other: &Group| lead(other.measure(measure).mean / value);
+    let mut sentence = format!("{} {} has the lowest {what}, {}", escape(&at), name(summary, best), html(value));
     let baseline = summary.group(&summary.baseline, budget).filter(|group| group.measure(measure).mean.is_finite());
     match baseline {
         Some(baseline) if baseline.sampler == best.sampler => {
-            sentence += &format!(": {} times lower than the next, {}", over(runner_up), name(runner_up));
+            sentence += &format!(": {} lower than the next, {}", over(runner_up), name(summary, runner_up));
         }
         Some(baseline) => {
-            sentence += &format!(": {} times lower than {}", over(baseline), escape(&summary.baseline_words()));
+            sentence += &format!(": {} lower than {}", over(baseline), escape(&summary.baseline_words()));
             if runner_up.sampler != baseline.sampler {
-                sentence += &format!(", and {} times lower than the next, {}", over(runner_up), name(runner_up));
+                sentence += &format!(", and {} lower than the next, {}", over(runner_up), name(summary, runner_up));
             }
         }
-        None => sentence += &format!(": {} times lower than the next, {}", over(runner_up), name(runner_up)),
+        None => sentence += &format!(": {} lower than the next, {}", over(runner_up), name(summary, runner_up)),
     }
     Some(sentence + &confidence(best, runner_up, measure) + ".")
+}
+
+/// How far ahead a value is, in words: "3.4 times", or "7 %" where that would be "1.1 times".
+fn lead(ratio: f64) -> String {
+    if ratio >= 1.15 {
+        format!("{} times", times(ratio))
+    } else {
+        format!("{}\u{a0}%", times(100.0 * (1.0 - 1.0 / ratio)))
+    }
 }
 
 /// Whether the best and the next can be told apart, as a clause.
@@ -81,7 +90,7 @@ fn outliers(summary: &Summary) -> Option<String> {
     let different: Vec<String> = others
         .into_iter()
         .filter_map(|(measure, words)| best(measure).filter(|&name| name != by_mse).map(|name| (words, name)))
-        .map(|(words, sampler)| format!("by {words} it is <b>{}</b>", escape(sampler)))
+        .map(|(words, sampler)| format!("by {words} it is {}", bold(summary.name(sampler))))
         .collect();
     if different.is_empty() {
         return None;
@@ -99,10 +108,10 @@ fn rays(summary: &Summary) -> Option<String> {
     }
     Some(format!(
         "Equal samples are not equal work: {} traces {} rays per sample, {} only {}.",
-        name(most),
-        html(most.mean.rays_per_sample),
-        name(least),
-        html(least.mean.rays_per_sample)
+        name(summary, most),
+        amount(most.mean.rays_per_sample),
+        name(summary, least),
+        amount(least.mean.rays_per_sample)
     ))
 }
 
@@ -120,7 +129,11 @@ fn luminance(summary: &Summary, reference: f64) -> Option<String> {
         .filter(|group| group.luminance_p_value(reference).is_some_and(|p| p < threshold))
         .map(|group| {
             let direction = if deviation(group) > 0.0 { "above" } else { "below" };
-            format!("that of {} is {}\u{a0}% {direction} it", name(group), times(100.0 * deviation(group).abs()))
+            format!(
+                "that of {} is {}\u{a0}% {direction} it",
+                name(summary, group),
+                times(100.0 * deviation(group).abs())
+            )
         })
         .collect();
     Some(if deviating.is_empty() {
@@ -143,12 +156,16 @@ fn broken(summary: &Summary) -> Option<String> {
     if names.is_empty() {
         return None;
     }
-    let names: Vec<String> = names.iter().map(|name| format!("<b>{}</b>", escape(name))).collect();
+    let names: Vec<String> = names.iter().map(|name| bold(summary.name(name))).collect();
     Some(format!("Images of {} have pixels that are infinite or not a number; they are not ranked.", names.join(", ")))
 }
 
-fn name(group: &Group) -> String {
-    format!("<b>{}</b>", escape(&group.sampler))
+fn name(summary: &Summary, group: &Group) -> String {
+    bold(summary.name(&group.sampler))
+}
+
+fn bold(name: &str) -> String {
+    format!("<b>{}</b>", escape(name))
 }
 
 #[cfg(test)]
@@ -186,7 +203,10 @@ mod tests {
     #[test]
     fn a_lead_within_noise_is_called_so() {
         let text = read(&rows("16spp", &[("mis", 8.0), ("ris", 1.005), ("head", 1.0)]));
-        assert!(text.contains("with 3 runs the two cannot be told apart"), "{text}");
+        assert!(
+            text.contains("and 0.50\u{a0}% lower than the next, <b>ris</b>; with 3 runs the two cannot be told apart"),
+            "{text}"
+        );
         let single: Vec<Row> =
             rows("16spp", &[("mis", 8.0), ("head", 1.0)]).into_iter().filter(|row| row.run == Some(0)).collect();
         assert!(read(&single).contains("a single run cannot say"));
@@ -198,6 +218,14 @@ mod tests {
         all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.ttuv = 100.0);
         let text = read(&all);
         assert!(text.contains("Per unit of time (MSE \u{d7} time at 16spp) <b>mis</b> has the lowest"), "{text}");
+    }
+
+    #[test]
+    fn a_budget_of_time_that_was_overrun_is_not_called_equal_time() {
+        let mut all = rows("2s", &[("mis", 8.0), ("head", 1.0)]);
+        all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.seconds *= 1.1);
+        let text = read(&all);
+        assert!(text.contains("Per unit of time (MSE \u{d7} time at 2s)") && !text.contains("In equal time"), "{text}");
     }
 
     #[test]
@@ -222,7 +250,7 @@ mod tests {
         let mut all = rows("16spp", &[("mis", 8.0), ("head", 1.0), ("bad<>", f64::NAN)]);
         all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.rays_per_sample = 2.0);
         let text = read(&all);
-        assert!(text.contains("<b>head</b> traces 2.00 rays per sample, <b>mis</b> only 1.00"), "{text}");
+        assert!(text.contains("<b>head</b> traces 2 rays per sample, <b>mis</b> only 1"), "{text}");
         assert!(text.contains("Images of <b>bad&lt;&gt;</b> have pixels"), "{text}");
     }
 

@@ -5,14 +5,14 @@ use rayon::prelude::*;
 
 use super::{
     normal_grid::{NormalGrid, Stencil},
-    prefix::search_prefix,
+    prefix::BlendedSums,
 };
 use crate::{
     error::{Error, Result},
     sampler::{IntermediateDensity, ShadingPoint},
 };
 
-/// Most cells along one side of Y: a prepared table lives on the stack.
+/// Most cells along one side of Y.
 const MOST_CELLS: usize = 64;
 
 /// Share of every node's mass that is spread evenly over Y. A cell whose sampled points see no light may still hold a
@@ -73,11 +73,11 @@ pub struct BakedTable {
     down: Vec<f32>,
 }
 
-/// The interpolated marginal over rows at one normal.
+/// The nodes around one normal and the interpolated mass of the whole table there.
 #[derive(Clone, Copy, Debug)]
 pub struct PreparedTable {
     stencil: Stencil,
-    down: [f32; MOST_CELLS],
+    total: f32,
 }
 
 impl BakedTable {
@@ -144,22 +144,18 @@ impl BakedTable {
         &self.masses
     }
 
-    /// Interpolates the marginal over rows at a unit normal.
+    /// Finds the nodes around a unit normal.
     pub fn prepare_normal(&self, normal: Vec3A) -> PreparedTable {
         let stencil = self.normals.stencil(normal);
-        let mut down = [0.0; MOST_CELLS];
-        self.blend(&stencil, &self.down, self.cells.rows, 0, &mut down[..self.cells.rows]);
-        PreparedTable { stencil, down }
+        let lines = self.lines(&stencil, &self.down, self.cells.rows, 0, self.cells.rows);
+        PreparedTable { stencil, total: lines.at(self.cells.rows - 1) }
     }
 
     /// Draws `(y, density over Y)` from a uniform `z`, by inversion of the interpolated table.
     pub fn sample_at(&self, prepared: &PreparedTable, z: Vec2) -> (Vec2, f32) {
         let CellGrid { rows, columns } = self.cells;
-        let (row, below) = search_prefix(&prepared.down[..rows], z.y);
-        let mut along = [0.0; MOST_CELLS];
-        let along = &mut along[..columns];
-        self.blend(&prepared.stencil, &self.along, rows * columns, row * columns, along);
-        let (column, right) = search_prefix(along, z.x);
+        let (row, below) = self.lines(&prepared.stencil, &self.down, rows, 0, rows).search(z.y);
+        let (column, right) = self.row(prepared, row).search(z.x);
         let y = Vec2::new((column as f32 + right) / columns as f32, (row as f32 + below) / rows as f32);
         (y, self.cell_density(prepared, row, column))
     }
@@ -171,23 +167,29 @@ impl BakedTable {
     }
 
     fn cell_density(&self, prepared: &PreparedTable, row: usize, column: usize) -> f32 {
-        let CellGrid { rows, columns } = self.cells;
-        let mut mass = 0.0;
-        for (node, weight) in prepared.stencil.nodes.into_iter().zip(prepared.stencil.weights) {
-            let line = &self.along[(node * rows + row) * columns..][..columns];
-            mass += weight * (line[column] - if column == 0 { 0.0 } else { line[column - 1] });
-        }
-        mass * (rows * columns) as f32 / prepared.down[rows - 1]
+        self.row(prepared, row).mass(column) * self.cells.cells() as f32 / prepared.total
     }
 
-    /// The weighted sum over the stencil of `out.len()` values at `offset` of every node's `stride`.
+    /// The running sums along a row at the nodes around a normal.
     #[inline]
-    fn blend(&self, stencil: &Stencil, values: &[f32], stride: usize, offset: usize, out: &mut [f32]) {
-        let line = |k: usize| &values[stencil.nodes[k] * stride + offset..][..out.len()];
-        let (a, b, c, d) = (line(0), line(1), line(2), line(3));
-        let [wa, wb, wc, wd] = stencil.weights;
-        for (k, out) in out.iter_mut().enumerate() {
-            *out = (wa * a[k] + wb * b[k]) + (wc * c[k] + wd * d[k]);
+    fn row(&self, prepared: &PreparedTable, row: usize) -> BlendedSums<'_> {
+        let columns = self.cells.columns;
+        self.lines(&prepared.stencil, &self.along, self.cells.cells(), row * columns, columns)
+    }
+
+    /// `length` running sums at `offset` of every node's `stride`.
+    #[inline]
+    fn lines<'a>(
+        &self,
+        stencil: &Stencil,
+        sums: &'a [f32],
+        stride: usize,
+        offset: usize,
+        length: usize,
+    ) -> BlendedSums<'a> {
+        BlendedSums {
+            lines: stencil.nodes.map(|node| &sums[node * stride + offset..][..length]),
+            weights: stencil.weights,
         }
     }
 }

@@ -140,17 +140,29 @@ impl ExportedSampler {
     /// Checks that the sampler was made for this very map: under another one it would be biased.
     ///
     /// # Errors
-    /// Names both maps.
+    /// [`Error::Argument`] names the field: the hash is that of another map, or the luminance from which the tail was built is
+    /// not the map's.
     pub fn check_environment(&self, environment: &Environment) -> Result<()> {
-        if self.environment_hash == environment.hash() {
-            return Ok(());
+        if self.environment_hash != environment.hash() {
+            let reason = format!(
+                "was made for the environment '{}', not for '{}': its texels differ; fit or bake it for this map",
+                self.environment,
+                environment.name()
+            );
+            return Err(Error::argument("environment_hash", reason));
         }
-        let reason = format!(
-            "was made for the environment '{}', not for '{}': its texels differ; fit or bake it for this map",
-            self.environment,
-            environment.name()
-        );
-        Err(Error::argument("sampler", reason))
+        let (width, height, luminance) = &self.luminance;
+        let same_size = (*width, *height) == (environment.width(), environment.height());
+        // To rounding: another processor may add the three channels in another order.
+        let near = |(own, map): (&f32, f32)| (own - map).abs() <= 1e-5 * map;
+        if !same_size || !luminance.iter().zip(environment.luminance()).all(near) {
+            let reason = format!(
+                "is not that of the environment '{}', though the hash is: the file is damaged",
+                self.environment
+            );
+            return Err(Error::argument("tail.luminance", reason));
+        }
+        Ok(())
     }
 
     /// What the file says of itself.

@@ -14,8 +14,21 @@ impl ExportedSampler {
     /// Writes the file to a temporary name beside `path` and renames it. The same sampler gives the same bytes.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// The file cannot be written, or a figure of the training summary is not finite: JSON has no such numbers, and the file
+    /// could not be read again.
     pub fn write(&self, path: &Path) -> Result<()> {
+        if let Some(training) = &self.training {
+            let seconds = training.seconds.unwrap_or(0.0);
+            let figures = [
+                ("final_kl", training.final_kl),
+                ("relative_variance", training.relative_variance),
+                ("seconds", seconds),
+            ];
+            if let Some((name, value)) = figures.into_iter().find(|(_, value)| !value.is_finite()) {
+                let reason = format!("is {value}: a sampler whose training diverged is not exported");
+                return Err(Error::invalid(path, format!("training.{name}"), reason));
+            }
+        }
         let bytes = self.to_bytes().map_err(|reason| Error::invalid(path, "tensors", reason))?;
         file::replace(path, &bytes)
     }

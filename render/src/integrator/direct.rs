@@ -22,14 +22,14 @@ const TILE: usize = 16;
 /// Samples per pixel and pass: a random stream serves one pixel of one pass.
 const PASS: u32 = 16;
 /// The same where time is the budget: a pass should end close to the limit.
-const SHORT_PASS: u32 = 4;
+const SHORT_PASS: u32 = 1;
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Budget {
-    /// After this many samples per pixel.
+    /// After this many samples per pixel; 0 counts as 1.
     Spp(u32),
-    /// After this much wall-clock time, at the end of a pass over all pixels.
+    /// After this much wall-clock time, at the end of the pass over all pixels that comes nearest to it.
     Time(Duration),
 }
 
@@ -100,6 +100,8 @@ pub fn render(
     progress: &dyn Fn(f64),
 ) -> Rendering {
     let start = Instant::now();
+    // Without a sample there is no mean: 0 / 0 would be black with NaN, and the share of the budget never reach 1.
+    let budget = if budget == Budget::Spp(0) { Budget::Spp(1) } else { budget };
     let pass = if matches!(budget, Budget::Spp(_)) { PASS } else { SHORT_PASS };
     let mut pixels = vec![Pixel::default(); view.width * view.height];
     let mut spp = 0;
@@ -112,7 +114,12 @@ pub fn render(
         spp += count;
         let spent = match budget {
             Budget::Spp(total) => f64::from(spp) / f64::from(total),
-            Budget::Time(limit) => start.elapsed().as_secs_f64() / limit.as_secs_f64(),
+            // Half a pass more is as near to the limit as half a pass less.
+            Budget::Time(limit) => {
+                let elapsed = start.elapsed().as_secs_f64();
+                let half_pass = 0.5 * elapsed * f64::from(pass) / f64::from(spp);
+                (elapsed + half_pass) / limit.as_secs_f64()
+            }
         };
         progress(spent.min(1.0));
         if spent >= 1.0 || stop.load(Ordering::Relaxed) {

@@ -148,7 +148,7 @@ impl SamplerSpec {
     fn read(&self, file: &Path, environment: &Arc<Environment>) -> Result<(Intermediate, EnvironmentLight)> {
         let exported = ExportedSampler::read(file)?;
         exported.check_environment(environment).map_err(|error| match error {
-            Error::Argument { reason, .. } => Error::invalid(file, "environment_hash", reason),
+            Error::Argument { what, reason } => Error::invalid(file, what, reason),
             other => other,
         })?;
         Ok((exported.intermediate, EnvironmentLight::with_tail(environment.clone(), exported.tail)))

@@ -1,0 +1,431 @@
+//! Exported files: what is written is what is read, and nothing that a file may hold makes the reader panic.
+
+use std::{fs, path::Path, path::PathBuf, sync::Arc};
+
+use glam::{Vec2, Vec3A};
+use headtail_render::{
+    Error,
+    bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
+    brdf::{Brdf, Lambert},
+    environment::Environment,
+    export::{ExportedSampler, Intermediate, TrainingSummary},
+    head::{Condition, Head, Linear, Mode},
+    image::Image,
+    random::{Purpose, Stream},
+    sampler::{DirectionSampler, EnvironmentLight, ProductSampler, SamplerSpec, ShadingPoint},
+    tail::{TailKind, TailWarp},
+};
+use serde_json::{Value, json};
+
+fn environment(name: &str, salt: usize) -> Arc<Environment> {
+    let pixels = (0..16 * 9).map(|k| [((k * 7 + salt) % 11) as f32, 1.0, (k % 3) as f32]).collect();
+    Arc::new(Environment::from_image(name, Image { width: 16, height: 9, pixels }).unwrap())
+}
+
+fn head(mode: Mode, encoder: bool) -> Head {
+    let mut random = Stream::new(5, Purpose::Weights, 0);
+    let mut layers = |sizes: &[usize]| -> Vec<Linear> {
+        let mut layer = |inputs: usize, outputs: usize| {
+            let mut values = |count: usize| -> Vec<f32> { (0..count).map(|_| random.uniform() - 0.5).collect() };
+            let weight = values(inputs * outputs);
+            Linear::new("random", inputs, outputs, &weight, values(outputs)).unwrap()
+        };
+        sizes.windows(2).map(|pair| layer(pair[0], pair[1])).collect()
+    };
+    let encoder = if encoder { layers(&[3, 6, 5]) } else { Vec::new() };
+    let seen = 3 + encoder.last().map_or(0, Linear::outputs);
+    let features = if mode == Mode::Coupled { 2 } else { 0 };
+    let networks = [layers(&[seen + features, 8, 8, 13]), layers(&[seen + 1, 8, 8, 13])];
+    Head::new(Condition::Normal, mode, 0.01, encoder, networks).unwrap()
+}
+
+fn table() -> BakedTable {
+    BakedTable::fill(NormalGrid::new(4, 6).unwrap(), CellGrid::new(3, 5).unwrap(), |normal, masses| {
+        masses.iter_mut().enumerate().for_each(|(k, mass)| *mass = k as f32 * (1.5 + normal.x));
+    })
+    .unwrap()
+}
+
+fn training() -> TrainingSummary {
+    TrainingSummary {
+        steps: 1000,
+        seed: 7,
+        loss: "log-chi-square".into(),
+        backend: "flex".into(),
+        final_kl: 0.012_345_678_901_234_5,
+        relative_variance: 0.1,
+        seconds: None,
+    }
+}
+
+/// Every kind of content with either tail.
+fn samplers() -> Vec<ExportedSampler> {
+    let map = environment("test map", 0);
+    let mut samplers = Vec::new();
+    for kind in [TailKind::RowColumn, TailKind::Hierarchical] {
+        let mut add = |intermediate, training| {
+            samplers.push(ExportedSampler::new(intermediate, kind, &map, training).unwrap());
+        };
+        for mode in [Mode::Coupled, Mode::Autoregressive] {
+            add(Intermediate::Head(head(mode, false)), Some(training()));
+            add(Intermediate::Head(head(mode, true)), Some(training()));
+        }
+        add(Intermediate::Bake(table()), Some(training()));
+        let light = EnvironmentLight::new(map.clone(), kind).unwrap();
+        let direct = direct_bake(light.tail(), NormalGrid::new(4, 6).unwrap(), CellGrid::new(4, 4).unwrap()).unwrap();
+        add(Intermediate::DirectBake(direct), None);
+    }
+    samplers
+}
+
+fn shading_point(normal: Vec3A) -> ShadingPoint {
+    let brdf = Brdf::Lambert(Lambert { albedo: Vec3A::ONE });
+    ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, brdf }
+}
+
+/// What a sampler draws: directions and both pdfs, as bits.
+fn draws(sampler: &ExportedSampler, count: u64) -> Vec<[u32; 5]> {
+    fn of<S: DirectionSampler>(sampler: &S, count: u64) -> Vec<[u32; 5]> {
+        let draw = |k| {
+            let mut random = Stream::new(1, Purpose::Test, k);
+            let at = shading_point(random.direction());
+            let prepared = sampler.prepare(&at);
+            let sample = sampler.sample(&prepared, &at, random.uniform2());
+            sample.map_or([0; 5], |s| {
+                let [x, y, z] = s.wi.to_array();
+                [x, y, z, s.pdf, sampler.pdf(&prepared, &at, s.wi)].map(f32::to_bits)
+            })
+        };
+        (0..count).map(draw).collect()
+    }
+    let light = EnvironmentLight::with_tail(environment("test map", 0), sampler.tail.clone());
+    match &sampler.intermediate {
+        Intermediate::Head(head) => of(&ProductSampler::new(light, head.clone()), count),
+        Intermediate::Bake(table) | Intermediate::DirectBake(table) => {
+            of(&ProductSampler::new(light, table.clone()), count)
+        }
+    }
+}
+
+/// A folder of files that is removed in the end.
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn bytes_of(&self, sampler: &ExportedSampler) -> Vec<u8> {
+        let path = self.path("good.safetensors");
+        sampler.write(&path).unwrap();
+        fs::read(path).unwrap()
+    }
+
+    fn read(&self, bytes: &[u8]) -> Result<ExportedSampler, String> {
+        let path = self.path("hostile.safetensors");
+        // A new file each time: some file systems wait for the disk when one is truncated and written again.
+        let _ = fs::remove_file(&path);
+        fs::write(&path, bytes).unwrap();
+        ExportedSampler::read(&path).map_err(|error| one_sentence(&error, &path))
+    }
+
+    /// The error of a file that must be refused.
+    fn refused(&self, bytes: &[u8]) -> String {
+        self.read(bytes).expect_err("the file is accepted")
+    }
+}
+
+/// Checks the form of an error: one line that names the file.
+fn one_sentence(error: &Error, path: &Path) -> String {
+    let text = error.to_string();
+    assert!(text.starts_with(&path.display().to_string()), "the file is not named: {text}");
+    assert!(!text.contains('\n') && text.len() < 1000, "not one sentence: {text}");
+    text[path.display().to_string().len()..].to_owned()
+}
+
+/// A file taken apart: the JSON header, and the bytes behind it.
+struct Parts {
+    header: Value,
+    body: Vec<u8>,
+}
+
+impl Parts {
+    fn of(bytes: &[u8]) -> Self {
+        let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+        Self { header: serde_json::from_slice(&bytes[8..8 + length]).unwrap(), body: bytes[8 + length..].to_vec() }
+    }
+
+    fn bytes(&self) -> Vec<u8> {
+        let header = self.header.to_string();
+        [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &self.body].concat()
+    }
+
+    /// Changes the description.
+    fn describe(mut self, change: impl FnOnce(&mut Value)) -> Vec<u8> {
+        let text = self.header["__metadata__"]["headtail"].as_str().unwrap();
+        let mut description: Value = serde_json::from_str(text).unwrap();
+        change(&mut description);
+        self.header["__metadata__"]["headtail"] = description.to_string().into();
+        self.bytes()
+    }
+
+    /// Changes the entry of a tensor.
+    fn entry(mut self, name: &str, change: impl FnOnce(&mut Value)) -> Vec<u8> {
+        change(&mut self.header[name]);
+        self.bytes()
+    }
+
+    /// Replaces all values of a tensor.
+    fn values(mut self, name: &str, value: f32) -> Vec<u8> {
+        let offsets = &self.header[name]["data_offsets"];
+        let range = offsets[0].as_u64().unwrap() as usize..offsets[1].as_u64().unwrap() as usize;
+        self.body[range].chunks_exact_mut(4).for_each(|bytes| bytes.copy_from_slice(&value.to_le_bytes()));
+        self.bytes()
+    }
+}
+
+#[test]
+fn what_is_read_samples_like_what_was_written() {
+    let folder = Folder::new();
+    for sampler in samplers() {
+        let bytes = folder.bytes_of(&sampler);
+        let read = folder.read(&bytes).unwrap();
+        assert_eq!(read.description(), sampler.description());
+        assert_eq!(read.luminance, sampler.luminance);
+        assert_eq!(draws(&read, 2000), draws(&sampler, 2000), "{:?}", sampler.description());
+        assert_eq!(read.tail.forward(Vec2::new(0.3, 0.7)), sampler.tail.forward(Vec2::new(0.3, 0.7)));
+        assert_eq!(folder.bytes_of(&read), bytes, "writing what was read gives the same bytes");
+        assert_eq!(folder.bytes_of(&sampler), bytes, "writing twice gives the same bytes");
+    }
+}
+
+#[test]
+fn truncated_files_are_refused_at_every_length() {
+    let folder = Folder::new();
+    for sampler in [&samplers()[1], &samplers()[4]] {
+        let bytes = folder.bytes_of(sampler);
+        // Every length of the first bytes, then strides, then every length of the last ones.
+        let lengths = (0..64).chain((64..bytes.len()).step_by(23)).chain(bytes.len() - 64..bytes.len());
+        for length in lengths {
+            folder.refused(&bytes[..length]);
+        }
+        folder.refused(&[&bytes[..], &[0; 4]].concat());
+    }
+}
+
+#[test]
+fn flipped_bytes_never_panic() {
+    let folder = Folder::new();
+    let mut accepted = 0;
+    for sampler in [&samplers()[1], &samplers()[2], &samplers()[5], &samplers()[10]] {
+        let bytes = folder.bytes_of(sampler);
+        let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+        let mut random = Stream::new(2, Purpose::Test, 0);
+        for round in 0..1500 {
+            let mut bytes = bytes.clone();
+            // Two thirds of the mutations hit the header; a few hit several bytes.
+            let (start, end) = if round % 3 < 2 { (0, header) } else { (header, bytes.len()) };
+            for _ in 0..1 + round % 3 {
+                let place = start + ((end - start) as f32 * random.uniform()) as usize;
+                let flip = 1 + (255.0 * random.uniform()) as u8;
+                bytes[place.min(end - 1)] ^= flip;
+            }
+            // What is accepted must draw without a panic, too.
+            if let Ok(read) = folder.read(&bytes) {
+                accepted += 1;
+                draws(&read, 20);
+            }
+        }
+    }
+    assert!(accepted > 100, "{accepted}: mutations of weights are accepted, or nothing past the header was tested");
+}
+
+#[test]
+fn wrong_descriptions_are_refused_by_name() {
+    let folder = Folder::new();
+    let head = folder.bytes_of(&samplers()[1]);
+    let refused = |change: &dyn Fn(&mut Value)| folder.refused(&Parts::of(&head).describe(change));
+    let expect = |error: &str, words: &[&str]| words.iter().for_each(|word| assert!(error.contains(word), "{error}"));
+
+    expect(&refused(&|d| d["format_version"] = json!(2)), &["format_version", "is 2", "reads version 1"]);
+    expect(&refused(&|d| d["format_version"] = json!(-1)), &["format_version"]);
+    expect(&refused(&|d| d["format_version"] = json!("1")), &["format_version"]);
+    expect(&refused(&|d| drop(d.as_object_mut().unwrap().remove("format_version"))), &["format_version", "none"]);
+    expect(&refused(&|d| d["visibility"] = json!(true)), &["visibility"]);
+    expect(&refused(&|d| d["training"]["colour"] = json!(1)), &["colour"]);
+    expect(&refused(&|d| d["intermediate"]["bins"] = json!(1)), &["bins"]);
+    expect(&refused(&|d| d["tail"] = json!("flow")), &["flow"]);
+    expect(&refused(&|d| d["condition"] = json!("ggx")), &["ggx"]);
+    expect(&refused(&|d| d["intermediate"]["kind"] = json!("mixture")), &["mixture"]);
+    expect(&refused(&|d| d["intermediate"]["mode"] = json!("both")), &["both"]);
+    expect(&refused(&|d| d["intermediate"]["leaky_slope"] = json!(-0.5)), &["leaky_slope"]);
+    expect(&refused(&|d| d["intermediate"]["leaky_slope"] = json!(1e300)), &["leaky_slope"]);
+    expect(&refused(&|d| d["intermediate"]["encoder_layers"] = json!(usize::MAX)), &["encoder", "16"]);
+    expect(&refused(&|d| d["intermediate"]["network_layers"] = json!(0)), &["layer0"]);
+    expect(&refused(&|d| d["intermediate"]["network_layers"] = json!(4)), &["layer0.linear3.weight", "missing"]);
+    // A layer that the description does not mention is an unknown tensor, not an ignored one.
+    expect(&refused(&|d| d["intermediate"]["encoder_layers"] = json!(1)), &["layer0.linear0"]);
+    expect(&refused(&|d| d["intermediate"] = json!({"kind": "bake"})), &["table.masses", "missing"]);
+    // The other mode takes other inputs.
+    expect(&refused(&|d| d["intermediate"]["mode"] = json!("autoregressive")), &["layer0.linear0"]);
+    expect(&refused(&|d| *d = json!([1, 2])), &["format_version"]);
+
+    let mut parts = Parts::of(&head);
+    parts.header["__metadata__"]["headtail"] = "{".into();
+    expect(&folder.refused(&parts.bytes()), &["metadata 'headtail'"]);
+    parts.header.as_object_mut().unwrap().remove("__metadata__");
+    expect(&folder.refused(&parts.bytes()), &["metadata 'headtail'", "missing"]);
+}
+
+#[test]
+fn wrong_tensors_are_refused_by_name() {
+    let folder = Folder::new();
+    let head = folder.bytes_of(&samplers()[1]);
+    let bake = folder.bytes_of(&samplers()[4]);
+    let expect = |bytes: &[u8], words: &[&str]| {
+        let error = folder.refused(bytes);
+        words.iter().for_each(|word| assert!(error.contains(word), "{error}"));
+    };
+    let (weight, luminance) = ("layer1.linear1.weight", "tail.luminance");
+
+    let mut parts = Parts::of(&head);
+    let entry = parts.header.as_object_mut().unwrap().remove(weight).unwrap();
+    parts.header["layer1.linear1.w"] = entry;
+    expect(&parts.bytes(), &[weight, "missing"]);
+
+    let mut parts = Parts::of(&head);
+    let end = parts.body.len();
+    parts.header["notes"] = json!({"dtype": "F32", "shape": [1], "data_offsets": [end, end + 4]});
+    parts.body.extend([0; 4]);
+    expect(&parts.bytes(), &["tensor 'notes'", "not known"]);
+
+    for dtype in ["I32", "U32"] {
+        expect(&Parts::of(&head).entry(weight, |e| e["dtype"] = json!(dtype)), &[weight, "f32"]);
+        expect(&Parts::of(&head).entry(luminance, |e| e["dtype"] = json!(dtype)), &[luminance, "f32"]);
+    }
+    expect(&Parts::of(&head).entry(weight, |e| e["dtype"] = json!("F64")), &["header"]);
+    expect(&Parts::of(&head).entry(weight, |e| e["shape"] = json!([64])), &[weight, "2 axes"]);
+    expect(&Parts::of(&head).entry(weight, |e| e["shape"] = json!([8, 2, 4])), &[weight, "2 axes"]);
+    expect(&Parts::of(&head).entry(weight, |e| e["shape"] = json!([4, 16])), &["layer1.linear1"]);
+    expect(&Parts::of(&head).entry(weight, |e| e["shape"] = json!([64, 1])), &["layer1.linear1"]);
+    expect(&Parts::of(&bake).entry("table.masses", |e| e["shape"] = json!([360])), &["table.masses", "4 axes"]);
+    expect(&Parts::of(&bake).entry("table.masses", |e| e["shape"] = json!([1, 24, 3, 5])), &["normals", "1x24"]);
+    expect(&Parts::of(&bake).entry("table.masses", |e| e["shape"] = json!([2, 2, 9, 10])), &["normals", "2x2"]);
+    for shape in [json!([u64::MAX, 2]), json!([1_u64 << 32, 1_u64 << 32]), json!([0, 5]), json!([-1, 3]), json!([])] {
+        expect(&Parts::of(&head).entry(weight, |e| e["shape"] = shape.clone()), &[""; 0]);
+        expect(&Parts::of(&head).entry(luminance, |e| e["shape"] = shape.clone()), &[""; 0]);
+    }
+    for offsets in [json!([0, u64::MAX]), json!([u64::MAX, 0]), json!([8, 4]), json!([0]), json!("all")] {
+        expect(&Parts::of(&head).entry(weight, |e| e["data_offsets"] = offsets.clone()), &["header"]);
+    }
+    for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        expect(&Parts::of(&head).values(weight, value), &["layer1.linear1", "not finite"]);
+        expect(&Parts::of(&head).values("layer0.linear0.bias", value), &["layer0.linear0", "not finite"]);
+        expect(&Parts::of(&head).values(luminance, value), &["luminance"]);
+        expect(&Parts::of(&bake).values("table.masses", value), &["table"]);
+    }
+    expect(&Parts::of(&head).values(luminance, 0.0), &["luminance", "zero everywhere"]);
+    expect(&Parts::of(&head).values(luminance, -1.0), &["luminance", "negative"]);
+    expect(&Parts::of(&bake).values("table.masses", -1.0), &["table", "negative"]);
+    // The length of the header itself.
+    for length in [0, 1, 100_000_000_u64, u64::MAX] {
+        expect(&[&length.to_le_bytes()[..], &head[8..]].concat(), &["header"]);
+    }
+}
+
+#[test]
+fn extreme_weights_never_panic() {
+    let folder = Folder::new();
+    for sampler in [&samplers()[0], &samplers()[1], &samplers()[2], &samplers()[3]] {
+        let bytes = folder.bytes_of(sampler);
+        let names: Vec<String> = Parts::of(&bytes).header.as_object().unwrap().keys().cloned().collect();
+        for name in names.iter().filter(|name| name.contains("linear")) {
+            for value in [0.0, f32::MAX, -f32::MAX, 1e20, f32::MIN_POSITIVE, -1e3] {
+                let read = folder.read(&Parts::of(&bytes).values(name, value)).unwrap();
+                draws(&read, 50);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_no_sampler_file_is_refused() {
+    let folder = Folder::new();
+    assert!(folder.refused(b"").contains("no sampler written by headtail"));
+    assert!(folder.refused(b"# a text file\nwith two lines\n").contains("no sampler written by headtail"));
+    assert!(folder.refused(&[0; 4096]).contains("no sampler written by headtail"));
+    assert!(folder.refused(&[0xFF; 4096]).contains("no sampler written by headtail"));
+    // Nested JSON deep enough to exhaust a recursive parser's stack.
+    let deep = format!("{{\"a\":{}", "[".repeat(200_000));
+    assert!(folder.refused(&[&(deep.len() as u64).to_le_bytes(), deep.as_bytes()].concat()).contains("header"));
+    for path in [folder.0.path().to_owned(), folder.path("not there.safetensors")] {
+        one_sentence(&ExportedSampler::read(&path).expect_err("accepted"), &path);
+    }
+}
+
+#[test]
+fn a_map_that_is_not_the_sampler_s_is_refused() {
+    let folder = Folder::new();
+    let path = folder.path("head.safetensors");
+    samplers()[0].write(&path).unwrap();
+    let spec = SamplerSpec::Head(path.clone());
+    spec.build(&environment("test map", 0)).unwrap();
+    let other = environment("other map", 1);
+    let error = one_sentence(&spec.build(&other).err().expect("accepted"), &path);
+    for word in ["test map", "other map", "bake it for this map"] {
+        assert!(error.contains(word), "{error}");
+    }
+    // The hash is of the map; the tail is built from the luminance in the file, which must be that of the map: where it
+    // is dark and the map is not, light would be lost without a word.
+    let mut parts = Parts::of(&fs::read(&path).unwrap());
+    let first = parts.header["tail.luminance"]["data_offsets"][0].as_u64().unwrap() as usize;
+    parts.body[first + 160..first + 320].fill(0);
+    fs::write(&path, parts.bytes()).unwrap();
+    let error = one_sentence(&spec.build(&environment("test map", 0)).err().expect("accepted"), &path);
+    assert!(error.contains("luminance"), "{error}");
+}
+
+#[test]
+fn a_file_of_another_kind_is_refused_with_advice() {
+    let folder = Folder::new();
+    let map = environment("test map", 0);
+    let path = |name: &str| folder.path(name);
+    for (name, index) in [("head", 0), ("baked", 4), ("direct", 5)] {
+        samplers()[index].write(&path(name)).unwrap();
+    }
+    let build = |kind: &str, name: &str| {
+        let spec: SamplerSpec = format!("{kind}:{}", path(name).display()).parse().unwrap();
+        spec.build(&map).map(drop).map_err(|error| one_sentence(&error, &path(name)))
+    };
+    for (kind, name, advice) in [
+        ("baked", "head", "head:FILE"),
+        ("direct", "head", "head:FILE"),
+        ("head", "baked", "baked:FILE"),
+        ("direct", "baked", "baked:FILE"),
+        ("head", "direct", "direct:FILE"),
+        ("baked", "direct", "direct:FILE"),
+    ] {
+        let error = build(kind, name).unwrap_err();
+        assert!(error.contains(advice), "{kind}:{name}: {error}");
+    }
+    for kind in ["head", "baked", "direct"] {
+        build(kind, kind).unwrap();
+    }
+}
+
+#[test]
+fn a_file_that_cannot_be_read_back_is_not_written() {
+    let folder = Folder::new();
+    let path = folder.path("diverged.safetensors");
+    for broken in [f64::NAN, f64::INFINITY] {
+        let mut sampler = samplers().swap_remove(0);
+        sampler.training.as_mut().unwrap().final_kl = broken;
+        let error = one_sentence(&sampler.write(&path).unwrap_err(), &path);
+        assert!(error.contains("final_kl"), "{error}");
+        assert!(!path.exists());
+    }
+}

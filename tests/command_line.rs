@@ -1,0 +1,514 @@
+//! The command line from outside: every command on small built-in data, mistakes, interruption, reproducibility.
+//!
+//! `demo` takes too long for a test; the script that runs every check runs it.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output},
+};
+
+use headtail_render::{
+    image::{Image, read_radiance, write_exr},
+    statistics::ErrorMetrics,
+};
+use tempfile::TempDir;
+
+/// Runs the program in `folder`, so that paths in arguments and messages are short.
+fn headtail(folder: &Path, arguments: &str) -> Output {
+    command(folder, arguments).output().expect("the program starts")
+}
+
+fn command(folder: &Path, arguments: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_headtail"));
+    command.current_dir(folder).args(arguments.split_whitespace());
+    command
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).expect("the program writes UTF-8")
+}
+
+/// Runs a command that must succeed; its standard output.
+fn succeed(folder: &Path, arguments: &str) -> String {
+    let output = headtail(folder, arguments);
+    assert!(output.status.success(), "{arguments}: {}\n{}", output.status, text(&output.stderr));
+    text(&output.stdout)
+}
+
+/// Runs a command that must fail with one sentence; the sentence.
+fn fail(folder: &Path, arguments: &str) -> String {
+    let output = headtail(folder, arguments);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{arguments}: {message}");
+    assert_eq!(message.trim_end().lines().count(), 1, "{arguments}: {message}");
+    let sentence = message.strip_prefix("error: ").unwrap_or_else(|| panic!("{arguments}: {message}"));
+    let reason = sentence.rsplit(": ").next().unwrap_or_default().trim();
+    assert_eq!(sentence.matches(reason).count(), 1, "the reason is given twice: {sentence}");
+    sentence.trim_end().to_owned()
+}
+
+/// Runs a command that the parser of arguments must refuse; what it says.
+fn refuse(folder: &Path, arguments: &str) -> String {
+    let output = headtail(folder, arguments);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{arguments}: {message}");
+    assert!(message.starts_with("error: ") && !message.contains("panicked"), "{arguments}: {message}");
+    message
+}
+
+fn folder() -> TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
+/// The names in a folder, sorted; a temporary file that was left over would be among them.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).expect("the folder is there");
+    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+fn picture(path: &Path) -> Image {
+    read_radiance(path).unwrap()
+}
+
+/// Mean over pixels and channels.
+fn mean(image: &Image) -> f64 {
+    image.pixels.iter().flatten().map(|&value| f64::from(value)).sum::<f64>() / (3 * image.pixels.len()) as f64
+}
+
+/// A Radiance file of flat (not run-length coded) pixels, all of one colour: `mantissa / 256 * 2^(exponent - 128)`.
+fn radiance_file(width: usize, height: usize, mantissa: u8, exponent: u8) -> Vec<u8> {
+    let mut bytes = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n").into_bytes();
+    bytes.extend([mantissa, mantissa, mantissa, exponent].repeat(width * height));
+    bytes
+}
+
+fn is_png(path: &Path) -> bool {
+    fs::read(path).unwrap().starts_with(b"\x89PNG\r\n\x1a\n")
+}
+
+const SMALL: &str = "--width 24 --height 18";
+
+#[test]
+fn the_help_of_every_command_ends_with_examples() {
+    let here = folder();
+    for name in ["demo", "fit", "bake", "render", "compare", "inspect"] {
+        let help = succeed(here.path(), &format!("{name} --help"));
+        let (_, examples) = help.split_once("Examples:").unwrap_or_else(|| panic!("{name}: no examples"));
+        assert!(examples.contains(&format!("headtail {name}")), "{help}");
+        assert!(succeed(here.path(), "--help").contains(&format!("\n  {name} ")));
+    }
+    assert_eq!(succeed(here.path(), "--version").trim(), format!("headtail {}", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn a_head_is_fitted_baked_rendered_and_inspected() {
+    let here = folder();
+    let path = here.path();
+    let said = succeed(path, "fit --env overcast --material lambert --steps 30 --seed 3 --out fitted");
+    assert!(said.contains("KL ") && said.contains("30 steps"), "{said}");
+    assert_eq!(names(&path.join("fitted")), ["sampler.safetensors"]);
+
+    succeed(path, "bake --from fitted/sampler.safetensors --normals 6x8 --cells 8x8 --out baked.safetensors");
+    succeed(path, "inspect fitted/sampler.safetensors --normal 1,0.5,-0.2 --out pictures/head.png");
+    succeed(path, "inspect baked.safetensors --out pictures/baked.png");
+    assert_eq!(names(&path.join("pictures")), ["baked.png", "head.png"]);
+    assert!(is_png(&path.join("pictures/head.png")) && is_png(&path.join("pictures/baked.png")));
+
+    // The samplers estimate one and the same picture.
+    let view = format!("render --scene sphere --env overcast --spp 64 {SMALL}");
+    for (sampler, name) in [("head:fitted/sampler", "head"), ("baked:baked", "baked")] {
+        let said = succeed(path, &format!("{view} --sampler {sampler}.safetensors --out {name}.exr"));
+        assert!(said.starts_with(sampler) && said.contains("64 spp"), "{said}");
+    }
+    succeed(path, &format!("{view} --sampler mis --out mis.exr"));
+    let expected = mean(&picture(&path.join("mis.exr")));
+    for name in ["head", "baked"] {
+        let found = mean(&picture(&path.join(name).with_extension("exr")));
+        // 432 pixels at 64 samples of relative deviation below 1: the mean is known to well under 1 %.
+        assert!((found / expected - 1.0).abs() < 0.02, "{name}: {found}, mis: {expected}");
+    }
+}
+
+#[test]
+fn a_direct_bake_needs_no_training() {
+    let here = folder();
+    let path = here.path();
+    succeed(
+        path,
+        "bake --direct --env sunset --tail row-column --normals 6x8 --cells 8x8 --out tables/sunset.safetensors",
+    );
+    assert_eq!(names(&path.join("tables")), ["sunset.safetensors"]);
+    let said = succeed(path, "inspect tables/sunset.safetensors --out sunset.png");
+    assert!(said.contains("Direct bake of 'sunset'") && said.contains("row-column"), "{said}");
+    let view = format!("render --scene plane --env sunset --spp 4 {SMALL}");
+    succeed(path, &format!("{view} --sampler direct:tables/sunset.safetensors --out plane.exr"));
+    assert!(is_png(&path.join("plane.png")));
+}
+
+#[test]
+fn every_sampler_without_a_file_gives_the_same_mean() {
+    let here = folder();
+    let path = here.path();
+    let view = format!("render --scene sphere --env overcast --unshadowed {SMALL}");
+    succeed(path, &format!("{view} --sampler mis --spp 256 --out reference.exr"));
+    let expected = mean(&picture(&path.join("reference.exr")));
+    for (sampler, spp) in
+        [("cosine", 64), ("emitter", 64), ("mis2", 64), ("mis-comp", 64), ("ris:4", 64), ("oracle", 2)]
+    {
+        let said = succeed(path, &format!("{view} --sampler {sampler} --spp {spp} --out picture.exr"));
+        assert!(said.starts_with(&format!("{sampler}: {spp} spp")), "{said}");
+        let found = mean(&picture(&path.join("picture.exr")));
+        assert!((found / expected - 1.0).abs() < 0.03, "{sampler}: {found}, mis: {expected}");
+    }
+}
+
+#[test]
+fn both_budgets_render_a_picture_of_the_size_asked_for() {
+    let here = folder();
+    let path = here.path();
+    for (budget, name) in [("--spp 3", "samples"), ("--seconds 0.2", "time")] {
+        let view = "render --scene temple --env window --sampler mis --width 31 --height 17";
+        let said = succeed(path, &format!("{view} {budget} --out out/{name}.exr"));
+        assert!(said.contains(" spp in ") && said.contains(&format!("{name}.png written")), "{said}");
+        let image = picture(&path.join("out").join(name).with_extension("exr"));
+        assert_eq!((image.width, image.height), (31, 17));
+        assert!(image.pixels.iter().flatten().all(|value| value.is_finite() && *value >= 0.0));
+    }
+    assert_eq!(names(&path.join("out")), ["samples.exr", "samples.png", "time.exr", "time.png"]);
+}
+
+#[test]
+fn shadows_ground_and_camera_change_the_picture() {
+    let here = folder();
+    let path = here.path();
+    let render = |options: &str| {
+        succeed(
+            path,
+            &format!("render --scene temple --env overcast --sampler cosine --spp 16 {SMALL} {options} --out a.exr"),
+        );
+        picture(&path.join("a.exr"))
+    };
+    let shadowed = render("");
+    let unshadowed = render("--unshadowed");
+    // Without shadow rays a pixel gains light or stays as it is: the samples are the same.
+    assert!(mean(&unshadowed) > 1.1 * mean(&shadowed));
+    let brighter = |(a, b): (&[f32; 3], &[f32; 3])| a.iter().zip(b).all(|(a, b)| a >= b);
+    assert!(unshadowed.pixels.iter().zip(&shadowed.pixels).all(brighter));
+    for options in ["--ground --look-from 40,9,40 --look-at 0,0,0", "--look-from 40,9,40 --look-at 0,0,0", "--fov 20"] {
+        assert_ne!(render(options), shadowed, "{options}");
+    }
+}
+
+#[test]
+fn gltf_files_are_scenes() {
+    let here = folder();
+    // Three corners of three floats: (-1, -1, 0), (1, -1, 0), (0, 1, 0).
+    let corners: Vec<u8> =
+        [-1.0_f32, -1.0, 0.0, 1.0, -1.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|value| value.to_le_bytes()).collect();
+    fs::write(here.path().join("corners.bin"), corners).unwrap();
+    let scene = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [-1, -1, 0], "max": [1, 1, 0]}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"uri": "corners.bin", "byteLength": 36}]}"#;
+    fs::write(here.path().join("triangle.gltf"), scene).unwrap();
+    let view = format!("render --env overcast --sampler mis --spp 1 {SMALL} --out a.exr --scene");
+    succeed(here.path(), &format!("{view} triangle.gltf"));
+    fs::write(here.path().join("broken.gltf"), &scene[..200]).unwrap();
+    assert!(fail(here.path(), &format!("{view} broken.gltf")).starts_with("broken.gltf: "));
+    assert!(fail(here.path(), &format!("{view} nowhere")).contains("temple, dishes, sphere, plane"));
+}
+
+#[test]
+fn compare_writes_the_table_the_page_and_the_images() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, "bake --direct --env studio --normals 6x8 --cells 8x8 --out direct.safetensors");
+    let samplers = ["mis", "ris:2", "direct:direct.safetensors"];
+    let view = format!("compare --scene sphere --env studio {SMALL} --reference-spp 32");
+    let said = succeed(
+        path,
+        &format!("{view} --samplers {} --spp 2,4 --seconds 0.05 --runs 2 --seed 5 --out results", samplers.join(",")),
+    );
+    assert!(said.trim_end().ends_with("report.html"), "{said}");
+
+    let mut reader = csv::Reader::from_path(path.join("results/results.csv")).unwrap();
+    let columns = "scene,env,sampler,budget,run,spp,rays_per_sample,seconds,mse,relmse,relmse_trimmed,ttuv,mean_luminance,max_weight,seed,version";
+    assert_eq!(reader.headers().unwrap().iter().collect::<Vec<_>>().join(","), columns);
+    let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    assert_eq!(rows.len(), 3 * 3 * (2 + 1));
+    for sampler in samplers {
+        for budget in ["2spp", "4spp", "0.05s"] {
+            let group: Vec<_> = rows.iter().filter(|row| &row[2] == sampler && &row[3] == budget).collect();
+            assert_eq!(group.iter().map(|row| &row[4]).collect::<Vec<_>>(), ["0", "1", "mean"], "{sampler} {budget}");
+            assert_eq!((&group[0][14], &group[1][14]), ("5", "6"));
+            assert!(
+                group
+                    .iter()
+                    .all(|row| &row[0] == "sphere" && &row[1] == "studio" && &row[15] == env!("CARGO_PKG_VERSION"))
+            );
+            for column in 5..14 {
+                let value = |row: usize| group[row][column].parse::<f64>().unwrap();
+                assert!(value(0) > 0.0 && value(0).is_finite());
+                // The mean row holds the largest of the largest weights, and means of all else.
+                let expected = if column == 13 { value(0).max(value(1)) } else { 0.5 * (value(0) + value(1)) };
+                assert!((value(2) / expected - 1.0).abs() < 1e-9, "{sampler} {budget} column {column}: {group:?}");
+            }
+        }
+    }
+
+    let page = fs::read_to_string(path.join("results/report.html")).unwrap();
+    assert!(page.contains("data:image/png;base64,") && page.contains("<svg"));
+    assert!(!page.contains("src=\"http") && !page.contains("href=\"http"), "the page needs nothing but itself");
+    let images = names(&path.join("results"));
+    assert_eq!(images.iter().filter(|name| name.ends_with(".exr")).count(), 1 + 3 * 3, "{images:?}");
+
+    // A reference that was rendered before is taken, and one of another size is refused.
+    let again = format!("{view} --samplers mis --spp 2 --runs 1 --reference results/reference.exr --out again");
+    succeed(path, &again);
+    let other_size = again.replace("--width 24", "--width 25");
+    assert!(fail(path, &other_size).contains("24 x 18"));
+}
+
+#[test]
+fn the_same_seed_gives_the_same_sampler_file() {
+    let here = folder();
+    let fit = "fit --env window --material lambert --steps 12 --reproducible";
+    for (seed, out) in [(1, "a"), (1, "b"), (2, "c")] {
+        succeed(here.path(), &format!("{fit} --seed {seed} --out {out}"));
+        succeed(
+            here.path(),
+            &format!("bake --from {out}/sampler.safetensors --normals 4x6 --cells 4x4 --out {out}/baked"),
+        );
+    }
+    let bytes = |file: &str| fs::read(here.path().join(file)).unwrap();
+    assert!(bytes("a/sampler.safetensors") == bytes("b/sampler.safetensors"));
+    assert!(bytes("a/sampler.safetensors") != bytes("c/sampler.safetensors"));
+    assert!(bytes("a/baked") == bytes("b/baked"));
+}
+
+#[test]
+fn the_same_seed_gives_the_same_picture_on_any_number_of_threads() {
+    let here = folder();
+    let view = "render --scene dishes --env studio --sampler ris:4 --spp 20 --width 40 --height 30";
+    for (threads, seed, out) in [(1, 9, "a"), (3, 9, "b"), (3, 10, "c")] {
+        succeed(here.path(), &format!("{view} --threads {threads} --seed {seed} --out {out}.exr"));
+    }
+    // The EXR files hold the time that was taken; their pixels and the PNG files have no such excuse.
+    let [a, b, c] = ["a", "b", "c"].map(|name| picture(&here.path().join(name).with_extension("exr")));
+    assert_eq!(a, b);
+    assert_ne!(a, c);
+    let png = |name: &str| fs::read(here.path().join(name)).unwrap();
+    assert!(png("a.png") == png("b.png"));
+}
+
+#[test]
+fn maps_are_repaired_or_refused_with_a_sentence() {
+    let here = folder();
+    let path = here.path();
+    let write = |name: &str, bytes: &[u8]| fs::write(path.join(name), bytes).unwrap();
+    write("black.hdr", &radiance_file(4, 2, 0, 0));
+    write("truncated.hdr", &radiance_file(64, 32, 128, 129)[..900]);
+    write("empty.hdr", b"");
+    write("text.hdr", b"not a picture at all");
+    let render = |map: &str| format!("render --scene sphere --sampler mis --spp 2 {SMALL} --out a.exr --env {map}");
+    for (map, expected) in [
+        ("black.hdr", "black"),
+        ("truncated.hdr", "too early"),
+        ("empty.hdr", "empty"),
+        ("text.hdr", "neither"),
+        ("missing.hdr", "overcast, window, studio, sunset"),
+        (".", ""),
+    ] {
+        let sentence = fail(path, &render(map));
+        assert!(sentence.contains(map) && sentence.contains(expected), "{sentence}");
+        fail(path, &format!("bake --direct --env {map} --out table"));
+        fail(path, &format!("fit --env {map} --material lambert --steps 1 --out fitted"));
+    }
+    assert!(!path.join("a.exr").exists() && !path.join("table").exists());
+
+    // Mantissa 128, exponent 129: radiance 1 everywhere, from a single texel. A white sphere in it cannot be seen.
+    write("one.hdr", &radiance_file(1, 1, 128, 129));
+    succeed(path, &render("one.hdr").replace("mis", "cosine"));
+    let white = picture(&path.join("a.exr"));
+    assert!(white.pixels.iter().flatten().all(|value| (value - 1.0).abs() < 1e-3));
+    succeed(path, "bake --direct --env one.hdr --normals 4x6 --cells 4x4 --out one.safetensors");
+
+    let mut spoilt = Image { width: 8, height: 4, pixels: vec![[1.0; 3]; 32] };
+    (spoilt.pixels[3], spoilt.pixels[9]) = ([f32::NAN, 1.0, -2.0], [f32::INFINITY, 1.0, 1.0]);
+    write_exr(&path.join("spoilt.exr"), &spoilt, &[]).unwrap();
+    let output = headtail(path, &render("spoilt.exr"));
+    let warnings = text(&output.stderr);
+    assert!(output.status.success(), "{warnings}");
+    for kind in ["NaN", "negative", "infinite"] {
+        let warning = warnings.lines().find(|line| line.contains(kind)).unwrap_or_else(|| panic!("{warnings}"));
+        assert!(warning.starts_with("warning: spoilt.exr: "), "{warning}");
+    }
+    assert!(picture(&path.join("a.exr")).pixels.iter().flatten().all(|value| value.is_finite()));
+}
+
+#[test]
+fn sampler_files_are_checked_before_they_are_used() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, "fit --env overcast --material lambert --steps 1 --out head");
+    succeed(path, "bake --from head/sampler.safetensors --normals 4x6 --cells 4x4 --out baked");
+    succeed(path, "bake --direct --env overcast --normals 4x6 --cells 4x4 --out direct");
+    let bytes = fs::read(path.join("direct")).unwrap();
+    fs::write(path.join("cut"), &bytes[..bytes.len() / 2]).unwrap();
+    fs::write(path.join("newer"), replace(&bytes, b"\\\"format_version\\\":1", b"\\\"format_version\\\":9")).unwrap();
+
+    let render = |env: &str, sampler: &str| {
+        fail(path, &format!("render --scene sphere --env {env} --sampler {sampler} --spp 1 {SMALL} --out a.exr"))
+    };
+    for (sampler, hint) in [
+        ("head:baked", "baked:FILE"),
+        ("baked:head/sampler.safetensors", "head:FILE"),
+        ("baked:direct", "direct:FILE"),
+        ("direct:baked", "baked:FILE"),
+        ("direct:cut", "header"),
+        ("direct:newer", "format_version"),
+        ("direct:nothing", "nothing"),
+    ] {
+        let sentence = render("overcast", sampler);
+        assert!(sentence.contains(hint), "{sampler}: {sentence}");
+    }
+    let sentence = render("studio", "direct:direct");
+    assert!(sentence.contains("'overcast'") && sentence.contains("'studio'"), "{sentence}");
+    assert!(!path.join("a.exr").exists());
+
+    assert!(fail(path, "bake --from direct --out b").contains("table already"));
+    assert!(fail(path, "bake --from nothing --out b").starts_with("nothing: "));
+    assert!(fail(path, "inspect cut --out a.png").starts_with("cut: "));
+    assert!(fail(path, "inspect direct --normal 0,0,0 --out a.png").contains("--normal"));
+    assert_eq!(names(path), ["baked", "cut", "direct", "head", "newer"]);
+}
+
+/// `bytes` with the only occurrence of `from` replaced by `to`, which is as long.
+fn replace(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
+    let start = bytes.windows(from.len()).position(|window| window == from).expect("it is there");
+    let mut changed = bytes.to_vec();
+    changed[start..start + to.len()].copy_from_slice(to);
+    changed
+}
+
+#[test]
+fn values_out_of_range_are_refused() {
+    let here = folder();
+    let path = here.path();
+    let render = "render --scene sphere --env overcast --out a.exr";
+    for (arguments, named) in [
+        ("", "Usage"),
+        ("paint", "paint"),
+        ("fit --env studio --material ggx --out a", "lambert"),
+        ("fit --env studio --material lambert --steps 0 --out a", "--steps"),
+        ("fit --env studio --material lambert --seed -1 --out a", "-1"),
+        ("bake --out a", "--direct"),
+        ("bake --direct --out a", "--env"),
+        ("bake --env studio --out a", "--from"),
+        ("bake --direct --from a --env studio --out b", "--from"),
+        ("bake --direct --env studio --cells 8 --out a", "16x32"),
+        ("render --env overcast --sampler mis --spp 1 --out a.exr", "--scene"),
+        (&format!("{render} --sampler mis"), "--spp"),
+        (&format!("{render} --sampler mis --spp 1 --seconds 1"), "--seconds"),
+        (&format!("{render} --sampler mis --spp 1 --width 0"), "--width"),
+        (&format!("{render} --sampler mis --spp 1 --threads 0"), "--threads"),
+        (&format!("{render} --sampler mis --spp 1 --look-from 1,2"), "three numbers"),
+        (&format!("{render} --sampler mis --spp 1 --look-from 1,2,3"), "--look-at"),
+        (&format!("{render} --sampler best --spp 1"), "'best'"),
+        (&format!("{render} --sampler ris:0 --spp 1"), "ris:4"),
+        (&format!("{render} --sampler head: --spp 1"), "head:FILE"),
+        (&format!("{render} --sampler mis:4 --spp 1"), "colon"),
+        ("compare --scene sphere --env overcast --samplers mis --spp 1 --runs 0 --out a", "--runs"),
+        ("compare --scene sphere --env overcast --samplers mis --out a", "--spp"),
+        ("inspect", "<FILE>"),
+    ] {
+        let message = refuse_or_help(path, arguments);
+        assert!(message.contains(named), "{arguments}: {message}");
+    }
+    for (arguments, named) in [
+        ("bake --direct --env studio --cells 65x8 --out a", "--cells"),
+        ("bake --direct --env studio --normals 1x8 --out a", "--normals"),
+        (&format!("{render} --sampler mis --spp 0"), "--spp"),
+        (&format!("{render} --sampler mis --seconds=-1"), "--seconds"),
+        (&format!("{render} --sampler mis --seconds nan"), "--seconds"),
+        (&format!("{render} --sampler mis --spp 1 --fov 500"), "field of view"),
+        (&format!("{render} --sampler mis --spp 1 --look-from 0,1,0 --look-at 0,1,0"), "direction"),
+        ("render --scene sphere --env overcast --sampler mis --spp 1 --out a.png", ".exr"),
+        ("compare --scene sphere --env overcast --samplers mis --spp 0 --out a", "--spp"),
+        ("demo --env nowhere --out a", "nowhere"),
+    ] {
+        let message = fail(path, arguments);
+        assert!(message.contains(named), "{arguments}: {message}");
+    }
+    #[cfg(not(feature = "wgpu"))]
+    assert!(fail(path, "fit --env studio --material lambert --backend wgpu --out a").contains("--features wgpu"));
+    let left: Vec<_> = names(path).into_iter().filter(|name| name != "a").collect();
+    assert_eq!(left, Vec::<String>::new());
+}
+
+/// As [`refuse`]; without any argument the whole help is shown instead.
+fn refuse_or_help(folder: &Path, arguments: &str) -> String {
+    if arguments.is_empty() { text(&headtail(folder, arguments).stderr) } else { refuse(folder, arguments) }
+}
+
+#[test]
+fn a_file_that_cannot_be_written_is_an_error() {
+    let here = folder();
+    fs::write(here.path().join("file"), "in the way").unwrap();
+    let render = format!("render --scene sphere --env overcast --sampler mis --spp 1 {SMALL}");
+    for arguments in [
+        format!("{render} --out file/a.exr"),
+        "bake --direct --env overcast --normals 4x6 --cells 4x4 --out file/a".into(),
+        "fit --env overcast --material lambert --steps 1 --out file".into(),
+        "compare --scene sphere --env overcast --samplers mis --spp 1 --out file".into(),
+    ] {
+        let sentence = fail(here.path(), &arguments);
+        assert!(sentence.starts_with("file"), "{sentence}");
+    }
+    // What is already there stays when the new file cannot take its place: a folder bears the name.
+    fs::create_dir(here.path().join("taken.exr")).unwrap();
+    assert!(fail(here.path(), &format!("{render} --out taken.exr")).starts_with("taken.exr"));
+    assert_eq!(names(here.path()), ["file", "taken.exr"]);
+    assert_eq!(fs::read_to_string(here.path().join("file")).unwrap(), "in the way");
+}
+
+/// An interrupted rendering is a picture with fewer samples.
+#[cfg(unix)]
+#[test]
+fn interruption_writes_the_picture_so_far() {
+    use std::{
+        process::Stdio,
+        thread::sleep,
+        time::{Duration, Instant},
+    };
+
+    let here = folder();
+    let path = here.path();
+    let view = "--scene sphere --env overcast --sampler mis --width 64 --height 48";
+    let mut process = command(path, &format!("render {view} --spp 400000000 --out out/a.exr"));
+    let process = process.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    // The folder is made when rendering is about to begin.
+    let start = Instant::now();
+    while !path.join("out").exists() && start.elapsed() < Duration::from_secs(20) {
+        sleep(Duration::from_millis(20));
+    }
+    sleep(Duration::from_millis(500));
+    assert!(names(&path.join("out")).is_empty(), "a result appears when it is complete");
+    assert!(Command::new("kill").args(["-INT", &process.id().to_string()]).status().unwrap().success());
+    let output = process.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}: {}", output.status, text(&output.stderr));
+    assert_eq!(names(&path.join("out")), ["a.exr", "a.png"]);
+
+    let said = text(&output.stdout);
+    let spp: u32 =
+        said.split_whitespace().nth(1).and_then(|word| word.parse().ok()).unwrap_or_else(|| panic!("{said}"));
+    assert!((1..400_000_000).contains(&spp), "{said}");
+    succeed(path, &format!("render {view} --spp 4 --out short.exr"));
+    let (long, short) = (picture(&path.join("out/a.exr")), picture(&path.join("short.exr")));
+    // More samples of the same picture: close to it, and not black.
+    let errors = ErrorMetrics::of(&short, &long).unwrap();
+    assert!(mean(&long) > 0.1 && errors.relmse < 0.5, "{} {errors:?}", mean(&long));
+}
