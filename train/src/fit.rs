@@ -204,7 +204,8 @@ mod tests {
     #[test]
     fn the_same_seed_gives_the_same_weights_to_the_bit() {
         let train = |seed, threads| {
-            let config = FitConfig { seed, ..small() };
+            // More than one shard per step.
+            let config = FitConfig { seed, conditions: 160, ..small() };
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| quiet(&config, &CosineTarget::new(&sky)).unwrap().head.weights())
         };
