@@ -68,7 +68,7 @@ impl Default for FitConfig {
             weight_decay: 1e-2,
             clip_norm: 10.0,
             max_skipped: 10,
-            validate_every: 100,
+            validate_every: 250,
             validation_conditions: 64,
             validation_strata: 32,
         }

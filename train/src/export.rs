@@ -62,3 +62,48 @@ pub fn exported_sampler(
     };
     Ok(ExportedSampler::new(Intermediate::Head(native_head(head)?), kind, environment, Some(training))?)
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec2;
+    use headtail_model::{
+        HeadConfig,
+        burn::prelude::{Tensor, TensorData},
+    };
+    use headtail_render::random::{Purpose, Stream};
+
+    use super::*;
+    use crate::{Backend, test_support::random_head};
+
+    #[test]
+    fn the_native_head_is_the_trained_one_in_both_directions() {
+        let device = Backend::Flex.device().unwrap();
+        let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
+        for mode in [Mode::Coupled, Mode::Autoregressive] {
+            for config in
+                [HeadConfig { mode, ..HeadConfig::COSINE }, HeadConfig { mode, encoder, bins: 8, ..HeadConfig::COSINE }]
+            {
+                let head = random_head(config, &device);
+                let native = native_head(&head).unwrap();
+                let mut stream = Stream::new(6, Purpose::Test, 0);
+                for _ in 0..200 {
+                    let (normal, point) = (stream.direction(), stream.uniform2());
+                    let c = Tensor::<2>::from_data(TensorData::new(normal.to_array().to_vec(), [1, 3]), &device);
+                    let x = Tensor::<3>::from_data(TensorData::new(point.to_array().to_vec(), [1, 1, 2]), &device);
+                    let prepared = native.prepare_normal(normal);
+                    for ((there, log), (native_there, density)) in [
+                        (head.inverse(&x, c.clone()), native.inverse_at(&prepared, point)),
+                        (head.sample(&x, c), native.sample_at(&prepared, point)),
+                    ] {
+                        let there = there.try_into_vec_as::<f32>().unwrap();
+                        let apart = (Vec2::new(there[0], there[1]) - native_there).abs();
+                        let log = log.into_scalar::<f32>();
+                        // Sums in another order, 1e-7 each over 64 terms, magnified by slopes of up to 10.
+                        assert!(apart.x.min(1.0 - apart.x) < 1e-5 && apart.y < 1e-5, "{there:?} {native_there}");
+                        assert!((log - density.ln()).abs() < 1e-4, "{log} {}", density.ln());
+                    }
+                }
+            }
+        }
+    }
+}

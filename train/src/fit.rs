@@ -144,7 +144,7 @@ mod tests {
     use headtail_render::random::Stream;
 
     use super::*;
-    use crate::{Backend, CosineTarget};
+    use crate::{Backend, CosineTarget, test_support::sky};
 
     /// A von Mises density of the azimuth around the condition's angle, times a beta density of the elevation.
     struct VonMisesTimesBeta;
@@ -163,13 +163,6 @@ mod tests {
             let toward = condition[0] * (TAU * u).cos() + condition[1] * (TAU * u).sin();
             toward.exp() * v * (1.0 - v)
         }
-    }
-
-    /// Light from the upper half of the sphere only.
-    fn sky(y: [f32; 2]) -> [f32; 3] {
-        let cos = 1.0 - y[1];
-        let sin = (1.0 - cos * cos).max(0.0).sqrt();
-        [sin * (TAU * y[0]).sin(), cos, -sin * (TAU * y[0]).cos()]
     }
 
     fn small() -> FitConfig {
@@ -211,7 +204,8 @@ mod tests {
     #[test]
     fn the_same_seed_gives_the_same_weights_to_the_bit() {
         let train = |seed, threads| {
-            let config = FitConfig { seed, ..small() };
+            // More than one shard per step.
+            let config = FitConfig { seed, conditions: 160, ..small() };
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| quiet(&config, &CosineTarget::new(&sky)).unwrap().head.weights())
         };

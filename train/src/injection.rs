@@ -1,18 +1,21 @@
 //! One training step's gradient, in two ways that agree.
 //!
 //! The reference, [`in_graph`], runs splines and loss in the tensor library's graph. The fast way, [`injected`], keeps only the
-//! networks in the graph: splines, loss and the loss's gradient `G` with respect to the logits are computed beside it, in closed form and
-//! in parallel over conditions, and `sum(logits * G)`, with `G` constant, is what the graph differentiates. Its gradient with
+//! networks in the graph: splines, loss and the loss's gradient `G` with respect to the logits are computed beside it, in closed form, and `sum(logits * G)`, with `G` constant, is what the graph differentiates. Its gradient with
 //! respect to every weight is the loss's.
 //!
 //! In coupled mode the azimuth's network also sees `z_v`, which depends on the elevation's logits `a`. The graph gets it as
 //! `sum(a * dz/da)` plus the constant that corrects the value, so that value and derivative are both right.
 
+use std::panic::resume_unwind;
+
+use crate::{Loss, loss::log_weights, target::Batch};
 use headtail_model::{
     Head, Mode,
     burn::{
-        prelude::{Device, Tensor, TensorData},
-        tensor::Gradients,
+        module::{ModuleVisitor, Param},
+        optim::GradientsParams,
+        prelude::{Device, Module, Tensor, TensorData},
     },
     spline::{
         Topology,
@@ -20,22 +23,55 @@ use headtail_model::{
         bin_count,
     },
 };
-use rayon::prelude::*;
 
-use crate::{Loss, loss::log_weights, target::Batch};
+/// Points of a batch that one thread takes through the networks: few enough that activations stay in its cache, enough that
+/// the cost of an operation is not that of starting it.
+const SHARD: usize = 2048;
 
 /// The mean loss of `batch` and the gradients of the head's weights, everything in the tensor library's graph.
 ///
 /// `device` is the head's, with autodiff. `None` if the target is zero under every condition.
-pub fn in_graph(head: &Head, loss: Loss, batch: &Batch, device: &Device) -> Option<(f32, Gradients)> {
+pub fn in_graph(head: &Head, loss: Loss, batch: &Batch, device: &Device) -> Option<(f32, GradientsParams)> {
     let (y, c) = tensors(batch, device);
     let loss = loss.of_batch(batch, &head.log_density(&y, c))?;
-    let gradients = loss.backward();
+    let gradients = GradientsParams::from_grads(loss.backward(), head);
     Some((loss.into_scalar::<f32>(), gradients))
 }
 
-/// The same with splines and loss beside the graph.
-pub fn injected(head: &Head, loss: Loss, batch: &Batch, device: &Device) -> Option<(f32, Gradients)> {
+/// The same with splines and loss beside the graph, and the batch divided among threads.
+///
+/// The division depends on the batch alone and its parts are added in order, so the result does not depend on the number
+/// of threads.
+pub fn injected(head: &Head, loss: Loss, batch: &Batch, device: &Device) -> Option<(f32, GradientsParams)> {
+    let lit =
+        batch.densities.chunks_exact(batch.samples).filter(|densities| densities.iter().any(|&g| g > 0.0)).count();
+    let shards = batch.split((SHARD / batch.samples).max(1));
+    if lit == 0 {
+        return None;
+    }
+    let threads = rayon::current_num_threads().min(shards.len());
+    // Threads of their own, not rayon's: a step of the backward pass holds its graph's lock, and one that waits for a parallel
+    // matrix product there must not be given another shard. Forked weights, because graphs that share leaves share one lock.
+    let parts: Vec<(f32, GradientsParams)> = std::thread::scope(|scope| {
+        let work = |shards: &'_ [Batch], head: Head| -> Vec<_> {
+            shards.iter().map(|shard| injected_shard(&head, loss, shard, lit as f32, device)).collect()
+        };
+        let threads: Vec<_> = shards
+            .chunks(shards.len().div_ceil(threads))
+            .map(|shards| (shards, head.clone().fork(device)))
+            .map(|(shards, head)| scope.spawn(move || work(shards, head)))
+            .collect();
+        threads.into_iter().flat_map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+    });
+    parts.into_iter().reduce(|(loss, gradients), (other_loss, other_gradients)| {
+        let mut sum = Add { to: gradients, from: other_gradients };
+        head.visit(&mut sum);
+        (loss + other_loss, sum.to)
+    })
+}
+
+/// A shard's part of the mean loss over `lit` conditions, and of its gradients.
+fn injected_shard(head: &Head, loss: Loss, batch: &Batch, lit: f32, device: &Device) -> (f32, GradientsParams) {
     let (y, c) = tensors(batch, device);
     let coupled = head.config().mode == Mode::Coupled;
     let elevation = head.elevation_logits(&y, c.clone());
@@ -46,13 +82,30 @@ pub fn injected(head: &Head, loss: Loss, batch: &Batch, device: &Device) -> Opti
     let at_azimuth = Splines::evaluate(Topology::Circle, &azimuth, batch, false);
 
     let log_q: Vec<f32> = at_elevation.log_slopes.iter().zip(&at_azimuth.log_slopes).map(|(v, u)| v + u).collect();
-    let (loss, by_log_q) = mean_loss(loss, batch, &log_q)?;
+    let (loss, by_log_q) = loss_sum(loss, batch, &log_q);
     let inject = |logits: Tensor<3>, splines: &Splines| {
         let gradient = splines.gradient(&by_log_q, logits.dims(), device);
         (logits * gradient).sum()
     };
-    let sum = inject(elevation, &at_elevation) + inject(azimuth, &at_azimuth);
-    Some((loss, sum.backward()))
+    let sum = (inject(elevation, &at_elevation) + inject(azimuth, &at_azimuth)).div_scalar(lit);
+    (loss / lit, GradientsParams::from_grads(sum.backward(), head))
+}
+
+/// Adds gradients of the same head.
+struct Add {
+    to: GradientsParams,
+    from: GradientsParams,
+}
+
+impl ModuleVisitor for Add {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let Some(term) = self.from.remove::<D>(param.id) else { return };
+        let sum = match self.to.remove::<D>(param.id) {
+            Some(gradient) => gradient + term,
+            None => term,
+        };
+        self.to.register(param.id, sum);
+    }
 }
 
 /// Points `[conditions, samples, 2]` and conditions of a batch as tensors.
@@ -78,9 +131,6 @@ struct Splines {
     z_gradients: Vec<f32>,
 }
 
-/// Splines per parallel task, so that starting one costs little beside its work.
-const TASK: usize = 64;
-
 impl Splines {
     /// `logits` are `[conditions, samples or 1, 3K + 1]`.
     fn evaluate(topology: Topology, logits: &Tensor<3>, batch: &Batch, with_z_gradients: bool) -> Self {
@@ -101,35 +151,20 @@ impl Splines {
             z_gradients: vec![0.0; if with_z_gradients { count * width } else { 0 }],
         };
         let group = splines.group;
-        // Without gradients of z there is nothing to zip: one empty slice per spline stands for them.
-        let mut z_gradients: Vec<&mut [f32]> = if with_z_gradients {
-            splines.z_gradients.chunks_exact_mut(width * group).collect()
-        } else {
-            (0..count / group).map(|_| Default::default()).collect()
-        };
-        splines
-            .logits
-            .par_chunks_exact(width)
-            .zip(batch.points.par_chunks_exact(2 * group))
-            .zip(splines.z.par_chunks_exact_mut(group))
-            .zip(splines.log_slopes.par_chunks_exact_mut(group))
-            .zip(splines.of_log_slopes.par_chunks_exact_mut(group))
-            .zip(z_gradients.par_iter_mut())
-            .with_min_len(TASK.div_ceil(group))
-            .for_each_init(
-                || Workspace::new(topology, width),
-                |Workspace { spline, sums }, (((((logits, points), z), log_slopes), of_log_slopes), z_gradients)| {
-                    spline.prepare(logits);
-                    for (i, y) in points.chunks_exact(2).enumerate() {
-                        let at = spline.evaluate(y[coordinate]);
-                        (z[i], log_slopes[i], of_log_slopes[i]) = (at.z, at.log_slope, at.of_log_slope);
-                        if let Some(gradient) = z_gradients.get_mut(i * width..(i + 1) * width) {
-                            sums.add(&at.of_z, 1.0);
-                            sums.finish(spline, gradient);
-                        }
-                    }
-                },
-            );
+        let (mut spline, mut sums) = splines.workspace();
+        for (index, logits) in splines.logits.chunks_exact(width).enumerate() {
+            spline.prepare(logits);
+            for point in index * group..(index + 1) * group {
+                let at = spline.evaluate(batch.points[2 * point + coordinate]);
+                splines.z[point] = at.z;
+                splines.log_slopes[point] = at.log_slope;
+                splines.of_log_slopes[point] = at.of_log_slope;
+                if with_z_gradients {
+                    sums.add(&at.of_z, 1.0);
+                    sums.finish(&spline, &mut splines.z_gradients[point * width..(point + 1) * width]);
+                }
+            }
+        }
         splines
     }
 
@@ -145,99 +180,64 @@ impl Splines {
     /// The gradient with respect to the logits of a number whose derivatives by the points' log-slopes are given.
     fn gradient(&self, by_log_slopes: &[f32], shape: [usize; 3], device: &Device) -> Tensor<3> {
         let mut gradient = vec![0.0; self.logits.len()];
-        gradient
-            .par_chunks_exact_mut(self.width)
-            .zip(self.logits.par_chunks_exact(self.width))
-            .zip(self.of_log_slopes.par_chunks_exact(self.group))
-            .zip(by_log_slopes.par_chunks_exact(self.group))
-            .with_min_len(TASK.div_ceil(self.group))
-            .for_each_init(
-                || Workspace::new(self.topology, self.width),
-                |Workspace { spline, sums }, (((gradient, logits), derivatives), weights)| {
-                    spline.prepare(logits);
-                    for (derivatives, &weight) in derivatives.iter().zip(weights) {
-                        sums.add(derivatives, weight);
-                    }
-                    sums.finish(spline, gradient);
-                },
-            );
+        let (mut spline, mut sums) = self.workspace();
+        let points = self.of_log_slopes.chunks_exact(self.group).zip(by_log_slopes.chunks_exact(self.group));
+        let rows = gradient.chunks_exact_mut(self.width).zip(self.logits.chunks_exact(self.width));
+        for ((gradient, logits), (derivatives, weights)) in rows.zip(points) {
+            spline.prepare(logits);
+            for (derivatives, &weight) in derivatives.iter().zip(weights) {
+                sums.add(derivatives, weight);
+            }
+            sums.finish(&spline, gradient);
+        }
         Tensor::from_data(TensorData::new(gradient, shape), device)
     }
-}
 
-/// Buffers of one task.
-struct Workspace {
-    spline: AnalyticSpline,
-    sums: LogitGradient,
-}
-
-impl Workspace {
-    fn new(topology: Topology, width: usize) -> Self {
-        let bins = bin_count(width);
-        Self { spline: AnalyticSpline::new(topology, bins), sums: LogitGradient::new(bins) }
+    fn workspace(&self) -> (AnalyticSpline, LogitGradient) {
+        let bins = bin_count(self.width);
+        (AnalyticSpline::new(self.topology, bins), LogitGradient::new(bins))
     }
 }
 
-/// The loss averaged over the conditions whose target is not zero everywhere, and its derivatives by every log-density.
-fn mean_loss(loss: Loss, batch: &Batch, log_q: &[f32]) -> Option<(f32, Vec<f32>)> {
+/// The sum of the loss over the conditions whose target is not zero everywhere, and its derivatives by every log-density.
+fn loss_sum(loss: Loss, batch: &Batch, log_q: &[f32]) -> (f32, Vec<f32>) {
     let mut derivatives = vec![0.0; log_q.len()];
-    // Collected and added in order: the sum does not depend on the number of threads.
-    let losses: Vec<f32> = derivatives
-        .par_chunks_exact_mut(batch.samples)
-        .zip(batch.densities.par_chunks_exact(batch.samples))
-        .zip(log_q.par_chunks_exact(batch.samples))
-        .map(|((derivatives, densities), log_q)| Some(loss.evaluate(&log_weights(densities)?, log_q, derivatives)))
-        .collect::<Vec<Option<f32>>>()
-        .into_iter()
-        .flatten()
-        .collect();
-    let count = losses.len() as f32;
-    derivatives.iter_mut().for_each(|derivative| *derivative /= count);
-    (!losses.is_empty()).then(|| (losses.iter().sum::<f32>() / count, derivatives))
+    let rows = derivatives.chunks_exact_mut(batch.samples).zip(batch.densities.chunks_exact(batch.samples));
+    let losses = rows.zip(log_q.chunks_exact(batch.samples)).filter_map(|((derivatives, densities), log_q)| {
+        Some(loss.evaluate(&log_weights(densities)?, log_q, derivatives))
+    });
+    let sum = losses.sum();
+    (sum, derivatives)
 }
 
 #[cfg(test)]
 mod tests {
-    use headtail_model::{EncoderConfig, HeadConfig, burn::optim::GradientsParams, burn::prelude::Module};
-    use headtail_render::random::{Purpose, Stream};
+    use headtail_model::{EncoderConfig, HeadConfig};
+    use headtail_render::random::Purpose;
 
     use super::*;
-    use crate::{Backend, CosineTarget};
+    use crate::{
+        Backend, CosineTarget,
+        test_support::{random_head, sky},
+    };
 
-    fn random_head(config: HeadConfig, device: &Device) -> Head {
-        let mut weights = Head::new(config, 1, device).unwrap().weights();
-        let mut stream = Stream::new(1, Purpose::Test, 0);
-        for weight in weights.iter_mut().filter(|weight| weight.values.iter().all(|&value| value == 0.0)) {
-            weight.values.iter_mut().for_each(|value| *value = stream.uniform() - 0.5);
-        }
-        Head::from_weights(config, weights, device).unwrap()
-    }
-
-    /// Gradients under the exported names' order, by a unit step of plain descent.
-    fn by_weight(head: &Head, gradients: Gradients) -> Vec<f32> {
-        let gradients = GradientsParams::from_grads(gradients, head);
+    /// All gradients one after another.
+    fn by_weight(head: &Head, gradients: &GradientsParams) -> Vec<f32> {
         let mut list = Vec::new();
         struct Collect<'a>(&'a GradientsParams, &'a mut Vec<f32>);
-        impl headtail_model::burn::module::ModuleVisitor for Collect<'_> {
-            fn visit_float<const D: usize>(&mut self, param: &headtail_model::burn::module::Param<Tensor<D>>) {
+        impl ModuleVisitor for Collect<'_> {
+            fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
                 let gradient = self.0.get::<D>(param.id).expect("every weight has a gradient");
                 self.1.extend(gradient.try_into_vec_as::<f32>().unwrap());
             }
         }
-        head.visit(&mut Collect(&gradients, &mut list));
+        head.visit(&mut Collect(gradients, &mut list));
         list
     }
 
-    /// Sky above, nothing below: a condition that looks straight down sees no light.
-    fn sky(y: [f32; 2]) -> [f32; 3] {
-        let cos = 1.0 - y[1];
-        let sin = (1.0 - cos * cos).max(0.0).sqrt();
-        let phi = std::f32::consts::TAU * y[0];
-        [sin * phi.sin(), cos, -sin * phi.cos()]
-    }
-
+    /// Two shards of different size; the first condition is empty.
     fn batch() -> Batch {
-        let mut batch = Batch::draw(&CosineTarget::new(&sky), (12, 5), 0, Purpose::Test, 0).unwrap();
+        let mut batch = Batch::draw(&CosineTarget::new(&sky), (100, 5), 0, Purpose::Test, 0).unwrap();
         batch.densities[..25].fill(0.0);
         batch
     }
@@ -258,7 +258,7 @@ mod tests {
                         let (expected_loss, expected) = in_graph(&head, loss, &batch(), &device).unwrap();
                         let (found_loss, found) = injected(&head, loss, &batch(), &device).unwrap();
                         assert!((expected_loss - found_loss).abs() < 1e-5, "{expected_loss} {found_loss}");
-                        let (expected, found) = (by_weight(&head, expected), by_weight(&head, found));
+                        let (expected, found) = (by_weight(&head, &expected), by_weight(&head, &found));
                         let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
                         let size = norm(&mut expected.iter().copied());
                         let error = norm(&mut expected.iter().zip(&found).map(|(a, b)| a - b));

@@ -13,6 +13,8 @@ pub mod injection;
 pub mod loss;
 pub mod optimizer;
 pub mod target;
+#[cfg(test)]
+mod test_support;
 pub mod validation;
 
 pub use backend::Backend;

@@ -6,7 +6,6 @@ use headtail_model::{
         module::{ModuleVisitor, Param},
         optim::{AdamWConfig, GradientsParams, ModuleOptimizer},
         prelude::{Module, Tensor},
-        tensor::Gradients,
     },
 };
 
@@ -60,8 +59,7 @@ impl Optimizer {
     }
 
     /// Moves the head's weights against `gradients`. The head comes back as it was, with `false`, if they are not finite.
-    pub fn step(&mut self, step: usize, head: Head, gradients: Gradients) -> (Head, bool) {
-        let mut gradients = GradientsParams::from_grads(gradients, &head);
+    pub fn step(&mut self, step: usize, head: Head, mut gradients: GradientsParams) -> (Head, bool) {
         let norm = global_norm(&head, &gradients);
         if !norm.is_finite() {
             return (head, false);

@@ -116,6 +116,19 @@ impl Batch {
         )
     }
 
+    /// Parts of `conditions` conditions each (the last may have fewer), in order.
+    pub fn split(&self, conditions: usize) -> Vec<Self> {
+        let points = self.points.chunks(conditions * self.samples * 2);
+        let densities = self.densities.chunks(conditions * self.samples);
+        let part = |((c, points), densities): ((&[f32], &[f32]), &[f32])| Self {
+            conditions: c.to_vec(),
+            points: points.to_vec(),
+            densities: densities.to_vec(),
+            ..*self
+        };
+        self.conditions.chunks(conditions * self.condition_length).zip(points).zip(densities).map(part).collect()
+    }
+
     /// Number of conditions.
     pub fn condition_count(&self) -> usize {
         self.densities.len() / self.samples
@@ -143,6 +156,18 @@ mod tests {
         assert_eq!(draw(1, 2), draw(1, 2));
         assert_ne!(draw(1, 2), draw(1, 3));
         assert_ne!(draw(1, 2), draw(2, 2));
+    }
+
+    #[test]
+    fn the_parts_of_a_batch_make_the_batch() {
+        let batch = draw(4, 0);
+        let parts = batch.split(2);
+        assert_eq!(parts.iter().map(Batch::condition_count).collect::<Vec<_>>(), [2, 2, 1]);
+        let joined =
+            |field: fn(&Batch) -> &Vec<f32>| parts.iter().flat_map(|part| field(part).clone()).collect::<Vec<_>>();
+        assert_eq!(joined(|part| &part.conditions), batch.conditions);
+        assert_eq!(joined(|part| &part.points), batch.points);
+        assert_eq!(joined(|part| &part.densities), batch.densities);
     }
 
     #[test]

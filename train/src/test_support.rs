@@ -1,0 +1,23 @@
+//! What several tests need.
+
+use std::f32::consts::TAU;
+
+use headtail_model::{Head, HeadConfig, burn::prelude::Device};
+use headtail_render::random::{Purpose, Stream};
+
+/// A head far from the identity: its last layers are drawn too.
+pub fn random_head(config: HeadConfig, device: &Device) -> Head {
+    let mut weights = Head::new(config, 1, device).unwrap().weights();
+    let mut stream = Stream::new(1, Purpose::Test, 0);
+    for weight in weights.iter_mut().filter(|weight| weight.values.iter().all(|&value| value == 0.0)) {
+        weight.values.iter_mut().for_each(|value| *value = stream.uniform() - 0.5);
+    }
+    Head::from_weights(config, weights, device).unwrap()
+}
+
+/// A tail for light that is uniform over the upper half of the sphere: a normal that points down sees little or none.
+pub fn sky(y: [f32; 2]) -> [f32; 3] {
+    let cos = 1.0 - y[1];
+    let sin = (1.0 - cos * cos).max(0.0).sqrt();
+    [sin * (TAU * y[0]).sin(), cos, -sin * (TAU * y[0]).cos()]
+}
