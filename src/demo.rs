@@ -6,7 +6,6 @@ use anyhow::{Result, bail};
 use clap::Args;
 use headtail_render::{
     bake::{CellGrid, NormalGrid},
-    export::Intermediate,
     sampler::SamplerSpec,
 };
 use headtail_train::FitConfig;
@@ -33,8 +32,8 @@ pub struct Arguments {
 /// Runs every step and says what it does.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
-    make_folder(&arguments.out)?;
     let environment = open_environment(&arguments.env)?;
+    make_folder(&arguments.out)?;
 
     println!("1. Train a cosine head for the environment '{}'.", environment.name());
     let stop = progress::stop_flag()?;
@@ -52,7 +51,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let baking = Instant::now();
     let direct =
         bake::direct(&environment, TailArgument::Hierarchical, NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
-    debug_assert!(matches!(direct.intermediate, Intermediate::DirectBake(_)));
     let table = arguments.out.join("direct.safetensors");
     direct.write(&table)?;
     println!("   {:.2} s", baking.elapsed().as_secs_f64());
@@ -79,6 +77,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         SamplerSpec::Direct(table),
     ];
     compare::run(&compare::Arguments::new(view, samplers, arguments.out.clone()))?;
-    println!("{:.0} s in all", start.elapsed().as_secs_f64());
+    let page = arguments.out.join("report.html");
+    println!("{:.0} s in all; the page to open is {}", start.elapsed().as_secs_f64(), page.display());
     Ok(())
 }

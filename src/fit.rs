@@ -38,6 +38,9 @@ pub struct Arguments {
     /// Seed of weights and batches.
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Peak learning rate of AdamW (0.9, 0.999); it rises over the first 5 % of the steps and falls along half a cosine.
+    #[arg(long, value_name = "RATE", default_value_t = FitConfig::default().learning_rate)]
+    learning_rate: f64,
     /// What to minimise.
     #[arg(long, default_value = "log-chi-square")]
     loss: LossArgument,
@@ -96,12 +99,13 @@ impl From<LossArgument> for Loss {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
     let Material::Lambert = arguments.material;
-    make_folder(&arguments.out)?;
     let environment = open_environment(&arguments.env)?;
+    make_folder(&arguments.out)?;
     let config = FitConfig {
         backend: arguments.backend.into(),
         steps: usize::try_from(arguments.steps).context("--steps")?,
         seed: arguments.seed,
+        learning_rate: arguments.learning_rate,
         loss: arguments.loss.into(),
         ..FitConfig::default()
     };
