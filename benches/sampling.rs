@@ -1,6 +1,7 @@
 //! Time of one direction sample, without rays: `cargo bench --bench sampling`.
 //!
-//! Each sample has a normal of its own: preparation is part of the time. Samples are drawn in batches. `coherent` normals lie within six degrees of each
+//! Each sample has a normal of its own: preparation is part of the time. Samples are drawn in
+//! batches, or one point at a time where the name ends in `single`, as the integrator does. `coherent` normals lie within six degrees of each
 //! other, as those of neighbouring pixels do; `scattered` normals are uniform over the sphere. The map is the file named by
 //! the environment variable HEADTAIL_MAP, else the built-in `studio`.
 
@@ -68,6 +69,17 @@ fn bench<S: DirectionSampler>(bencher: Bencher, normals: Normals, sampler: &S) {
     });
 }
 
+/// The same one point at a time, as the integrator asks for samples.
+fn bench_single<S: DirectionSampler>(bencher: Bencher, normals: Normals, sampler: &S) {
+    let points = points(normals);
+    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
+        for (at, u) in &points {
+            let prepared = sampler.prepare(at);
+            black_box(sampler.sample(&prepared, at, *u));
+        }
+    });
+}
+
 fn direct(side: usize) -> impl DirectionSampler {
     let cells = CellGrid::new(side, side).expect("a valid size");
     let normals = NormalGrid::new(16, 32).expect("a valid size");
@@ -77,6 +89,21 @@ fn direct(side: usize) -> impl DirectionSampler {
 #[divan::bench(args = NORMALS)]
 fn emitter(bencher: Bencher, normals: Normals) {
     bench(bencher, normals, &EmitterSampler::new(LIGHT.clone()));
+}
+
+#[divan::bench(args = NORMALS)]
+fn emitter_single(bencher: Bencher, normals: Normals) {
+    bench_single(bencher, normals, &EmitterSampler::new(LIGHT.clone()));
+}
+
+#[divan::bench(args = NORMALS)]
+fn baked_32x32_single(bencher: Bencher, normals: Normals) {
+    bench_single(bencher, normals, &direct(32));
+}
+
+#[divan::bench(args = NORMALS)]
+fn baked_8x8_single(bencher: Bencher, normals: Normals) {
+    bench_single(bencher, normals, &direct(8));
 }
 
 #[divan::bench(args = NORMALS)]
