@@ -126,8 +126,8 @@ impl BakedTable {
             for k in 0..ABREAST {
                 weights[corner][k] *= scales[corner][k];
                 sum[k] += weights[corner][k] * rows[corner][k];
-                shares[corner][k] = sum[k];
             }
+            shares[corner] = sum;
         }
         (weights, shares)
     }
