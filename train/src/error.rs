@@ -27,6 +27,12 @@ pub enum Error {
     /// The exported sampler or its tables cannot be made or written.
     #[error(transparent)]
     Render(#[from] std::sync::Arc<headtail_render::Error>),
+    /// The renderer cannot sample what was trained.
+    #[error("the head cannot be exported: the renderer has no {what} yet")]
+    NoNativeForm {
+        /// The part that is missing there.
+        what: String,
+    },
     /// The target gave a density that is negative, infinite or NaN.
     #[error("the target density is {density} at y = {y:?} under condition {condition:?}")]
     BadTarget {

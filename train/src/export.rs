@@ -8,14 +8,23 @@ use headtail_render::{
     tail::TailKind,
 };
 
-use crate::{FitConfig, Result, Summary};
+use crate::{Error, FitConfig, Result, Summary};
 
 /// The native head with the weights of a trained one.
 ///
 /// # Errors
-/// A weight is not finite, or the head is larger than native inference allows.
+/// A weight is not finite, the head is larger than native inference allows, or it has no native form.
 pub fn native_head(head: &Head) -> Result<native::Head> {
     let config = head.config();
+    let condition = match config.condition {
+        headtail_model::Condition::Normal => Condition::Normal,
+        other @ (headtail_model::Condition::Ggx | headtail_model::Condition::GgxRoughness) => {
+            return Err(Error::NoNativeForm { what: format!("the condition `{}`", other.name()) });
+        }
+    };
+    if config.selection {
+        return Err(Error::NoNativeForm { what: "a learned selection probability".into() });
+    }
     let weights = head.weights();
     let layer = |name: String| -> Result<native::Linear> {
         let find = |kind: &str| -> &NamedTensor {
@@ -35,7 +44,7 @@ pub fn native_head(head: &Head) -> Result<native::Head> {
     };
     let networks = [layers("layer0", config.hidden_layers + 1)?, layers("layer1", config.hidden_layers + 1)?];
     let encoder = layers("encoder", encoder_layers)?;
-    Ok(native::Head::new(Condition::Normal, mode, config.leaky_slope, encoder, networks)?)
+    Ok(native::Head::new(condition, mode, config.leaky_slope, encoder, networks)?)
 }
 
 /// The exported sampler of a trained head. With `with_time` the file says how long the training took, and two runs of the
@@ -74,6 +83,18 @@ mod tests {
 
     use super::*;
     use crate::{Backend, test_support::random_head};
+
+    #[test]
+    fn heads_without_a_native_form_are_refused() {
+        let device = Backend::Flex.device().unwrap();
+        for (config, named) in [
+            (HeadConfig::MICROFACET, "`ggx-roughness`"),
+            (HeadConfig { selection: true, ..HeadConfig::COSINE }, "selection"),
+        ] {
+            let error = native_head(&random_head(config, &device)).unwrap_err().to_string();
+            assert!(error.contains(named), "{error}");
+        }
+    }
 
     #[test]
     fn the_native_head_is_the_trained_one_in_both_directions() {

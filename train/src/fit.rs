@@ -72,13 +72,9 @@ pub fn fit(
     interrupt: &AtomicBool,
 ) -> Result<Fitted> {
     config.validate()?;
-    if config.head.condition != target.condition_length() {
-        let value = config.head.condition.to_string();
-        return Err(Error::Config {
-            field: "head.condition",
-            value,
-            requirement: "the length of the target's condition",
-        });
+    if config.head.condition != target.condition() {
+        let value = config.head.condition.name().to_owned();
+        return Err(Error::Config { field: "head.condition", value, requirement: "that of the target" });
     }
     let device = config.backend.device()?;
     let trained = device.clone().autodiff();
@@ -140,7 +136,7 @@ pub fn fit(
 mod tests {
     use std::f32::consts::TAU;
 
-    use headtail_model::{HeadConfig, Mode};
+    use headtail_model::{Condition, HeadConfig, Mode};
     use headtail_render::random::Stream;
 
     use super::*;
@@ -150,13 +146,13 @@ mod tests {
     struct VonMisesTimesBeta;
 
     impl Target for VonMisesTimesBeta {
-        fn condition_length(&self) -> usize {
-            2
+        fn condition(&self) -> Condition {
+            Condition::Normal
         }
 
         fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
             let angle = TAU * stream.uniform();
-            condition.copy_from_slice(&[angle.cos(), angle.sin()]);
+            condition.copy_from_slice(&[angle.cos(), angle.sin(), 0.0]);
         }
 
         fn density(&self, condition: &[f32], [u, v]: [f32; 2]) -> f32 {
@@ -177,7 +173,7 @@ mod tests {
     fn a_known_target_is_recovered() {
         for mode in [Mode::Coupled, Mode::Autoregressive] {
             let config = FitConfig {
-                head: HeadConfig { condition: 2, bins: 8, hidden: 32, mode, ..HeadConfig::COSINE },
+                head: HeadConfig { bins: 8, hidden: 32, mode, ..HeadConfig::COSINE },
                 steps: 1500,
                 conditions: 32,
                 strata: 6,
@@ -258,8 +254,8 @@ mod tests {
     fn a_black_environment_is_an_error() {
         struct Black;
         impl Target for Black {
-            fn condition_length(&self) -> usize {
-                3
+            fn condition(&self) -> Condition {
+                Condition::Normal
             }
             fn draw_condition(&self, _: &mut Stream, condition: &mut [f32]) {
                 condition.fill(1.0);
@@ -273,8 +269,9 @@ mod tests {
 
     #[test]
     fn a_head_for_another_condition_is_refused() {
-        let error = quiet(&small(), &VonMisesTimesBeta).err().unwrap();
-        assert!(error.to_string().contains("head.condition = 3"), "{error}");
+        let head = HeadConfig { condition: Condition::Ggx, ..HeadConfig::COSINE };
+        let error = quiet(&FitConfig { head, ..small() }, &VonMisesTimesBeta).err().unwrap();
+        assert!(error.to_string().contains("head.condition = ggx"), "{error}");
     }
 
     #[test]
@@ -282,8 +279,8 @@ mod tests {
         /// A condition that is not a number makes every logit so.
         struct Broken;
         impl Target for Broken {
-            fn condition_length(&self) -> usize {
-                3
+            fn condition(&self) -> Condition {
+                Condition::Normal
             }
             fn draw_condition(&self, _: &mut Stream, condition: &mut [f32]) {
                 condition.fill(f32::NAN);

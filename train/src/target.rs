@@ -3,6 +3,7 @@
 //! An exact tail takes uniform points of Y to directions in proportion to radiance, so the ideal intermediate density
 //! `q*(y|c)` is BRDF x cosine at the tail's direction: it is evaluated at stratified points, and nothing is tabulated.
 
+use headtail_model::Condition;
 use headtail_render::random::{Purpose, Stream};
 use rayon::prelude::*;
 
@@ -10,8 +11,8 @@ use crate::{Error, Result};
 
 /// What a head is trained for: a distribution of conditions, and an unnormalised density in Y for each.
 pub trait Target: Sync {
-    /// Length of the condition vector.
-    fn condition_length(&self) -> usize;
+    /// The layout of a condition.
+    fn condition(&self) -> Condition;
 
     /// Draws a condition.
     fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]);
@@ -34,8 +35,8 @@ impl<'a> CosineTarget<'a> {
 }
 
 impl Target for CosineTarget<'_> {
-    fn condition_length(&self) -> usize {
-        3
+    fn condition(&self) -> Condition {
+        Condition::Normal
     }
 
     fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
@@ -77,7 +78,7 @@ impl Batch {
         purpose: Purpose,
         index: u64,
     ) -> Result<Self> {
-        let condition_length = target.condition_length();
+        let condition_length = target.condition().length();
         let samples = strata * strata;
         let mut stream = Stream::new(seed, purpose, index);
         let mut batch = Self {
