@@ -4,7 +4,6 @@ use std::{path::PathBuf, sync::Arc, sync::atomic::AtomicBool, time::Instant};
 
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
-use glam::Vec2;
 use headtail_render::{environment::Environment, export::ExportedSampler, tail::Tail};
 use headtail_train::{Backend, CosineTarget, FitConfig, Loss, Progress, Summary, exported_sampler};
 
@@ -137,8 +136,7 @@ pub fn train(
 ) -> Result<(ExportedSampler, Summary)> {
     let kind = tail.into();
     let tail = Tail::new(kind, environment.width(), environment.height(), &environment.luminance())?;
-    let direction = |y: [f32; 2]| tail.forward_direction(Vec2::from_array(y)).1.to_array();
-    let target = CosineTarget::new(&direction);
+    let target = CosineTarget::new(&tail);
     let bar = progress::bar(config.steps as u64, "training");
     let mut kl = f64::NAN;
     let mut show = |progress: &Progress| {

@@ -5,6 +5,11 @@ use std::f32::consts::TAU;
 use headtail_model::{Head, HeadConfig, burn::prelude::Device};
 use headtail_render::random::{Purpose, Stream};
 
+use crate::{
+    CosineTarget,
+    target::{Batch, BatchShape},
+};
+
 /// A head far from the identity: its last layers are drawn too.
 pub fn random_head(config: HeadConfig, device: &Device) -> Head {
     let mut weights = Head::new(config, 1, device).unwrap().weights();
@@ -20,4 +25,10 @@ pub fn sky(y: [f32; 2]) -> [f32; 3] {
     let cos = 1.0 - y[1];
     let sin = (1.0 - cos * cos).max(0.0).sqrt();
     [sin * (TAU * y[0]).sin(), cos, -sin * (TAU * y[0]).cos()]
+}
+
+/// A batch of the cosine under [`sky`].
+pub fn batch_of_sky(conditions: usize, strata: usize) -> Batch {
+    let shape = BatchShape { conditions, strata, brdf_samples: 0 };
+    Batch::draw(&CosineTarget::new(&sky), shape, 0, Purpose::Test, 0).unwrap()
 }

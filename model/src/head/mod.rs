@@ -2,6 +2,7 @@
 
 mod condition;
 mod config;
+mod flat;
 mod selection;
 #[cfg(test)]
 mod tests;

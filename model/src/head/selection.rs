@@ -48,6 +48,14 @@ impl SelectionNetwork {
         self.linears[1].forward(linear::leaky_relu(self.linears[0].forward(condition), self.leaky_slope))
     }
 
+    pub(super) fn linears(&self) -> &[Linear] {
+        &self.linears
+    }
+
+    pub(super) fn linears_mut(&mut self) -> &mut [Linear] {
+        &mut self.linears
+    }
+
     pub(super) fn export(&self, weights: &mut Vec<NamedTensor>) {
         for (index, layer) in self.linears.iter().enumerate() {
             linear::export(layer, &format!("selection.linear{index}"), weights);

@@ -2,6 +2,7 @@
 
 use burn::{
     module::Module,
+    optim::GradientsParams,
     prelude::{Device, Tensor, TensorData},
 };
 use rand::{Rng, SeedableRng};
@@ -291,4 +292,37 @@ fn configurations_survive_a_file_with_and_without_encoder() {
     }
     let text = serde_json::to_string(&HeadConfig::COSINE).unwrap().replace("\"none\"", "\"some\"");
     assert!(serde_json::from_str::<HeadConfig>(&text).unwrap_err().to_string().contains("head.encoder"));
+}
+
+#[test]
+fn flat_weights_are_the_named_ones_in_order_and_restore_the_head() {
+    let device = Device::flex();
+    for (seed, config) in configurations().into_iter().enumerate() {
+        let head = random_head(config, 70 + seed as u64, &device);
+        let flat = head.flat_weights();
+        assert_eq!(flat, head.weights().into_iter().flat_map(|weight| weight.values).collect::<Vec<_>>());
+        assert_eq!(flat.len(), head.weight_count());
+        let restored = Head::new(config, 0, &device).unwrap().with_flat_weights(&flat, &device);
+        assert_eq!(restored.weights(), head.weights());
+    }
+}
+
+/// A plain descent step of rate 1 changes each weight by its gradient.
+#[test]
+fn flat_gradients_belong_to_the_flat_weights() {
+    let device = Device::flex().autodiff();
+    for (seed, config) in configurations().into_iter().enumerate() {
+        let head = random_head(config, 80 + seed as u64, &device);
+        let (y, c) = (points(4, 4, 10, &device), conditions(4, 3, 11, &device));
+        let mut loss = head.log_density(&y, c.clone()).mean();
+        if let Some(logits) = head.selection_logits(c) {
+            loss = loss + logits.mean();
+        }
+        let gradients = GradientsParams::from_grads(loss.backward(), &head);
+        let flat = head.flat_gradients(&gradients);
+        let moved = burn::optim::SgdConfig::new().init().step(1.0, head.clone(), gradients);
+        let differences = head.flat_weights().iter().zip(moved.flat_weights()).map(|(a, b)| a - b).collect::<Vec<_>>();
+        assert!(flat.iter().zip(&differences).all(|(a, b)| (a - b).abs() < 1e-6));
+        assert!(flat.iter().any(|g| g.abs() > 1e-2));
+    }
 }
