@@ -217,14 +217,14 @@ impl LossSums {
 #[cfg(test)]
 mod tests {
     use headtail_model::{EncoderConfig, HeadConfig};
-    use headtail_render::{
-        environment::built_in,
-        random::Purpose,
-        tail::{Tail, TailKind},
-    };
+    use headtail_render::random::Purpose;
 
     use super::*;
-    use crate::{Backend, CosineTarget, Loss, target::BatchShape, test_support::random_head};
+    use crate::{
+        Backend, CosineTarget, Loss,
+        target::BatchShape,
+        test_support::{random_head, studio},
+    };
 
     fn objectives() -> Vec<Objective> {
         let with = |entropic| Loss::ALL.map(|loss| Objective { loss, entropic });
@@ -233,8 +233,7 @@ mod tests {
 
     /// Two shards of different size, points with weights; the first condition is empty.
     fn batch() -> Batch {
-        let map = built_in("studio").unwrap();
-        let tail = Tail::new(TailKind::Hierarchical, map.width(), map.height(), &map.luminance()).unwrap();
+        let tail = studio();
         let shape = BatchShape { conditions: 100, strata: 4, brdf_samples: 9 };
         let mut batch = Batch::draw(&CosineTarget::new(&tail), shape, 0, Purpose::Test, 0).unwrap();
         batch.densities[..25].fill(0.0);

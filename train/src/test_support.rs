@@ -3,7 +3,11 @@
 use std::f32::consts::TAU;
 
 use headtail_model::{Head, HeadConfig, burn::prelude::Device};
-use headtail_render::random::{Purpose, Stream};
+use headtail_render::{
+    environment::built_in,
+    random::{Purpose, Stream},
+    tail::{Tail, TailKind},
+};
 
 use crate::{
     CosineTarget,
@@ -31,4 +35,10 @@ pub fn sky(y: [f32; 2]) -> [f32; 3] {
 pub fn batch_of_sky(conditions: usize, strata: usize) -> Batch {
     let shape = BatchShape { conditions, strata, brdf_samples: 0 };
     Batch::draw(&CosineTarget::new(&sky), shape, 0, Purpose::Test, 0).unwrap()
+}
+
+/// The tail of a built-in map with small lights.
+pub fn studio() -> Tail {
+    let map = built_in("studio").unwrap();
+    Tail::new(TailKind::Hierarchical, map.width(), map.height(), &map.luminance()).unwrap()
 }

@@ -38,7 +38,6 @@ impl Validation {
     /// # Errors
     /// [`Error::EmptyTarget`] if the target is zero under all of them, [`Error::BadTarget`] if it is not a density.
     pub fn new(target: &dyn Target, shape: BatchShape, seed: u64) -> Result<Self> {
-        let target = target.for_validation().unwrap_or(target);
         let batch = Batch::draw(target, shape, seed, Purpose::Validation, 0)?;
         if batch.lit_count() == 0 {
             return Err(Error::EmptyTarget { conditions: shape.conditions });

@@ -93,7 +93,11 @@ impl Batch {
             .zip(batch.brdf.par_chunks_exact_mut(samples))
             .zip(batch.tails.par_chunks_exact_mut(samples))
             .try_for_each(|(((((condition, points), densities), weights), brdf), tails)| {
-                target.place(condition, shape, PlacedPoints { points, densities, weights, brdf, tails })
+                let place = PlacedPoints { points, densities, weights, brdf, tails };
+                match purpose {
+                    Purpose::Validation => target.place_for_validation(condition, shape, place),
+                    _ => target.place(condition, shape, place),
+                }
             })?;
         Ok(batch)
     }
@@ -200,13 +204,8 @@ fn checked(values: PointValues, condition: &[f32], y: [f32; 2]) -> Result<PointV
 
 #[cfg(test)]
 mod tests {
-    use headtail_render::{
-        environment::built_in,
-        tail::{Tail, TailKind},
-    };
-
     use super::*;
-    use crate::{CosineTarget, target::TailMap};
+    use crate::{CosineTarget, target::TailMap, test_support::studio};
 
     const SHAPE: BatchShape = BatchShape { conditions: 5, strata: 4, brdf_samples: 0 };
 
@@ -278,11 +277,6 @@ mod tests {
                 panic!("{:?}", batch.densities);
             }
         }
-    }
-
-    fn studio() -> Tail {
-        let map = built_in("studio").unwrap();
-        Tail::new(TailKind::Hierarchical, map.width(), map.height(), &map.luminance()).unwrap()
     }
 
     /// Integrals over Y do not depend on how the points were drawn.

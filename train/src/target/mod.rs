@@ -4,14 +4,24 @@
 //! `q*(y|c)` is BRDF x cosine at the tail's direction: it is evaluated at points of Y, and nothing is tabulated.
 
 mod batch;
+mod build;
+mod ggx;
+mod naive;
 mod product;
 mod surface;
+mod tabulated;
 mod tail_map;
+mod viewpoints;
 
 pub use batch::{Batch, BatchShape, ConditionPoints};
+pub use build::build_target;
+pub use ggx::{Ggx, encode_condition};
+pub use naive::NaiveTarget;
 pub use product::{CosineTarget, ProductTarget};
 pub use surface::{Lambert, Surface};
+pub use tabulated::TabulatedTarget;
 pub use tail_map::{TailMap, TailPoint};
+pub use viewpoints::Viewpoints;
 
 use headtail_model::Condition;
 use headtail_render::random::Stream;
@@ -49,9 +59,12 @@ pub trait Target: Sync {
         batch::place_strata_and_brdf_samples(self, condition, shape, points)
     }
 
-    /// The target that validation measures, where it is not this one.
-    fn for_validation(&self) -> Option<&dyn Target> {
-        None
+    /// The same for a validation set, which is not to depend on how training points are drawn.
+    ///
+    /// # Errors
+    /// As [`place`](Self::place).
+    fn place_for_validation(&self, condition: &[f32], shape: BatchShape, points: PlacedPoints<'_>) -> Result<()> {
+        self.place(condition, shape, points)
     }
 }
 
@@ -85,4 +98,17 @@ pub struct PlacedPoints<'a> {
     pub brdf: &'a mut [f32],
     /// See [`PointValues::tail`].
     pub tails: &'a mut [f32],
+}
+
+impl PlacedPoints<'_> {
+    /// The same points for a while.
+    pub fn reborrow(&mut self) -> PlacedPoints<'_> {
+        PlacedPoints {
+            points: self.points,
+            densities: self.densities,
+            weights: self.weights,
+            brdf: self.brdf,
+            tails: self.tails,
+        }
+    }
 }

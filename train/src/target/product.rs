@@ -21,7 +21,7 @@ pub type CosineTarget<'a> = ProductTarget<'a, Lambert>;
 impl<'a> CosineTarget<'a> {
     /// The tail is exact.
     pub fn new(tail: &'a dyn TailMap) -> Self {
-        Self::of_surface(Lambert, tail)
+        Self::of_surface(Lambert::default(), tail)
     }
 }
 

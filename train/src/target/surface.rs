@@ -4,6 +4,8 @@ use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{brdf, random::Stream};
 
+use super::Viewpoints;
+
 /// A material and the distribution of conditions under which it is seen.
 pub trait Surface: Sync {
     /// The layout of a condition.
@@ -22,8 +24,24 @@ pub trait Surface: Sync {
     fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32;
 }
 
-/// Diffuse reflection; the condition is the normal, uniform over the sphere.
-pub struct Lambert;
+/// Diffuse reflection; the condition is the normal.
+pub struct Lambert {
+    viewpoints: Viewpoints,
+}
+
+impl Lambert {
+    /// Normals of surfaces that are seen from `viewpoints`.
+    pub fn seen_from(viewpoints: Viewpoints) -> Self {
+        Self { viewpoints }
+    }
+}
+
+impl Default for Lambert {
+    /// Normals uniform over the sphere.
+    fn default() -> Self {
+        Self::seen_from(Viewpoints::Sphere)
+    }
+}
 
 /// A diffuse surface draws and weighs directions the same whatever its albedo and wherever it is seen from.
 const DIFFUSE: brdf::Brdf = brdf::Brdf::Lambert(brdf::Lambert { albedo: Vec3A::ONE });
@@ -38,7 +56,7 @@ impl Surface for Lambert {
     }
 
     fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
-        condition.copy_from_slice(&stream.direction().to_array());
+        condition.copy_from_slice(&self.viewpoints.draw_normal(stream).to_array());
     }
 
     fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {

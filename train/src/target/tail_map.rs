@@ -9,6 +9,8 @@ use headtail_render::{
 /// Where the tail takes a point of Y.
 #[derive(Clone, Copy, Debug)]
 pub struct TailPoint {
+    /// The point's image in X.
+    pub x: [f32; 2],
     /// The direction, world space.
     pub direction: Vec3A,
     /// The direction's solid-angle pdf when Y is uniform.
@@ -39,6 +41,7 @@ impl TailMap for Tail {
     fn forward(&self, y: [f32; 2]) -> TailPoint {
         let (x, jacobian) = TailWarp::forward(self, Vec2::from_array(y));
         TailPoint {
+            x: x.to_array(),
             direction: latlong::direction(x),
             pdf: latlong::solid_angle_factor(x.y) / jacobian,
             density: 1.0 / jacobian,
@@ -59,6 +62,6 @@ impl TailMap for Tail {
 
 impl<F: Fn([f32; 2]) -> [f32; 3] + Sync> TailMap for F {
     fn forward(&self, y: [f32; 2]) -> TailPoint {
-        TailPoint { direction: Vec3A::from_array(self(y)), pdf: 1.0, density: 1.0 }
+        TailPoint { x: y, direction: Vec3A::from_array(self(y)), pdf: 1.0, density: 1.0 }
     }
 }
