@@ -8,7 +8,7 @@ use headtail_render::{
     bake::{CellGrid, NormalGrid},
     sampler::SamplerSpec,
 };
-use headtail_train::FitConfig;
+use headtail_train::{FitConfig, exported_sampler};
 
 use crate::{
     arguments::{TailArgument, ViewArguments, make_folder, open_environment},
@@ -38,14 +38,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     println!("1. Train a cosine head for the environment '{}'.", environment.name());
     let stop = progress::stop_flag()?;
     let config = FitConfig::default();
-    let (sampler, summary) = fit::train(&environment, TailArgument::Hierarchical, &config, true, &stop)?;
+    let fitted = fit::train(&environment, &config, &stop)?;
     if stop.load(Ordering::Relaxed) {
         bail!("interrupted while training; nothing was written");
     }
+    let summary = &fitted.summary;
     let (before, after) = (summary.initial, summary.divergence);
     println!("   {} steps, {:.1} s: KL {:.3} -> {:.3} nats", summary.steps, summary.seconds, before.kl, after.kl);
     let head = arguments.out.join("head.safetensors");
-    sampler.write(&head)?;
+    exported_sampler(&fitted.head, &config, summary, &environment, true)?.write(&head)?;
 
     println!("2. Bake light x cosine directly, without training.");
     let baking = Instant::now();

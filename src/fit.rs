@@ -2,11 +2,13 @@
 
 use std::{path::PathBuf, sync::Arc, sync::atomic::AtomicBool, time::Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use glam::Vec2;
-use headtail_render::{environment::Environment, export::ExportedSampler, tail::Tail};
-use headtail_train::{Backend, CosineTarget, FitConfig, Loss, Progress, Summary, exported_sampler};
+use headtail_render::{environment::Environment, tail::Tail};
+use headtail_train::{
+    Backend, ConfigBuilder, FitConfig, Fitted, Loss, Material, Preset, Progress, Viewpoints, build_target,
+    check_exportable, config::Points, exported_sampler,
+};
 
 use crate::{
     arguments::{TailArgument, make_folder, open_environment},
@@ -17,45 +19,80 @@ use crate::{
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail fit --env studio --material lambert --out out/studio
-  headtail fit --env room.hdr --material lambert --steps 3000 --out out/room
-  headtail fit --env sky.exr --material lambert --tail row-column --backend ndarray --seed 7 --out out/sky")]
+  headtail fit --env room.hdr --material ggx:alpha=0.2..0.8 --steps 3000 --out out/room
+  headtail fit --env sky.exr --preset paper-ggx --set head.bins=16 --print-config
+  headtail fit --env sky.exr --config run.toml --backend ndarray --seed 7 --out out/sky
+
+A configuration is a preset, then the keys of --config, then those of --set, then the flags below.")]
 pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
-    #[arg(long, value_name = "MAP")]
-    env: String,
-    /// The material to sample for.
+    #[arg(long, value_name = "MAP", required_unless_present = "print_config")]
+    env: Option<String>,
+    /// The settings to begin with: paper-cosine, paper-ggx, fast-cosine, fast-ggx. Default: the fast one for the material.
     #[arg(long)]
-    material: Material,
+    preset: Option<Preset>,
+    /// A TOML file of settings, with the keys that --print-config shows.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// One setting, as in head.bins=8; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Print the settings as TOML and stop.
+    #[arg(long)]
+    print_config: bool,
+    /// The material to sample for: lambert, ggx:alpha=0.4 or (any of a range) ggx:alpha=0.2..0.8.
+    #[arg(long, value_name = "MATERIAL", required_unless_present_any = ["preset", "config"])]
+    material: Option<Material>,
     /// The tail warp under the head.
-    #[arg(long, default_value = "hierarchical")]
-    tail: TailArgument,
+    #[arg(long)]
+    tail: Option<TailArgument>,
+    /// How to draw training points.
+    #[arg(long)]
+    target: Option<TargetArgument>,
+    /// Fit the product without a tail, the paper's strawman, to measure it; it cannot be exported.
+    #[arg(long, requires = "no_export")]
+    naive: bool,
+    /// Train and measure only.
+    #[arg(long)]
+    no_export: bool,
     /// Where to train.
-    #[arg(long, default_value = "flex")]
-    backend: BackendArgument,
+    #[arg(long)]
+    backend: Option<BackendArgument>,
     /// Optimiser steps.
-    #[arg(long, default_value_t = FitConfig::default().steps as u64, value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
-    steps: u64,
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+    steps: Option<u64>,
     /// Seed of weights and batches.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// Peak learning rate of AdamW (0.9, 0.999); it rises over the first 5 % of the steps and falls along half a cosine.
-    #[arg(long, value_name = "RATE", default_value_t = FitConfig::default().learning_rate)]
-    learning_rate: f64,
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Peak learning rate of AdamW; it falls along half a cosine.
+    #[arg(long, value_name = "RATE")]
+    learning_rate: Option<f64>,
     /// What to minimise.
-    #[arg(long, default_value = "log-chi-square")]
-    loss: LossArgument,
+    #[arg(long)]
+    loss: Option<LossArgument>,
     /// Leave the training time out of the file, so that the same command writes the same bytes.
     #[arg(long)]
     reproducible: bool,
     /// Folder for the result.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "print_config")]
+    out: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-enum Material {
-    /// Diffuse surfaces: the head is conditioned on the normal.
-    Lambert,
+enum TargetArgument {
+    /// In strata of the intermediate square, joined by BRDF samples.
+    Strata,
+    /// From a 512 x 1024 table of the product for each condition, as the paper does it: slow.
+    Tabulated,
+}
+
+impl From<TargetArgument> for Points {
+    fn from(argument: TargetArgument) -> Self {
+        match argument {
+            TargetArgument::Strata => Self::Strata,
+            TargetArgument::Tabulated => Self::Tabulated,
+        }
+    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -84,6 +121,8 @@ enum LossArgument {
     LogChiSquare,
     /// Weighted maximum likelihood.
     ForwardKl,
+    /// Kullback-Leibler divergence the other way round: unstable.
+    ReverseKl,
 }
 
 impl From<LossArgument> for Loss {
@@ -91,54 +130,86 @@ impl From<LossArgument> for Loss {
         match argument {
             LossArgument::LogChiSquare => Self::LogChiSquare,
             LossArgument::ForwardKl => Self::ForwardKl,
+            LossArgument::ReverseKl => Self::ReverseKl,
         }
+    }
+}
+
+impl Arguments {
+    /// The configuration that preset, file, values and flags make.
+    fn config(&self) -> Result<FitConfig> {
+        let preset = self.preset.unwrap_or_else(|| Preset::fast_for(self.material.unwrap_or(Material::Lambert)));
+        let mut builder = ConfigBuilder::new(preset);
+        if let Some(file) = &self.config {
+            builder.file(file)?;
+        }
+        for assignment in &self.set {
+            builder.assignment(assignment)?;
+        }
+        let mut config = builder.build()?;
+        if let Some(material) = self.material {
+            config = config.for_material(material);
+        }
+        if let Some(steps) = self.steps {
+            config.steps = usize::try_from(steps).context("--steps")?;
+        }
+        let FitConfig { tail, points, naive, backend, seed, learning_rate, loss, .. } = config;
+        let config = FitConfig {
+            tail: self.tail.map_or(tail, Into::into),
+            points: self.target.map_or(points, Into::into),
+            naive: naive || self.naive,
+            backend: self.backend.map_or(backend, Into::into),
+            seed: self.seed.unwrap_or(seed),
+            learning_rate: self.learning_rate.unwrap_or(learning_rate),
+            loss: self.loss.map_or(loss, Into::into),
+            ..config
+        };
+        config.validate()?;
+        Ok(config)
     }
 }
 
 /// Trains and exports.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
-    let Material::Lambert = arguments.material;
-    let environment = open_environment(&arguments.env)?;
-    make_folder(&arguments.out)?;
-    let config = FitConfig {
-        backend: arguments.backend.into(),
-        steps: usize::try_from(arguments.steps).context("--steps")?,
-        seed: arguments.seed,
-        learning_rate: arguments.learning_rate,
-        loss: arguments.loss.into(),
-        ..FitConfig::default()
-    };
-    let (sampler, summary) =
-        train(&environment, arguments.tail, &config, !arguments.reproducible, &*progress::stop_flag()?)?;
-    let file = arguments.out.join("sampler.safetensors");
-    sampler.write(&file)?;
-    let (before, after) = (summary.initial, summary.divergence);
+    let config = arguments.config()?;
+    if arguments.print_config {
+        print!("{}", config.to_toml()?);
+        return Ok(());
+    }
+    // The parser of arguments asks for both.
+    let (Some(map), Some(out)) = (&arguments.env, &arguments.out) else { bail!("give --env and --out") };
+    if !arguments.no_export {
+        check_exportable(&config)?;
+    }
+    let environment = open_environment(map)?;
+    make_folder(out)?;
+    let fitted = train(&environment, &config, &*progress::stop_flag()?)?;
+    let (summary, before, after) = (&fitted.summary, fitted.summary.initial, fitted.summary.divergence);
     println!(
-        "KL {:.4} nats (tail alone {:.4}), relative variance {:.4} (tail alone {:.3}), {} steps{}",
+        "KL {:.4} nats ({} {:.4}), relative variance {:.4} ({1} {:.3}), {} steps{}",
         after.kl,
+        if config.naive { "untrained" } else { "tail alone" },
         before.kl,
         after.relative_variance,
         before.relative_variance,
         summary.steps,
         if summary.interrupted { " (interrupted: the learning rate had not come down)" } else { "" },
     );
+    if arguments.no_export {
+        println!("trained for {:.1} s; nothing was exported", start.elapsed().as_secs_f64());
+        return Ok(());
+    }
+    let file = out.join("sampler.safetensors");
+    exported_sampler(&fitted.head, &config, summary, &environment, !arguments.reproducible)?.write(&file)?;
     println!("{} written after {:.1} s", file.display(), start.elapsed().as_secs_f64());
     Ok(())
 }
 
-/// Trains a cosine head for a map, with a progress bar.
-pub fn train(
-    environment: &Arc<Environment>,
-    tail: TailArgument,
-    config: &FitConfig,
-    with_time: bool,
-    stop: &AtomicBool,
-) -> Result<(ExportedSampler, Summary)> {
-    let kind = tail.into();
-    let tail = Tail::new(kind, environment.width(), environment.height(), &environment.luminance())?;
-    let direction = |y: [f32; 2]| tail.forward_direction(Vec2::from_array(y)).1.to_array();
-    let target = CosineTarget::new(&direction);
+/// Trains a head for a map, with a progress bar.
+pub fn train(environment: &Arc<Environment>, config: &FitConfig, stop: &AtomicBool) -> Result<Fitted> {
+    let tail = Tail::new(config.tail, environment.width(), environment.height(), &environment.luminance())?;
+    let target = build_target(config, &tail, Viewpoints::Sphere);
     let bar = progress::bar(config.steps as u64, "training");
     let mut kl = f64::NAN;
     let mut show = |progress: &Progress| {
@@ -150,8 +221,7 @@ pub fn train(
         bar.set_message(format!("loss {:.4}{known}, {speed:.2} M samples/s", progress.loss));
         bar.set_position(progress.step as u64);
     };
-    let fitted = headtail_train::fit(config, &target, &mut show, stop)?;
+    let fitted = headtail_train::fit(config, &*target, &mut show, stop)?;
     bar.finish_and_clear();
-    let sampler = exported_sampler(&fitted.head, config, &fitted.summary, kind, environment, with_time)?;
-    Ok((sampler, fitted.summary))
+    Ok(fitted)
 }

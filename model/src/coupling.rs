@@ -94,6 +94,14 @@ impl Coupling {
         spline::forward(self.target.topology(), z, &self.logits(other, condition))
     }
 
+    pub(crate) fn network(&self) -> &SplineNetwork {
+        &self.network
+    }
+
+    pub(crate) fn network_mut(&mut self) -> &mut SplineNetwork {
+        &mut self.network
+    }
+
     pub(crate) fn export(&self, prefix: &str, weights: &mut Vec<NamedTensor>) {
         self.network.export(prefix, weights);
     }

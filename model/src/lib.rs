@@ -17,5 +17,5 @@ pub mod weights;
 
 pub use burn;
 pub use error::{Error, Result};
-pub use head::{EncoderConfig, Head, HeadConfig, Mode};
+pub use head::{Condition, EncoderConfig, Head, HeadConfig, Mode};
 pub use weights::NamedTensor;

@@ -78,6 +78,26 @@ pub(crate) fn export(linear: &Linear, prefix: &str, weights: &mut Vec<NamedTenso
     }
 }
 
+/// Number of values: weight and bias.
+pub(crate) fn value_count(linear: &Linear) -> usize {
+    let [inputs, outputs] = linear.weight.val().dims();
+    (inputs + 1) * outputs
+}
+
+/// Appends a row-major `[out, in]` weight and a bias to `flat`, given as burn's tensors (`[in, out]` and `[out]`).
+pub(crate) fn flatten(weight: Tensor<2>, bias: Option<Tensor<1>>, flat: &mut Vec<f32>) {
+    let [inputs, outputs] = weight.dims();
+    flat.extend(transpose(&read(weight), inputs, outputs));
+    flat.extend(bias.map_or_else(|| vec![0.0; outputs], read));
+}
+
+/// A layer of the shape of `linear` with values in the order of [`flatten`].
+pub(crate) fn unflatten(linear: &Linear, values: &[f32], device: &Device) -> Linear {
+    let [inputs, outputs] = linear.weight.val().dims();
+    let (weight, bias) = values.split_at(inputs * outputs);
+    from_row_major(weight, bias, inputs, device)
+}
+
 /// Takes `{prefix}.weight` and `{prefix}.bias` out of `weights`, checked against the shape of `linear`.
 pub(crate) fn import(linear: &Linear, prefix: &str, weights: &mut Vec<NamedTensor>, device: &Device) -> Result<Linear> {
     let [inputs, outputs] = linear.weight.val().dims();

@@ -75,6 +75,14 @@ impl SplineNetwork {
         hidden.reshape([conditions, samples, outputs])
     }
 
+    pub(crate) fn linears(&self) -> &[Linear] {
+        &self.linears
+    }
+
+    pub(crate) fn linears_mut(&mut self) -> &mut [Linear] {
+        &mut self.linears
+    }
+
     pub(crate) fn export(&self, prefix: &str, weights: &mut Vec<NamedTensor>) {
         for (index, layer) in self.linears.iter().enumerate() {
             linear::export(layer, &format!("{prefix}.linear{index}"), weights);

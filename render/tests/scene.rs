@@ -34,7 +34,7 @@ fn block(min: Vec3, max: Vec3) -> Scene {
 }
 
 fn albedo(at: &ShadingPoint) -> Vec3A {
-    let Brdf::Lambert(lambert) = at.brdf;
+    let Brdf::Lambert(lambert) = at.brdf else { panic!("{:?}", at.brdf) };
     lambert.albedo
 }
 

@@ -1,16 +1,23 @@
-//! The configuration of a training run; the defaults stand in one place, [`FitConfig::default`].
+//! The configuration of a training run. Values stand in one place, `preset.rs`.
 
-use headtail_model::HeadConfig;
+use headtail_model::{Condition, HeadConfig};
+use headtail_render::tail::TailKind;
 use serde::{Deserialize, Serialize};
 
-use crate::{Backend, Error, Loss, Result};
+use crate::{Backend, Error, Loss, Material, Objective, Preset, Result, target::BatchShape};
 
 /// A training run. Missing keys of a file take the defaults, unknown keys are errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FitConfig {
-    /// The head's shape.
-    pub head: HeadConfig,
+    /// The material to sample for.
+    pub material: Material,
+    /// The tail under the head.
+    pub tail: TailKind,
+    /// How training points are drawn.
+    pub points: Points,
+    /// Fit the head to the product in X, without a tail: the paper's strawman.
+    pub naive: bool,
     /// Where tensors live.
     pub backend: Backend,
     /// Seed of weights, batches and validation.
@@ -21,8 +28,12 @@ pub struct FitConfig {
     pub conditions: usize,
     /// Strata per side of the intermediate square: each condition has `strata^2` jittered points.
     pub strata: usize,
+    /// Points per condition from BRDF sampling, joined to the strata by the balance heuristic: narrow lobes need them.
+    pub brdf_samples: usize,
     /// What is minimised.
     pub loss: Loss,
+    /// Factor of the paper's entropic term, see [`Objective::entropic`].
+    pub entropic: f32,
     /// Peak learning rate; it rises linearly over `warmup` and falls along half a cosine to zero.
     pub learning_rate: f64,
     /// Fraction of the steps over which the learning rate rises.
@@ -37,6 +48,8 @@ pub struct FitConfig {
     pub weight_decay: f32,
     /// The gradient over all weights is scaled down to at most this norm.
     pub clip_norm: f64,
+    /// Decay of the moving average of the weights, which validation and export then use; 0 takes the weights as they are.
+    pub ema_decay: f32,
     /// Training stops with an error when more steps than this were skipped because loss or gradient was not finite.
     pub max_skipped: usize,
     /// Steps between validations; 0 validates at the end only.
@@ -45,40 +58,43 @@ pub struct FitConfig {
     pub validation_conditions: usize,
     /// Strata per side for each validation condition.
     pub validation_strata: usize,
+    /// The head's shape.
+    pub head: HeadConfig,
+}
+
+/// How training points are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Points {
+    /// One in each stratum of Y, joined by BRDF samples, with weights.
+    Strata,
+    /// From a table of the product with 512 x 1024 cells of X for each condition, as the paper does it: the slow reference.
+    Tabulated,
 }
 
 impl Default for FitConfig {
-    /// The cosine head's run. Of learning rates from 4e-3 to 3e-2 the one here gave the least variance on two maps; batches of
-    /// 1600 to 8192 points are equally good per point. The betas are the paper's, the weight decay PyTorch's; neither decay nor
-    /// clipping matters much, and the clipping is there for the odd step.
+    /// [`Preset::FastCosine`].
     fn default() -> Self {
-        Self {
-            head: HeadConfig::COSINE,
-            backend: Backend::Flex,
-            seed: 0,
-            steps: 1000,
-            conditions: 64,
-            strata: 8,
-            loss: Loss::LogChiSquare,
-            learning_rate: 1.6e-2,
-            warmup: 0.05,
-            beta_1: 0.9,
-            beta_2: 0.999,
-            epsilon: 1e-8,
-            weight_decay: 1e-2,
-            clip_norm: 10.0,
-            max_skipped: 10,
-            validate_every: 250,
-            validation_conditions: 64,
-            validation_strata: 32,
-        }
+        Preset::FastCosine.config()
     }
 }
 
 impl FitConfig {
-    /// Points per condition and step.
-    pub fn samples(&self) -> usize {
-        self.strata * self.strata
+    /// Sizes of a step's batch.
+    pub fn batch_shape(&self) -> BatchShape {
+        BatchShape { conditions: self.conditions, strata: self.strata, brdf_samples: self.brdf_samples }
+    }
+
+    /// Sizes of the validation set, with the same share of BRDF samples as a step's.
+    pub fn validation_shape(&self) -> BatchShape {
+        let strata = self.validation_strata;
+        let brdf_samples = self.brdf_samples * strata * strata / (self.strata * self.strata);
+        BatchShape { conditions: self.validation_conditions, strata, brdf_samples }
+    }
+
+    /// What is minimised.
+    pub fn objective(&self) -> Objective {
+        Objective { loss: self.loss, entropic: self.entropic }
     }
 
     /// Checks every field.
@@ -87,9 +103,21 @@ impl FitConfig {
     /// [`Error::Config`] or [`Error::Model`] names the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         self.head.validate()?;
+        if self.head.condition != self.material.condition() {
+            let value = self.head.condition.name().to_owned();
+            let requirement = match self.material.condition() {
+                Condition::Normal => "`normal` for this material",
+                Condition::Ggx => "`ggx` for this material",
+                Condition::GgxRoughness => "`ggx-roughness` for this material",
+            };
+            return Err(Error::Config { field: "head.condition", value, requirement });
+        }
         within("steps", self.steps, 1..=100_000_000, "in 1..=1e8")?;
         within("conditions", self.conditions, 1..=1 << 16, "in 1..=65536")?;
         within("strata", self.strata, 1..=1024, "in 1..=1024")?;
+        within("brdf_samples", self.brdf_samples, 0..=1 << 20, "in 0..=1048576")?;
+        within("entropic", self.entropic, 0.0..=1.0, "in [0, 1]")?;
+        within("ema_decay", self.ema_decay, 0.0..=0.999_999, "in [0, 1)")?;
         within("validation_conditions", self.validation_conditions, 1..=1 << 16, "in 1..=65536")?;
         within("validation_strata", self.validation_strata, 1..=1024, "in 1..=1024")?;
         within("learning_rate", self.learning_rate, f64::MIN_POSITIVE..=1.0, "in (0, 1]")?;
@@ -141,6 +169,8 @@ mod tests {
         assert_eq!(refused(FitConfig { steps: 0, ..good() }), "steps");
         assert_eq!(refused(FitConfig { learning_rate: f64::NAN, ..good() }), "learning_rate");
         assert_eq!(refused(FitConfig { beta_2: 1.0, ..good() }), "beta_2");
+        assert_eq!(refused(FitConfig { entropic: -1e-4, ..good() }), "entropic");
+        assert_eq!(refused(FitConfig { ema_decay: 1.0, ..good() }), "ema_decay");
         assert_eq!(refused(FitConfig { strata: 0, ..good() }), "strata");
         assert_eq!(refused(FitConfig { clip_norm: f64::INFINITY, ..good() }), "clip_norm");
     }

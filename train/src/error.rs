@@ -21,12 +21,26 @@ pub enum Error {
         /// The range it must lie in.
         requirement: &'static str,
     },
+    /// A configuration file, or a value given in its place, is wrong.
+    #[error("{name}: {reason}")]
+    ConfigFile {
+        /// The file, or where else the value is from.
+        name: String,
+        /// What is wrong.
+        reason: String,
+    },
     /// The head's configuration or weights are wrong.
     #[error(transparent)]
     Model(#[from] headtail_model::Error),
     /// The exported sampler or its tables cannot be made or written.
     #[error(transparent)]
     Render(#[from] std::sync::Arc<headtail_render::Error>),
+    /// The renderer cannot sample what was trained.
+    #[error("the head cannot be exported: the renderer has no {what} yet")]
+    NoNativeForm {
+        /// The part that is missing there.
+        what: String,
+    },
     /// The target gave a density that is negative, infinite or NaN.
     #[error("the target density is {density} at y = {y:?} under condition {condition:?}")]
     BadTarget {
@@ -42,6 +56,12 @@ pub enum Error {
     EmptyTarget {
         /// How many conditions were tried.
         conditions: usize,
+    },
+    /// A camera that is to give conditions sees nothing.
+    #[error("the scene '{scene}': its camera sees (almost) no surface to take conditions from")]
+    NothingSeen {
+        /// The scene's name.
+        scene: String,
     },
     /// Too many steps without a finite loss and gradient.
     #[error("training diverged: {skipped} steps were not finite by step {step}; try a smaller learning rate")]

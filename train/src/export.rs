@@ -1,21 +1,45 @@
 //! From a trained head to the renderer's, and to the exported file.
 
-use headtail_model::{EncoderConfig, Head, Mode, NamedTensor};
+use headtail_model::{EncoderConfig, Head, HeadConfig, Mode, NamedTensor};
 use headtail_render::{
     environment::Environment,
     export::{ExportedSampler, Intermediate, TrainingSummary},
     head::{self as native, Condition},
-    tail::TailKind,
 };
 
-use crate::{FitConfig, Result, Summary};
+use crate::{Error, FitConfig, Result, Summary};
+
+/// Whether what a configuration trains can be exported, to be known before the training.
+///
+/// # Errors
+/// [`Error::NoNativeForm`] names what the renderer has no form of.
+pub fn check_exportable(config: &FitConfig) -> Result<()> {
+    if config.naive {
+        return Err(Error::NoNativeForm { what: "sampler without a tail".into() });
+    }
+    native_condition(&config.head).map(|_| ())
+}
+
+/// The renderer's name of the condition, if it can sample heads of this shape.
+fn native_condition(config: &HeadConfig) -> Result<Condition> {
+    if config.selection {
+        return Err(Error::NoNativeForm { what: "learned selection probability".into() });
+    }
+    match config.condition {
+        headtail_model::Condition::Normal => Ok(Condition::Normal),
+        other @ (headtail_model::Condition::Ggx | headtail_model::Condition::GgxRoughness) => {
+            Err(Error::NoNativeForm { what: format!("head for the condition `{}`", other.name()) })
+        }
+    }
+}
 
 /// The native head with the weights of a trained one.
 ///
 /// # Errors
-/// A weight is not finite, or the head is larger than native inference allows.
+/// A weight is not finite, the head is larger than native inference allows, or it has no native form.
 pub fn native_head(head: &Head) -> Result<native::Head> {
     let config = head.config();
+    let condition = native_condition(config)?;
     let weights = head.weights();
     let layer = |name: String| -> Result<native::Linear> {
         let find = |kind: &str| -> &NamedTensor {
@@ -35,22 +59,22 @@ pub fn native_head(head: &Head) -> Result<native::Head> {
     };
     let networks = [layers("layer0", config.hidden_layers + 1)?, layers("layer1", config.hidden_layers + 1)?];
     let encoder = layers("encoder", encoder_layers)?;
-    Ok(native::Head::new(Condition::Normal, mode, config.leaky_slope, encoder, networks)?)
+    Ok(native::Head::new(condition, mode, config.leaky_slope, encoder, networks)?)
 }
 
 /// The exported sampler of a trained head. With `with_time` the file says how long the training took, and two runs of the
 /// same command then differ in that number.
 ///
 /// # Errors
-/// See [`native_head`].
+/// See [`check_exportable`] and [`native_head`].
 pub fn exported_sampler(
     head: &Head,
     config: &FitConfig,
     summary: &Summary,
-    kind: TailKind,
     environment: &Environment,
     with_time: bool,
 ) -> Result<ExportedSampler> {
+    check_exportable(config)?;
     let training = TrainingSummary {
         steps: summary.steps as u64,
         seed: config.seed,
@@ -60,20 +84,32 @@ pub fn exported_sampler(
         relative_variance: summary.divergence.relative_variance,
         seconds: with_time.then_some(summary.seconds),
     };
-    Ok(ExportedSampler::new(Intermediate::Head(native_head(head)?), kind, environment, Some(training))?)
+    Ok(ExportedSampler::new(Intermediate::Head(native_head(head)?), config.tail, environment, Some(training))?)
 }
 
 #[cfg(test)]
 mod tests {
     use glam::Vec2;
-    use headtail_model::{
-        HeadConfig,
-        burn::prelude::{Tensor, TensorData},
-    };
+    use headtail_model::burn::prelude::{Tensor, TensorData};
     use headtail_render::random::{Purpose, Stream};
 
     use super::*;
     use crate::{Backend, test_support::random_head};
+
+    #[test]
+    fn heads_without_a_native_form_are_refused() {
+        let device = Backend::Flex.device().unwrap();
+        for (config, named) in [
+            (HeadConfig::MICROFACET, "`ggx-roughness`"),
+            (HeadConfig { selection: true, ..HeadConfig::COSINE }, "selection"),
+        ] {
+            let error = native_head(&random_head(config, &device)).unwrap_err().to_string();
+            assert!(error.contains(named), "{error}");
+        }
+        let naive = FitConfig { naive: true, ..FitConfig::default() };
+        assert!(check_exportable(&naive).unwrap_err().to_string().contains("without a tail"));
+        check_exportable(&FitConfig::default()).unwrap();
+    }
 
     #[test]
     fn the_native_head_is_the_trained_one_in_both_directions() {

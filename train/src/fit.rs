@@ -5,13 +5,11 @@ use std::{
     time::Instant,
 };
 
-use headtail_model::{Head, burn::prelude::Module};
-use headtail_render::random::Purpose;
+use headtail_model::Head;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Divergence, Error, FitConfig, Result, Target, injection, optimizer::Optimizer, target::Batch,
-    validation::Validation,
+    Divergence, Error, FitConfig, Result, Target, gradient::BurnGradient, state::TrainingState, validation::Validation,
 };
 
 /// What is known after a step.
@@ -63,8 +61,8 @@ pub struct Fitted {
 /// returned (at a learning rate that has not come down yet).
 ///
 /// # Errors
-/// If the configuration is out of range, the backend is not in this build, the target is no density or zero everywhere, or
-/// more than `max_skipped` steps were not finite.
+/// If the configuration is out of range or asks of the target what it does not have, the backend is not in this build, the
+/// target is no density or zero everywhere, or more than `max_skipped` steps were not finite.
 pub fn fit(
     config: &FitConfig,
     target: &dyn Target,
@@ -72,96 +70,92 @@ pub fn fit(
     interrupt: &AtomicBool,
 ) -> Result<Fitted> {
     config.validate()?;
-    if config.head.condition != target.condition_length() {
-        let value = config.head.condition.to_string();
-        return Err(Error::Config {
-            field: "head.condition",
-            value,
-            requirement: "the length of the target's condition",
-        });
-    }
+    check_target(config, target)?;
     let device = config.backend.device()?;
-    let trained = device.clone().autodiff();
     let start = Instant::now();
-    let validation = Validation::new(target, config.validation_conditions, config.validation_strata, config.seed)?;
-    let mut head = Head::new(config.head, config.seed, &trained)?;
-    let mut optimizer = Optimizer::new(config);
-    let initial = validation.divergence(&head.valid(), &device);
-    let mut summary = Summary {
-        steps: 0,
-        interrupted: false,
-        loss: f32::NAN,
-        initial,
-        divergence: initial,
-        seconds: 0.0,
-        skipped: 0,
-    };
-
-    // Reading logits back is cheap on the host and a synchronisation elsewhere.
-    let gradients = if config.backend.is_host() { injection::injected } else { injection::in_graph };
-    for step in 0..config.steps {
-        if interrupt.load(Ordering::Relaxed) {
-            summary.interrupted = true;
+    let validation = Validation::new(target, config.validation_shape(), config.seed)?;
+    let blank = Head::new(config.head, config.seed, &device)?;
+    let mut source = BurnGradient::new(blank.clone(), config.backend, &device);
+    let mut state = TrainingState::new(config, blank.flat_weights());
+    let head = |state: &TrainingState| blank.clone().with_flat_weights(state.best_weights(), &device);
+    let divergence = |state: &TrainingState| validation.divergence(&head(state), &device);
+    let initial = divergence(&state);
+    let mut loss = f32::NAN;
+    let mut interrupted = false;
+    while state.step < config.steps {
+        interrupted = interrupt.load(Ordering::Relaxed);
+        if interrupted {
             break;
         }
-        let shape = (config.conditions, config.strata);
-        let batch = Batch::draw(target, shape, config.seed, Purpose::Batch, step as u64)?;
-        if let Some((loss, gradients)) = gradients(&head, config.loss, &batch, &trained) {
-            let moved;
-            (head, moved) = if loss.is_finite() { optimizer.step(step, head, gradients) } else { (head, false) };
-            if !moved {
-                summary.skipped += 1;
-                if summary.skipped > config.max_skipped {
-                    return Err(Error::Diverged { step: step + 1, skipped: summary.skipped });
-                }
-            }
-            summary.loss = loss;
-        }
-        summary.steps = step + 1;
+        loss = state.advance(config, target, &mut source)?.unwrap_or(loss);
         // Never due where `validate_every` is 0: no step is a multiple of it.
-        let due = summary.steps.is_multiple_of(config.validate_every) && summary.steps < config.steps;
+        let due = state.step.is_multiple_of(config.validate_every) && state.step < config.steps;
         progress(&Progress {
-            step: summary.steps,
+            step: state.step,
             steps: config.steps,
-            loss: summary.loss,
-            divergence: due.then(|| validation.divergence(&head.valid(), &device)),
-            samples_per_second: (summary.steps * config.conditions * config.samples()) as f64
+            loss,
+            divergence: due.then(|| divergence(&state)),
+            samples_per_second: (state.step * config.conditions * config.batch_shape().samples()) as f64
                 / start.elapsed().as_secs_f64(),
         });
     }
 
-    let head = head.valid();
-    summary.divergence = validation.divergence(&head, &device);
-    summary.seconds = start.elapsed().as_secs_f64();
-    Ok(Fitted { head, summary })
+    let summary = Summary {
+        steps: state.step,
+        interrupted,
+        loss,
+        initial,
+        divergence: divergence(&state),
+        seconds: start.elapsed().as_secs_f64(),
+        skipped: state.skipped,
+    };
+    Ok(Fitted { head: head(&state), summary })
+}
+
+/// Checks that the target has what the configuration asks of it.
+fn check_target(config: &FitConfig, target: &dyn Target) -> Result<()> {
+    let refuse = |field, value: String, requirement| Err(Error::Config { field, value, requirement });
+    if config.head.condition != target.condition() {
+        return refuse("head.condition", config.head.condition.name().to_owned(), "that of the target");
+    }
+    if target.has_brdf_sampling() {
+        return Ok(());
+    }
+    if config.head.selection {
+        return refuse("head.selection", "true".into(), "false for a target without BRDF sampling");
+    }
+    if config.brdf_samples > 0 {
+        return refuse("brdf_samples", config.brdf_samples.to_string(), "0 for a target without BRDF sampling");
+    }
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use std::f32::consts::TAU;
 
-    use headtail_model::{HeadConfig, Mode};
+    use headtail_model::{Condition, HeadConfig, Mode};
     use headtail_render::random::Stream;
 
     use super::*;
-    use crate::{Backend, CosineTarget, test_support::sky};
+    use crate::{Backend, CosineTarget, target::PointValues, test_support::sky};
 
     /// A von Mises density of the azimuth around the condition's angle, times a beta density of the elevation.
     struct VonMisesTimesBeta;
 
     impl Target for VonMisesTimesBeta {
-        fn condition_length(&self) -> usize {
-            2
+        fn condition(&self) -> Condition {
+            Condition::Normal
         }
 
         fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
             let angle = TAU * stream.uniform();
-            condition.copy_from_slice(&[angle.cos(), angle.sin()]);
+            condition.copy_from_slice(&[angle.cos(), angle.sin(), 0.0]);
         }
 
-        fn density(&self, condition: &[f32], [u, v]: [f32; 2]) -> f32 {
+        fn at(&self, condition: &[f32], [u, v]: [f32; 2]) -> PointValues {
             let toward = condition[0] * (TAU * u).cos() + condition[1] * (TAU * u).sin();
-            toward.exp() * v * (1.0 - v)
+            PointValues::of(toward.exp() * v * (1.0 - v))
         }
     }
 
@@ -177,7 +171,7 @@ mod tests {
     fn a_known_target_is_recovered() {
         for mode in [Mode::Coupled, Mode::Autoregressive] {
             let config = FitConfig {
-                head: HeadConfig { condition: 2, bins: 8, hidden: 32, mode, ..HeadConfig::COSINE },
+                head: HeadConfig { bins: 8, hidden: 32, mode, ..HeadConfig::COSINE },
                 steps: 1500,
                 conditions: 32,
                 strata: 6,
@@ -258,23 +252,29 @@ mod tests {
     fn a_black_environment_is_an_error() {
         struct Black;
         impl Target for Black {
-            fn condition_length(&self) -> usize {
-                3
+            fn condition(&self) -> Condition {
+                Condition::Normal
             }
             fn draw_condition(&self, _: &mut Stream, condition: &mut [f32]) {
                 condition.fill(1.0);
             }
-            fn density(&self, _: &[f32], _: [f32; 2]) -> f32 {
-                0.0
+            fn at(&self, _: &[f32], _: [f32; 2]) -> PointValues {
+                PointValues::of(0.0)
             }
         }
         assert!(matches!(quiet(&small(), &Black), Err(Error::EmptyTarget { conditions: 64 })));
     }
 
     #[test]
-    fn a_head_for_another_condition_is_refused() {
-        let error = quiet(&small(), &VonMisesTimesBeta).err().unwrap();
-        assert!(error.to_string().contains("head.condition = 3"), "{error}");
+    fn a_head_that_asks_for_another_target_is_refused() {
+        let head = HeadConfig { condition: Condition::Ggx, ..HeadConfig::COSINE };
+        let error = quiet(&FitConfig { head, ..small() }, &VonMisesTimesBeta).err().unwrap();
+        assert!(error.to_string().contains("head.condition = ggx"), "{error}");
+        let head = HeadConfig { selection: true, ..HeadConfig::COSINE };
+        for config in [FitConfig { head, ..small() }, FitConfig { brdf_samples: 4, ..small() }] {
+            let error = quiet(&config, &VonMisesTimesBeta).err().unwrap();
+            assert!(error.to_string().contains("without BRDF sampling"), "{error}");
+        }
     }
 
     #[test]
@@ -282,14 +282,14 @@ mod tests {
         /// A condition that is not a number makes every logit so.
         struct Broken;
         impl Target for Broken {
-            fn condition_length(&self) -> usize {
-                3
+            fn condition(&self) -> Condition {
+                Condition::Normal
             }
             fn draw_condition(&self, _: &mut Stream, condition: &mut [f32]) {
                 condition.fill(f32::NAN);
             }
-            fn density(&self, _: &[f32], _: [f32; 2]) -> f32 {
-                1.0
+            fn at(&self, _: &[f32], _: [f32; 2]) -> PointValues {
+                PointValues::of(1.0)
             }
         }
         let config = FitConfig { max_skipped: 3, ..small() };

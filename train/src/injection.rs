@@ -1,4 +1,4 @@
-//! One training step's gradient, in two ways that agree.
+//! One training step's gradient through burn, in two ways that agree.
 //!
 //! The reference, [`in_graph`], runs splines and loss in the tensor library's graph. The fast way, [`injected`], keeps only the
 //! networks in the graph: splines, loss and the loss's gradient `G` with respect to the logits are computed beside it, in closed form, and `sum(logits * G)`, with `G` constant, is what the graph differentiates. Its gradient with
@@ -9,11 +9,9 @@
 
 use std::panic::resume_unwind;
 
-use crate::{Loss, loss::log_weights, target::Batch};
 use headtail_model::{
     Head, Mode,
     burn::{
-        module::{ModuleVisitor, Param},
         optim::GradientsParams,
         prelude::{Device, Module, Tensor, TensorData},
     },
@@ -24,37 +22,38 @@ use headtail_model::{
     },
 };
 
+use crate::{Objective, gradient::StepGradient, loss::LossDerivatives, target::Batch};
+
 /// Points of a batch that one thread takes through the networks: few enough that activations stay in its cache, enough that
 /// the cost of an operation is not that of starting it.
 const SHARD: usize = 2048;
 
-/// The mean loss of `batch` and the gradients of the head's weights, everything in the tensor library's graph.
+/// Everything in the tensor library's graph.
 ///
-/// `device` is the head's, with autodiff. `None` if the target is zero under every condition.
-pub fn in_graph(head: &Head, loss: Loss, batch: &Batch, device: &Device) -> Option<(f32, GradientsParams)> {
+/// `head` lives on `device`, which has autodiff. `None` if the target is zero under every condition.
+pub fn in_graph(head: &Head, objective: Objective, batch: &Batch, device: &Device) -> Option<StepGradient> {
     let (y, c) = tensors(batch, device);
-    let loss = loss.of_batch(batch, &head.log_density(&y, c))?;
+    let loss = objective.of_batch(batch, head.log_density(&y, c.clone()), head.selection_logits(c))?;
     let gradients = GradientsParams::from_grads(loss.backward(), head);
-    Some((loss.into_scalar::<f32>(), gradients))
+    Some(StepGradient { loss: loss.into_scalar::<f32>(), by_weight: head.flat_gradients(&gradients) })
 }
 
-/// The same with splines and loss beside the graph, and the batch divided among threads.
+/// Splines and loss beside the graph, and the batch divided among threads.
 ///
 /// The division depends on the batch alone and its parts are added in order, so the result does not depend on the number
 /// of threads.
-pub fn injected(head: &Head, loss: Loss, batch: &Batch, device: &Device) -> Option<(f32, GradientsParams)> {
-    let lit =
-        batch.densities.chunks_exact(batch.samples).filter(|densities| densities.iter().any(|&g| g > 0.0)).count();
-    let shards = batch.split((SHARD / batch.samples).max(1));
+pub fn injected(head: &Head, objective: Objective, batch: &Batch, device: &Device) -> Option<StepGradient> {
+    let lit = batch.lit_count();
     if lit == 0 {
         return None;
     }
+    let shards = batch.split((SHARD / batch.samples).max(1));
     let threads = rayon::current_num_threads().min(shards.len());
     // Threads of their own, not rayon's: a step of the backward pass holds its graph's lock, and one that waits for a parallel
     // matrix product there must not be given another shard. Forked weights, because graphs that share leaves share one lock.
-    let parts: Vec<(f32, GradientsParams)> = std::thread::scope(|scope| {
+    let parts: Vec<StepGradient> = std::thread::scope(|scope| {
         let work = |shards: &'_ [Batch], head: Head| -> Vec<_> {
-            shards.iter().map(|shard| injected_shard(&head, loss, shard, lit as f32, device)).collect()
+            shards.iter().map(|shard| injected_shard(&head, objective, shard, lit as f32, device)).collect()
         };
         let threads: Vec<_> = shards
             .chunks(shards.len().div_ceil(threads))
@@ -63,49 +62,40 @@ pub fn injected(head: &Head, loss: Loss, batch: &Batch, device: &Device) -> Opti
             .collect();
         threads.into_iter().flat_map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
     });
-    parts.into_iter().reduce(|(loss, gradients), (other_loss, other_gradients)| {
-        let mut sum = Add { to: gradients, from: other_gradients };
-        head.visit(&mut sum);
-        (loss + other_loss, sum.to)
+    parts.into_iter().reduce(|mut sum, part| {
+        sum.loss += part.loss;
+        sum.by_weight.iter_mut().zip(part.by_weight).for_each(|(sum, term)| *sum += term);
+        sum
     })
 }
 
 /// A shard's part of the mean loss over `lit` conditions, and of its gradients.
-fn injected_shard(head: &Head, loss: Loss, batch: &Batch, lit: f32, device: &Device) -> (f32, GradientsParams) {
+fn injected_shard(head: &Head, objective: Objective, batch: &Batch, lit: f32, device: &Device) -> StepGradient {
     let (y, c) = tensors(batch, device);
     let coupled = head.config().mode == Mode::Coupled;
     let elevation = head.elevation_logits(&y, c.clone());
     let at_elevation = Splines::evaluate(Topology::Interval, &elevation, batch, coupled);
     let seen =
         if coupled { at_elevation.z_in_graph(&elevation, device) } else { y.slice_dim(2, 1).squeeze_dim::<2>(2) };
-    let azimuth = head.azimuth_logits(&seen, c);
+    let azimuth = head.azimuth_logits(&seen, c.clone());
     let at_azimuth = Splines::evaluate(Topology::Circle, &azimuth, batch, false);
+    let selection = head.selection_logits(c);
 
     let log_q: Vec<f32> = at_elevation.log_slopes.iter().zip(&at_azimuth.log_slopes).map(|(v, u)| v + u).collect();
-    let (loss, by_log_q) = loss_sum(loss, batch, &log_q);
+    let selection_logits =
+        selection.clone().map(|logits| logits.try_into_vec_as::<f32>().expect("logits are readable"));
+    let sums = LossSums::new(objective, batch, &log_q, selection_logits.as_deref());
     let inject = |logits: Tensor<3>, splines: &Splines| {
-        let gradient = splines.gradient(&by_log_q, logits.dims(), device);
+        let gradient = splines.gradient(&sums.by_log_q, logits.dims(), device);
         (logits * gradient).sum()
     };
-    let sum = (inject(elevation, &at_elevation) + inject(azimuth, &at_azimuth)).div_scalar(lit);
-    (loss / lit, GradientsParams::from_grads(sum.backward(), head))
-}
-
-/// Adds gradients of the same head.
-struct Add {
-    to: GradientsParams,
-    from: GradientsParams,
-}
-
-impl ModuleVisitor for Add {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        let Some(term) = self.from.remove::<D>(param.id) else { return };
-        let sum = match self.to.remove::<D>(param.id) {
-            Some(gradient) => gradient + term,
-            None => term,
-        };
-        self.to.register(param.id, sum);
+    let mut sum = inject(elevation, &at_elevation) + inject(azimuth, &at_azimuth);
+    if let Some(logits) = selection {
+        let gradient = TensorData::new(sums.by_selection, logits.dims());
+        sum = sum + (logits * Tensor::from_data(gradient, device)).sum();
     }
+    let gradients = GradientsParams::from_grads(sum.div_scalar(lit).backward(), head);
+    StepGradient { loss: sums.loss / lit, by_weight: head.flat_gradients(&gradients) }
 }
 
 /// Points `[conditions, samples, 2]` and conditions of a batch as tensors.
@@ -199,15 +189,29 @@ impl Splines {
     }
 }
 
-/// The sum of the loss over the conditions whose target is not zero everywhere, and its derivatives by every log-density.
-fn loss_sum(loss: Loss, batch: &Batch, log_q: &[f32]) -> (f32, Vec<f32>) {
-    let mut derivatives = vec![0.0; log_q.len()];
-    let rows = derivatives.chunks_exact_mut(batch.samples).zip(batch.densities.chunks_exact(batch.samples));
-    let losses = rows.zip(log_q.chunks_exact(batch.samples)).filter_map(|((derivatives, densities), log_q)| {
-        Some(loss.evaluate(&log_weights(densities)?, log_q, derivatives))
-    });
-    let sum = losses.sum();
-    (sum, derivatives)
+/// The loss summed over the conditions whose target is not zero everywhere, and its derivatives.
+struct LossSums {
+    loss: f32,
+    /// By the head's log-density at every point.
+    by_log_q: Vec<f32>,
+    /// By every condition's selection logit.
+    by_selection: Vec<f32>,
+}
+
+impl LossSums {
+    fn new(objective: Objective, batch: &Batch, log_q: &[f32], selection_logits: Option<&[f32]>) -> Self {
+        let mut sums =
+            Self { loss: 0.0, by_log_q: vec![0.0; log_q.len()], by_selection: vec![0.0; batch.condition_count()] };
+        let rows = sums.by_log_q.chunks_exact_mut(batch.samples).zip(log_q.chunks_exact(batch.samples));
+        for (condition, (by_log_q, log_q)) in rows.enumerate() {
+            let logit = selection_logits.map(|logits| logits[condition]);
+            let mut out = LossDerivatives { by_log_q, by_selection: 0.0 };
+            let Some(loss) = objective.evaluate(&batch.condition(condition), log_q, logit, &mut out) else { continue };
+            sums.by_selection[condition] = out.by_selection;
+            sums.loss += loss;
+        }
+        sums
+    }
 }
 
 #[cfg(test)]
@@ -217,27 +221,21 @@ mod tests {
 
     use super::*;
     use crate::{
-        Backend, CosineTarget,
-        test_support::{random_head, sky},
+        Backend, CosineTarget, Loss,
+        target::BatchShape,
+        test_support::{random_head, studio},
     };
 
-    /// All gradients one after another.
-    fn by_weight(head: &Head, gradients: &GradientsParams) -> Vec<f32> {
-        let mut list = Vec::new();
-        struct Collect<'a>(&'a GradientsParams, &'a mut Vec<f32>);
-        impl ModuleVisitor for Collect<'_> {
-            fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-                let gradient = self.0.get::<D>(param.id).expect("every weight has a gradient");
-                self.1.extend(gradient.try_into_vec_as::<f32>().unwrap());
-            }
-        }
-        head.visit(&mut Collect(gradients, &mut list));
-        list
+    fn objectives() -> Vec<Objective> {
+        let with = |entropic| Loss::ALL.map(|loss| Objective { loss, entropic });
+        [with(0.0), with(1e-2)].concat()
     }
 
-    /// Two shards of different size; the first condition is empty.
+    /// Two shards of different size, points with weights; the first condition is empty.
     fn batch() -> Batch {
-        let mut batch = Batch::draw(&CosineTarget::new(&sky), (100, 5), 0, Purpose::Test, 0).unwrap();
+        let tail = studio();
+        let shape = BatchShape { conditions: 100, strata: 4, brdf_samples: 9 };
+        let mut batch = Batch::draw(&CosineTarget::new(&tail), shape, 0, Purpose::Test, 0).unwrap();
         batch.densities[..25].fill(0.0);
         batch
     }
@@ -245,24 +243,25 @@ mod tests {
     #[test]
     fn injected_gradients_are_those_of_the_graph() {
         let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
+        let batch = batch();
         for backend in Backend::ALL {
             let Ok(device) = backend.device() else { continue };
             let device = device.autodiff();
             for mode in [Mode::Coupled, Mode::Autoregressive] {
                 for config in [
                     HeadConfig { mode, ..HeadConfig::COSINE },
-                    HeadConfig { mode, encoder, bins: 8, ..HeadConfig::COSINE },
+                    HeadConfig { mode, encoder, bins: 8, selection: true, ..HeadConfig::COSINE },
                 ] {
                     let head = random_head(config, &device);
-                    for loss in [Loss::ForwardKl, Loss::LogChiSquare] {
-                        let (expected_loss, expected) = in_graph(&head, loss, &batch(), &device).unwrap();
-                        let (found_loss, found) = injected(&head, loss, &batch(), &device).unwrap();
-                        assert!((expected_loss - found_loss).abs() < 1e-5, "{expected_loss} {found_loss}");
-                        let (expected, found) = (by_weight(&head, &expected), by_weight(&head, &found));
+                    for objective in objectives() {
+                        let expected = in_graph(&head, objective, &batch, &device).unwrap();
+                        let found = injected(&head, objective, &batch, &device).unwrap();
+                        let scale = expected.loss.abs().max(1.0);
+                        assert!((expected.loss - found.loss).abs() < 1e-5 * scale, "{} {}", expected.loss, found.loss);
                         let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
-                        let size = norm(&mut expected.iter().copied());
-                        let error = norm(&mut expected.iter().zip(&found).map(|(a, b)| a - b));
-                        assert!(error <= 1e-5 * size, "{backend} {config:?} {loss:?}: {error} of {size}");
+                        let size = norm(&mut expected.by_weight.iter().copied());
+                        let error = norm(&mut expected.by_weight.iter().zip(&found.by_weight).map(|(a, b)| a - b));
+                        assert!(error <= 1e-5 * size, "{backend} {config:?} {objective:?}: {error} of {size}");
                         assert!(size > 1e-3);
                     }
                 }
@@ -276,7 +275,7 @@ mod tests {
         let head = random_head(HeadConfig::COSINE, &device);
         let mut batch = batch();
         batch.densities.fill(0.0);
-        assert!(in_graph(&head, Loss::LogChiSquare, &batch, &device).is_none());
-        assert!(injected(&head, Loss::LogChiSquare, &batch, &device).is_none());
+        assert!(in_graph(&head, Loss::LogChiSquare.into(), &batch, &device).is_none());
+        assert!(injected(&head, Loss::LogChiSquare.into(), &batch, &device).is_none());
     }
 }

@@ -3,7 +3,16 @@
 use std::f32::consts::TAU;
 
 use headtail_model::{Head, HeadConfig, burn::prelude::Device};
-use headtail_render::random::{Purpose, Stream};
+use headtail_render::{
+    environment::built_in,
+    random::{Purpose, Stream},
+    tail::{Tail, TailKind},
+};
+
+use crate::{
+    CosineTarget,
+    target::{Batch, BatchShape},
+};
 
 /// A head far from the identity: its last layers are drawn too.
 pub fn random_head(config: HeadConfig, device: &Device) -> Head {
@@ -20,4 +29,16 @@ pub fn sky(y: [f32; 2]) -> [f32; 3] {
     let cos = 1.0 - y[1];
     let sin = (1.0 - cos * cos).max(0.0).sqrt();
     [sin * (TAU * y[0]).sin(), cos, -sin * (TAU * y[0]).cos()]
+}
+
+/// A batch of the cosine under [`sky`].
+pub fn batch_of_sky(conditions: usize, strata: usize) -> Batch {
+    let shape = BatchShape { conditions, strata, brdf_samples: 0 };
+    Batch::draw(&CosineTarget::new(&sky), shape, 0, Purpose::Test, 0).unwrap()
+}
+
+/// The tail of a built-in map with small lights.
+pub fn studio() -> Tail {
+    let map = built_in("studio").unwrap();
+    Tail::new(TailKind::Hierarchical, map.width(), map.height(), &map.luminance()).unwrap()
 }

@@ -4,15 +4,23 @@ use headtail_model::{Head, burn::prelude::Device};
 use headtail_render::random::Purpose;
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, Loss, Result, Target, injection::tensors, loss::log_weights, target::Batch};
+use crate::{
+    Error, Loss, Objective, Result, Target,
+    injection::tensors,
+    loss::LossDerivatives,
+    target::{Batch, BatchShape},
+};
 
-/// Means over the conditions under which the target is not zero everywhere.
+/// Means over the conditions under which the target is not zero everywhere. With a learned selection they are those of the
+/// mixture with BRDF sampling.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Divergence {
     /// `KL(q* || q)` in nats.
     pub kl: f64,
-    /// Relative variance of the weight `q* / q`, i.e. the chi-square divergence: the variance of a one-sample estimate over
-    /// the square of its mean, without shadows.
+    /// `ln(1 + chi^2(q* || q))` in nats: the Renyi divergence of order 2.
+    pub log_chi_square: f64,
+    /// Relative variance of the weight `q* / q`, i.e. the chi-square divergence itself: the variance of a one-sample estimate
+    /// over the square of its mean, without shadows.
     pub relative_variance: f64,
 }
 
@@ -21,33 +29,44 @@ pub struct Validation {
     batch: Batch,
 }
 
+/// Conditions that go through the networks together.
+const CHUNK: usize = 16;
+
 impl Validation {
-    /// Draws `conditions` conditions with `strata^2` points each.
+    /// Draws conditions and points.
     ///
     /// # Errors
     /// [`Error::EmptyTarget`] if the target is zero under all of them, [`Error::BadTarget`] if it is not a density.
-    pub fn new(target: &dyn Target, conditions: usize, strata: usize, seed: u64) -> Result<Self> {
-        let batch = Batch::draw(target, (conditions, strata), seed, Purpose::Validation, 0)?;
-        if batch.densities.iter().all(|&density| density == 0.0) {
-            return Err(Error::EmptyTarget { conditions });
+    pub fn new(target: &dyn Target, shape: BatchShape, seed: u64) -> Result<Self> {
+        let batch = Batch::draw(target, shape, seed, Purpose::Validation, 0)?;
+        if batch.lit_count() == 0 {
+            return Err(Error::EmptyTarget { conditions: shape.conditions });
         }
         Ok(Self { batch })
     }
 
     /// The divergence of `head`, which lives on `device` (without autodiff).
     pub fn divergence(&self, head: &Head, device: &Device) -> Divergence {
-        let (y, c) = tensors(&self.batch, device);
-        let samples = self.batch.samples;
-        let log_q =
-            head.log_density(&y, c).try_into_vec_as::<f32>().expect("densities are readable and convert to f32");
-        let mut unused = vec![0.0; samples];
-        let (mut kl, mut variance, mut count) = (0.0, 0.0, 0.0);
-        for (densities, log_q) in self.batch.densities.chunks_exact(samples).zip(log_q.chunks_exact(samples)) {
-            let Some(log_weights) = log_weights(densities) else { continue };
-            kl += f64::from(Loss::ForwardKl.evaluate(&log_weights, log_q, &mut unused));
-            variance += f64::from(Loss::LogChiSquare.evaluate(&log_weights, log_q, &mut unused)).exp_m1();
-            count += 1.0;
+        let mut sum = Divergence { kl: 0.0, log_chi_square: 0.0, relative_variance: 0.0 };
+        let count = self.batch.lit_count() as f64;
+        for batch in self.batch.split(CHUNK) {
+            let read = "densities are readable and convert to f32";
+            let (y, c) = tensors(&batch, device);
+            let log_q = head.log_density(&y, c.clone()).try_into_vec_as::<f32>().expect(read);
+            let logits = head.selection_logits(c).map(|logits| logits.try_into_vec_as::<f32>().expect(read));
+            let mut unused = vec![0.0; batch.samples];
+            for (index, log_q) in log_q.chunks_exact(batch.samples).enumerate() {
+                let mut evaluate = |loss: Loss| {
+                    let mut out = LossDerivatives { by_log_q: &mut unused, by_selection: 0.0 };
+                    let logit = logits.as_ref().map(|logits| logits[index]);
+                    Objective::from(loss).evaluate(&batch.condition(index), log_q, logit, &mut out).map(f64::from)
+                };
+                let Some((kl, chi)) = evaluate(Loss::ForwardKl).zip(evaluate(Loss::LogChiSquare)) else { continue };
+                sum.kl += kl / count;
+                sum.log_chi_square += chi / count;
+                sum.relative_variance += chi.exp_m1() / count;
+            }
         }
-        Divergence { kl: kl / count, relative_variance: variance / count }
+        sum
     }
 }

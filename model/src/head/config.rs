@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Condition;
 use crate::{
     Error, Result,
     spline::{MAX_BINS, logit_count},
@@ -35,8 +36,8 @@ pub struct EncoderConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeadConfig {
-    /// Length of the condition vector.
-    pub condition: usize,
+    /// What the head is conditioned on.
+    pub condition: Condition,
     /// Bins K per spline.
     pub bins: usize,
     /// Width of the spline networks' hidden layers.
@@ -47,20 +48,32 @@ pub struct HeadConfig {
     pub leaky_slope: f32,
     /// How the coupling layers are joined.
     pub mode: Mode,
-    /// The conditioner encoder; `None` feeds the condition to the spline networks as it is.
+    /// The conditioner encoder; `None` (in files `"none"`) feeds the condition to the spline networks as it is.
+    #[serde(with = "optional_encoder")]
     pub encoder: Option<EncoderConfig>,
+    /// Whether the head learns how often to draw from BRDF sampling instead.
+    pub selection: bool,
 }
 
 impl HeadConfig {
     /// Cosine-weighted emitter sampling (the paper's section 5.1): the condition is the normal, K = 4, no encoder.
     pub const COSINE: Self = Self {
-        condition: 3,
+        condition: Condition::Normal,
         bins: 4,
         hidden: 64,
         hidden_layers: 2,
         leaky_slope: 0.01,
         mode: Mode::Coupled,
         encoder: None,
+        selection: false,
+    };
+
+    /// Microfacet surfaces (the paper's section 5.2): K = 32, an encoder, roughness as an input.
+    pub const MICROFACET: Self = Self {
+        condition: Condition::GgxRoughness,
+        bins: 32,
+        encoder: Some(EncoderConfig { hidden: 64, output: 64 }),
+        ..Self::COSINE
     };
 
     /// Checks every field.
@@ -69,7 +82,6 @@ impl HeadConfig {
     /// [`Error::Config`] names the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         let encoder = self.encoder.unwrap_or(EncoderConfig { hidden: 1, output: 1 });
-        within("condition", self.condition, 1, 1024, "in 1..=1024")?;
         within("bins", self.bins, 2, MAX_BINS, "in 2..=512")?;
         within("hidden", self.hidden, 1, 4096, "in 1..=4096")?;
         within("hidden_layers", self.hidden_layers, 1, 16, "in 1..=16")?;
@@ -84,7 +96,7 @@ impl HeadConfig {
 
     /// Length of what the spline networks see as the condition: `c`, followed by the encoder's output.
     pub fn network_condition(&self) -> usize {
-        self.condition + self.encoder.map_or(0, |encoder| encoder.output)
+        self.condition.length() + self.encoder.map_or(0, |encoder| encoder.output)
     }
 
     /// Logits per spline.
@@ -98,5 +110,38 @@ fn within(field: &'static str, value: usize, low: usize, high: usize, requiremen
         Ok(())
     } else {
         Err(Error::Config { field, value: value.to_string(), requirement })
+    }
+}
+
+/// `"none"` for a head without encoder: a file can then take the encoder of a preset away.
+mod optional_encoder {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
+
+    use super::EncoderConfig;
+
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Form {
+        Name(String),
+        Sizes(EncoderConfig),
+    }
+
+    // The signature is serde's.
+    #[allow(clippy::trivially_copy_pass_by_ref)]
+    pub fn serialize<S: Serializer>(encoder: &Option<EncoderConfig>, serializer: S) -> Result<S::Ok, S::Error> {
+        match encoder {
+            Some(encoder) => encoder.serialize(serializer),
+            None => serializer.serialize_str("none"),
+        }
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<EncoderConfig>, D::Error> {
+        let expected =
+            "head.encoder must be \"none\" or have the keys hidden and output, both whole numbers, and no others";
+        match Form::deserialize(deserializer).map_err(|_| D::Error::custom(expected))? {
+            Form::Sizes(encoder) => Ok(Some(encoder)),
+            Form::Name(name) if name == "none" => Ok(None),
+            Form::Name(_) => Err(D::Error::custom(expected)),
+        }
     }
 }

@@ -1,6 +1,9 @@
-//! The head warp `h: Z -> Y` under a condition: encoder and two coupling layers.
+//! The head warp `h: Z -> Y` under a condition: encoder, two coupling layers, and the selection probability.
 
+mod condition;
 mod config;
+mod flat;
+mod selection;
 #[cfg(test)]
 mod tests;
 
@@ -10,7 +13,11 @@ use burn::{
     prelude::{Device, Tensor},
 };
 
+pub use condition::Condition;
 pub use config::{EncoderConfig, HeadConfig, Mode};
+pub use selection::{
+    SELECTION_FLOOR, SELECTION_HIDDEN, SelectionNetwork, selection_probability, selection_probability_in_graph,
+};
 
 use crate::{
     Error, NamedTensor, Result,
@@ -19,7 +26,7 @@ use crate::{
     spline_network::SplineNetworkShape,
 };
 
-/// The head warp.
+/// The head warp, and the share of samples that it gives where BRDF sampling gives the others.
 ///
 /// Points are grouped by condition: `y` is `[conditions, samples, 2]` and `c` is `[conditions, length]`, so that what depends on
 /// the condition alone is computed once. For one condition per point, `samples` is 1.
@@ -28,6 +35,8 @@ pub struct Head {
     /// Empty, or the encoder's two layers.
     encoder: Vec<Linear>,
     layers: Vec<Coupling>,
+    /// Empty, or one.
+    selection: Vec<SelectionNetwork>,
     #[module(skip)]
     config: HeadConfig,
 }
@@ -44,7 +53,7 @@ impl Head {
         let mut initializer = Initializer::new(seed);
         let encoder = config.encoder.map_or_else(Vec::new, |encoder| {
             vec![
-                initializer.linear(config.condition, encoder.hidden, device),
+                initializer.linear(config.condition.length(), encoder.hidden, device),
                 initializer.linear(encoder.hidden, encoder.output, device),
             ]
         });
@@ -63,7 +72,12 @@ impl Head {
         let mut layer = |target, other| Coupling::new(target, other, shape, slope, &mut initializer, device);
         let layers =
             vec![layer(Coordinate::Elevation, first_sees), layer(Coordinate::Azimuth, Some(Coordinate::Elevation))];
-        Ok(Self { encoder, layers, config })
+        let selection = if config.selection {
+            vec![SelectionNetwork::new(config.network_condition(), slope, &mut initializer, device)]
+        } else {
+            Vec::new()
+        };
+        Ok(Self { encoder, layers, selection, config })
     }
 
     /// The head's shape.
@@ -121,8 +135,16 @@ impl Head {
         self.layers[1].logits(elevation, self.encode(c))
     }
 
+    /// Logits `[conditions, 1]` of the probability to draw from the head rather than from the BRDF, for
+    /// [`selection_probability`]; `None` without [`HeadConfig::selection`].
+    pub fn selection_logits(&self, c: Tensor<2>) -> Option<Tensor<2>> {
+        let [network] = self.selection.as_slice() else { return None };
+        Some(network.logits(self.encode(c)))
+    }
+
     /// Every weight, row-major `[out, in]`, in the order in which they are drawn: `encoder.linear{0,1}.{weight,bias}` (where
-    /// there is an encoder), `layer0.linear{0..=hidden_layers}.{weight,bias}` (elevation), then `layer1` (azimuth).
+    /// there is an encoder), `layer0.linear{0..=hidden_layers}.{weight,bias}` (elevation), then `layer1` (azimuth), then
+    /// `selection.linear{0,1}` (where there is a selection).
     ///
     /// Inputs of a layer's `linear0` are, in this order: the condition `c`, the encoder's output, and the other coordinate's
     /// features (`cos 2 pi u`, `sin 2 pi u`, or `v`).
@@ -133,6 +155,9 @@ impl Head {
         }
         for (index, layer) in self.layers.iter().enumerate() {
             layer.export(&format!("layer{index}"), &mut weights);
+        }
+        for network in &self.selection {
+            network.export(&mut weights);
         }
         weights
     }
@@ -151,9 +176,13 @@ impl Head {
         for (index, layer) in blank.layers.iter().enumerate() {
             layers.push(layer.import(&format!("layer{index}"), &mut weights, device)?);
         }
+        let mut selection = Vec::new();
+        for network in &blank.selection {
+            selection.push(network.import(&mut weights, device)?);
+        }
         match weights.pop() {
             Some(weight) => Err(Error::UnknownWeight(weight.name)),
-            None => Ok(Self { encoder, layers, config }),
+            None => Ok(Self { encoder, layers, selection, config }),
         }
     }
 

@@ -2,12 +2,13 @@
 
 use burn::{
     module::Module,
+    optim::GradientsParams,
     prelude::{Device, Tensor, TensorData},
 };
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{EncoderConfig, Head, HeadConfig, Mode};
+use super::{Condition, EncoderConfig, Head, HeadConfig, Mode, selection_probability, selection_probability_in_graph};
 use crate::{
     Error, NamedTensor,
     linear::read,
@@ -16,13 +17,7 @@ use crate::{
 
 const MODES: [Mode; 2] = [Mode::Coupled, Mode::Autoregressive];
 
-/// The paper's microfacet head with the condition of 13 numbers of DESIGN.md 3.2: wo, n, reflect(wo, n), n.wo, alpha, ...
-const MICROFACET: HeadConfig = HeadConfig {
-    condition: 13,
-    bins: 32,
-    encoder: Some(EncoderConfig { hidden: 64, output: 64 }),
-    ..HeadConfig::COSINE
-};
+const MICROFACET: HeadConfig = HeadConfig::MICROFACET;
 
 fn uniforms(count: usize, seed: u64) -> Vec<f32> {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
@@ -55,7 +50,8 @@ fn configurations() -> Vec<HeadConfig> {
     MODES
         .into_iter()
         .flat_map(|mode| {
-            [HeadConfig { mode, ..HeadConfig::COSINE }, HeadConfig { mode, encoder, ..HeadConfig::COSINE }]
+            let selection = encoder.is_some();
+            [HeadConfig { mode, ..HeadConfig::COSINE }, HeadConfig { mode, encoder, selection, ..HeadConfig::COSINE }]
         })
         .collect()
 }
@@ -68,8 +64,12 @@ fn parameter_counts_are_as_documented() {
     assert_eq!(count(HeadConfig { mode: Mode::Autoregressive, ..HeadConfig::COSINE }), 10_586);
     // Elevation sees two more features.
     assert_eq!(count(HeadConfig::COSINE), 10_714);
-    // Encoder 14 x 64 + 65 x 64; networks (77 + 2 + 1 and 77 + 1 + 1) 64 + 65 x 64 + 65 x 97.
-    assert_eq!(count(MICROFACET), 36_162);
+    // Encoder 13 x 64 + 65 x 64; networks (76 + 2 + 1 and 76 + 1 + 1) 64 + 65 x 64 + 65 x 97.
+    assert_eq!(count(MICROFACET), 35_970);
+    // Two numbers less in the condition: 2 x 64 less in the encoder and in each network.
+    assert_eq!(count(HeadConfig { condition: Condition::Ggx, ..MICROFACET }), 35_970 - 3 * 128);
+    // The selection: 77 x 16 + 17.
+    assert_eq!(count(HeadConfig { selection: true, ..MICROFACET }), 35_970 + 1_249);
 }
 
 #[test]
@@ -187,25 +187,30 @@ fn weights_restore_the_head_in_any_order() {
 
 #[test]
 fn weights_are_named_and_shaped_as_documented() {
-    let head = Head::new(MICROFACET, 0, &Device::flex()).unwrap();
+    let config = HeadConfig { selection: true, ..MICROFACET };
+    let head = Head::new(config, 0, &Device::flex()).unwrap();
     let list: Vec<(String, Vec<usize>)> = head.weights().into_iter().map(|w| (w.name, w.shape)).collect();
-    let expected: [(&str, &[usize]); 16] = [
-        ("encoder.linear0.weight", &[64, 13]),
+    let expected: [(&str, &[usize]); 20] = [
+        ("encoder.linear0.weight", &[64, 12]),
         ("encoder.linear0.bias", &[64]),
         ("encoder.linear1.weight", &[64, 64]),
         ("encoder.linear1.bias", &[64]),
-        ("layer0.linear0.weight", &[64, 79]),
+        ("layer0.linear0.weight", &[64, 78]),
         ("layer0.linear0.bias", &[64]),
         ("layer0.linear1.weight", &[64, 64]),
         ("layer0.linear1.bias", &[64]),
         ("layer0.linear2.weight", &[97, 64]),
         ("layer0.linear2.bias", &[97]),
-        ("layer1.linear0.weight", &[64, 78]),
+        ("layer1.linear0.weight", &[64, 77]),
         ("layer1.linear0.bias", &[64]),
         ("layer1.linear1.weight", &[64, 64]),
         ("layer1.linear1.bias", &[64]),
         ("layer1.linear2.weight", &[97, 64]),
         ("layer1.linear2.bias", &[97]),
+        ("selection.linear0.weight", &[16, 76]),
+        ("selection.linear0.bias", &[16]),
+        ("selection.linear1.weight", &[1, 16]),
+        ("selection.linear1.bias", &[1]),
     ];
     assert!(list.iter().map(|(n, s)| (n.as_str(), s.as_slice())).eq(expected));
 }
@@ -227,7 +232,6 @@ fn configurations_out_of_range_are_refused() {
         HeadConfig { bins: 513, ..HeadConfig::COSINE },
         HeadConfig { hidden: 0, ..HeadConfig::COSINE },
         HeadConfig { hidden_layers: 0, ..HeadConfig::COSINE },
-        HeadConfig { condition: 0, ..HeadConfig::COSINE },
         HeadConfig { leaky_slope: f32::NAN, ..HeadConfig::COSINE },
         HeadConfig { encoder: Some(EncoderConfig { hidden: 0, output: 1 }), ..HeadConfig::COSINE },
     ] {
@@ -248,5 +252,77 @@ fn logits_taken_apart_give_the_density() {
         assert_eq!((elevation.dims(), azimuth.dims()), ([3, shared, 13], [3, 4, 13]));
         let (_, log_u) = spline::inverse(Topology::Circle, u, &azimuth);
         assert_eq!(read(log_v + log_u), read(head.log_density(&y, c)));
+    }
+}
+
+#[test]
+fn a_new_head_and_brdf_sampling_are_equally_likely() {
+    let device = Device::flex();
+    let config = HeadConfig { selection: true, ..MICROFACET };
+    let head = Head::new(config, 4, &device).unwrap();
+    let logits = head.selection_logits(conditions(5, 12, 1, &device)).unwrap();
+    assert_eq!(logits.dims(), [5, 1]);
+    assert!(read(selection_probability_in_graph(logits)).iter().all(|p| (p - 0.5).abs() < 1e-6));
+    assert!(Head::new(MICROFACET, 4, &device).unwrap().selection_logits(conditions(1, 12, 1, &device)).is_none());
+}
+
+#[test]
+fn neither_strategy_is_ever_given_up() {
+    let logits = [-1e30_f32, -30.0, -1.0, 0.0, 2.0, 30.0, 1e30];
+    let in_graph = Tensor::<2>::from_data(TensorData::new(logits.to_vec(), [7, 1]), &Device::flex());
+    for (logit, p) in logits.into_iter().zip(read(selection_probability_in_graph(in_graph))) {
+        assert!((0.02..=0.98).contains(&selection_probability(logit)), "{logit}");
+        assert!((p - selection_probability(logit)).abs() < 1e-6, "{logit}: {p}");
+    }
+}
+
+#[test]
+fn the_selection_depends_on_the_condition() {
+    let device = Device::flex();
+    let config = HeadConfig { selection: true, ..HeadConfig::COSINE };
+    let logits = read(random_head(config, 60, &device).selection_logits(conditions(2, 3, 9, &device)).unwrap());
+    assert_ne!(logits[0], logits[1]);
+}
+
+#[test]
+fn configurations_survive_a_file_with_and_without_encoder() {
+    for config in [HeadConfig::COSINE, MICROFACET] {
+        let text = serde_json::to_string(&config).unwrap();
+        assert_eq!(serde_json::from_str::<HeadConfig>(&text).unwrap(), config, "{text}");
+    }
+    let text = serde_json::to_string(&HeadConfig::COSINE).unwrap().replace("\"none\"", "\"some\"");
+    assert!(serde_json::from_str::<HeadConfig>(&text).unwrap_err().to_string().contains("head.encoder"));
+}
+
+#[test]
+fn flat_weights_are_the_named_ones_in_order_and_restore_the_head() {
+    let device = Device::flex();
+    for (seed, config) in configurations().into_iter().enumerate() {
+        let head = random_head(config, 70 + seed as u64, &device);
+        let flat = head.flat_weights();
+        assert_eq!(flat, head.weights().into_iter().flat_map(|weight| weight.values).collect::<Vec<_>>());
+        assert_eq!(flat.len(), head.weight_count());
+        let restored = Head::new(config, 0, &device).unwrap().with_flat_weights(&flat, &device);
+        assert_eq!(restored.weights(), head.weights());
+    }
+}
+
+/// A plain descent step of rate 1 changes each weight by its gradient.
+#[test]
+fn flat_gradients_belong_to_the_flat_weights() {
+    let device = Device::flex().autodiff();
+    for (seed, config) in configurations().into_iter().enumerate() {
+        let head = random_head(config, 80 + seed as u64, &device);
+        let (y, c) = (points(4, 4, 10, &device), conditions(4, 3, 11, &device));
+        let mut loss = head.log_density(&y, c.clone()).mean();
+        if let Some(logits) = head.selection_logits(c) {
+            loss = loss + logits.mean();
+        }
+        let gradients = GradientsParams::from_grads(loss.backward(), &head);
+        let flat = head.flat_gradients(&gradients);
+        let moved = burn::optim::SgdConfig::new().init().step(1.0, head.clone(), gradients);
+        let differences = head.flat_weights().iter().zip(moved.flat_weights()).map(|(a, b)| a - b).collect::<Vec<_>>();
+        assert!(flat.iter().zip(&differences).all(|(a, b)| (a - b).abs() < 1e-6));
+        assert!(flat.iter().any(|g| g.abs() > 1e-2));
     }
 }

@@ -1,7 +1,9 @@
 //! BRDFs at a shading point.
 
+mod ggx;
 mod lambert;
 
+pub use ggx::Ggx;
 pub use lambert::Lambert;
 
 use glam::{Vec2, Vec3A};
@@ -11,6 +13,8 @@ use glam::{Vec2, Vec3A};
 pub enum Brdf {
     /// Ideal diffuse reflection.
     Lambert(Lambert),
+    /// Rough mirror.
+    Ggx(Ggx),
 }
 
 impl Brdf {
@@ -18,6 +22,7 @@ impl Brdf {
     pub fn evaluate_cosine(&self, normal: Vec3A, wo: Vec3A, wi: Vec3A) -> Vec3A {
         match self {
             Self::Lambert(lambert) => lambert.evaluate_cosine(normal, wo, wi),
+            Self::Ggx(ggx) => ggx.evaluate_cosine(normal, wo, wi),
         }
     }
 
@@ -25,6 +30,7 @@ impl Brdf {
     pub fn sample(&self, normal: Vec3A, wo: Vec3A, u: Vec2) -> Option<(Vec3A, f32)> {
         match self {
             Self::Lambert(lambert) => lambert.sample(normal, wo, u),
+            Self::Ggx(ggx) => ggx.sample(normal, wo, u),
         }
     }
 
@@ -32,6 +38,7 @@ impl Brdf {
     pub fn pdf(&self, normal: Vec3A, wo: Vec3A, wi: Vec3A) -> f32 {
         match self {
             Self::Lambert(lambert) => lambert.pdf(normal, wo, wi),
+            Self::Ggx(ggx) => ggx.pdf(normal, wo, wi),
         }
     }
 }

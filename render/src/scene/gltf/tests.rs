@@ -77,7 +77,7 @@ fn assert_fails(loaded: Result<Scene>, word: &str) {
 
 fn color_at(scene: &Scene, x: f32, y: f32) -> Vec3A {
     let at = scene.intersect(&Ray::new(Vec3A::new(x, y, 1.0), -Vec3A::Z)).expect("a hit");
-    let Brdf::Lambert(lambert) = at.brdf;
+    let Brdf::Lambert(lambert) = at.brdf else { panic!("{:?}", at.brdf) };
     lambert.albedo
 }
 

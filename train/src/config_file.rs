@@ -1,0 +1,211 @@
+//! Configurations from presets, TOML files and single values.
+
+use std::path::Path;
+
+use toml::{Table, Value};
+
+use crate::{Error, FitConfig, Material, Preset, Result};
+
+/// A configuration that is put together: a preset, over which files and values are laid.
+#[derive(Clone, Debug)]
+pub struct ConfigBuilder {
+    table: Table,
+}
+
+impl ConfigBuilder {
+    /// Begins with a preset.
+    pub fn new(preset: Preset) -> Self {
+        Self { table: table_of(&preset.config()) }
+    }
+
+    /// Lays the keys of a TOML file over what is there.
+    ///
+    /// # Errors
+    /// [`Error::ConfigFile`] names the file, and the key that is unknown or has a wrong value.
+    pub fn file(&mut self, path: &Path) -> Result<()> {
+        let name = path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|error| refuse(&name, &error.to_string()))?;
+        self.overlay(&name, &text)
+    }
+
+    /// Lays `key.of.field = value`, in TOML, over what is there. A value that is no TOML is taken as a text.
+    ///
+    /// # Errors
+    /// [`Error::ConfigFile`] names the assignment.
+    pub fn assignment(&mut self, text: &str) -> Result<()> {
+        let name = format!("--set {text}");
+        let Some((key, value)) = text.split_once('=') else {
+            return Err(refuse(&name, "write KEY=VALUE, as in head.bins=8"));
+        };
+        let as_text = format!("{key} = {}", Value::String(value.trim().to_owned()));
+        if text.parse::<Table>().is_ok() { self.overlay(&name, text) } else { self.overlay(&name, &as_text) }
+    }
+
+    /// The configuration so far.
+    ///
+    /// # Errors
+    /// [`Error::ConfigFile`] if a value cannot be what its key asks for; ranges are [`FitConfig::validate`]'s to check.
+    pub fn build(&self) -> Result<FitConfig> {
+        self.parse("the configuration")
+    }
+
+    fn overlay(&mut self, name: &str, text: &str) -> Result<()> {
+        let overlay: Table = text.parse().map_err(|error: toml::de::Error| refuse(name, &error.to_string()))?;
+        check_keys(name, "", &self.table, &overlay)?;
+        let names_condition = overlay.get("head").is_some_and(|head| head.get("condition").is_some());
+        let material = overlay.get("material").and_then(Value::as_str).and_then(|text| text.parse::<Material>().ok());
+        merge(&mut self.table, overlay);
+        if let (Some(material), false) = (material, names_condition) {
+            self.take_condition_of(material);
+        }
+        self.parse(name).map(|_| ())
+    }
+
+    /// A material decides what its head is conditioned on.
+    fn take_condition_of(&mut self, material: Material) {
+        let condition = Value::String(material.condition().name().to_owned());
+        if let Some(Value::Table(head)) = self.table.get_mut("head") {
+            head.insert("condition".into(), condition);
+        }
+    }
+
+    fn parse(&self, name: &str) -> Result<FitConfig> {
+        FitConfig::deserialize_table(&self.table).map_err(|error| refuse(name, &error.to_string()))
+    }
+}
+
+impl FitConfig {
+    fn deserialize_table(table: &Table) -> std::result::Result<Self, toml::de::Error> {
+        table.clone().try_into()
+    }
+
+    /// The configuration as a TOML file that can be read back.
+    ///
+    /// # Errors
+    /// [`Error::ConfigFile`] for a seed above 2^63 - 1, which TOML cannot write.
+    pub fn to_toml(&self) -> Result<String> {
+        toml::to_string_pretty(self).map_err(|error| refuse("the configuration", &error.to_string()))
+    }
+
+    /// Sets the material, and what its head is conditioned on.
+    #[must_use]
+    pub fn for_material(mut self, material: Material) -> Self {
+        self.material = material;
+        self.head.condition = material.condition();
+        self
+    }
+}
+
+fn table_of(config: &FitConfig) -> Table {
+    // By way of a text: a number of single precision keeps its short form.
+    let text = toml::to_string(config).expect("a preset can be written as TOML");
+    text.parse().expect("what was written as TOML can be read")
+}
+
+/// One sentence: what the parser says in several lines is joined.
+fn refuse(name: &str, reason: &str) -> Error {
+    let lines: Vec<&str> = reason.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    Error::ConfigFile { name: name.to_owned(), reason: lines.join(" ") }
+}
+
+/// A table with every key of the configuration knows which keys there are.
+fn check_keys(name: &str, path: &str, known: &Table, overlay: &Table) -> Result<()> {
+    for (key, value) in overlay {
+        let full = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+        match (known.get(key), value) {
+            (None, _) => {
+                let keys: Vec<&str> = known.keys().map(String::as_str).collect();
+                return Err(refuse(name, &format!("the key `{full}` is unknown; there are {}", keys.join(", "))));
+            }
+            (Some(Value::Table(known)), Value::Table(overlay)) => check_keys(name, &full, known, overlay)?,
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn merge(table: &mut Table, overlay: Table) {
+    for (key, value) in overlay {
+        match (table.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
+            (_, value) => {
+                table.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use headtail_model::{Condition, EncoderConfig};
+
+    use super::*;
+    use crate::Loss;
+
+    fn built(preset: Preset, assignments: &[&str]) -> FitConfig {
+        let mut builder = ConfigBuilder::new(preset);
+        assignments.iter().for_each(|text| builder.assignment(text).unwrap());
+        builder.build().unwrap()
+    }
+
+    #[test]
+    fn presets_are_what_is_printed_and_read_back() {
+        for preset in Preset::ALL {
+            assert_eq!(built(preset, &[]), preset.config());
+            let text = preset.config().to_toml().unwrap();
+            let mut builder = ConfigBuilder::new(Preset::FastCosine);
+            builder.overlay("file", &text).unwrap();
+            assert_eq!(builder.build().unwrap(), preset.config(), "{text}");
+        }
+    }
+
+    #[test]
+    fn single_values_are_laid_over_a_preset() {
+        let config = built(
+            Preset::PaperGgx,
+            &["steps=7", "loss = reverse-kl", "head.bins=8", "head.encoder.output=16", "learning_rate=2e-3"],
+        );
+        assert_eq!((config.steps, config.loss, config.learning_rate), (7, Loss::ReverseKl, 2e-3));
+        assert_eq!((config.head.bins, config.head.encoder), (8, Some(EncoderConfig { hidden: 64, output: 16 })));
+        assert_eq!(built(Preset::PaperGgx, &["head.encoder=none"]).head.encoder, None);
+        let encoder = built(Preset::FastCosine, &["head.encoder={hidden=8, output=4}"]).head.encoder;
+        assert_eq!(encoder, Some(EncoderConfig { hidden: 8, output: 4 }));
+    }
+
+    #[test]
+    fn a_material_brings_its_condition() {
+        let config = built(Preset::FastGgx, &["material=ggx:alpha=0.2..0.8"]);
+        assert_eq!(config.head.condition, Condition::GgxRoughness);
+        config.validate().unwrap();
+        let config = built(Preset::FastGgx, &["head.condition=normal"]);
+        assert!(config.validate().unwrap_err().to_string().contains("head.condition = normal"));
+    }
+
+    #[test]
+    fn mistakes_name_the_file_and_the_key() {
+        let folder = std::env::temp_dir().join(format!("headtail-config-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("run.toml");
+        for (text, named) in [
+            ("stepz = 3", "`stepz`"),
+            ("[head]\nbinz = 3", "`head.binz`"),
+            ("[head.encoder]\nwidth = 3", "`head.encoder.width`"),
+            ("steps = \"many\"", "steps"),
+            ("steps = -1", "steps"),
+            ("[head]\nbins = 1.5", "bins"),
+            ("head = 3", "head"),
+            ("[head]\nencoder = \"some\"", "head.encoder"),
+            ("material = \"wood\"", "'wood'"),
+            ("loss = \"l2\"", "log-chi-square"),
+            ("steps = ", "TOML"),
+        ] {
+            std::fs::write(&file, text).unwrap();
+            let error = ConfigBuilder::new(Preset::PaperGgx).file(&file).unwrap_err().to_string();
+            assert!(error.contains("run.toml") && error.contains(named), "{text}: {error}");
+            assert_eq!(error.lines().count(), 1, "{error}");
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
+        let error = ConfigBuilder::new(Preset::PaperGgx).file(&file).unwrap_err().to_string();
+        assert!(error.contains("run.toml"), "{error}");
+    }
+}

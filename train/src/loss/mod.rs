@@ -1,0 +1,243 @@
+//! Losses of one condition: value, and derivatives with respect to each log-density and to the selection logit.
+
+mod in_graph;
+#[cfg(test)]
+mod tests;
+
+use headtail_model::head::{SELECTION_FLOOR, selection_probability};
+use serde::{Deserialize, Serialize};
+
+use crate::target::ConditionPoints;
+
+/// What training minimises, averaged over the conditions whose target is not zero everywhere.
+///
+/// At `n` points with weights `v_i` (one over their density) let `g_i` be the target, `w_i = v_i g_i / sum v g`, and
+/// `p_i = n g_i / sum v g` the target's density. Every loss is 0 for a perfect head, up to the noise of the points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Loss {
+    /// Forward Kullback-Leibler divergence in nats, `sum_i w_i ln(p_i / q_i)`: weighted maximum likelihood, the paper's.
+    ForwardKl,
+    /// `ln sum_i w_i p_i / q_i = ln(1 + chi-square) = ln(1 + relative variance)`: what a renderer pays for, with gradients
+    /// that the logarithm bounds.
+    #[default]
+    LogChiSquare,
+    /// Reverse Kullback-Leibler divergence `E_q[ln q - ln p]` in nats, by self-normalised importance sampling with the points
+    /// at hand: `sum_i u_i ln(u_i / w_i)`, `u_i = v_i q_i / sum v q`. Its derivative by `ln q_i` is `u_i (ln(u_i / w_i) - loss)`,
+    /// the score-function estimator of the gradient with the loss as its baseline. Unstable, as the paper found: where `q`
+    /// concentrates between the points it sees nothing, and it is content with one mode of the target. Here to show that.
+    ReverseKl,
+}
+
+/// [`Loss::ReverseKl`] takes the target to be at least this share of its mean: the logarithm of 0 teaches nothing.
+const REVERSE_TARGET_FLOOR: f64 = 1e-4;
+
+/// [`Objective::entropic`] holds the logarithm of the density in this range, where its exponential is finite.
+const ENTROPIC_RANGE: f32 = 60.0;
+
+impl Loss {
+    /// Every loss.
+    pub const ALL: [Self; 3] = [Self::ForwardKl, Self::LogChiSquare, Self::ReverseKl];
+}
+
+impl std::fmt::Display for Loss {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::ForwardKl => "forward-kl",
+            Self::LogChiSquare => "log-chi-square",
+            Self::ReverseKl => "reverse-kl",
+        })
+    }
+}
+
+/// A loss and its regularisation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Objective {
+    /// The loss.
+    pub loss: Loss,
+    /// Factor `lambda` of the paper's entropic term `E_{x ~ p*}[q_X(x) ln q_X(x)]`, where `q_X` is the density over the sample
+    /// square X, the tail's Jacobian included (section 4.3 of the paper writes it with the density of the whole warp). It is
+    /// `integral p* q_X ln q_X`: a price on being dense where the target is, which grows faster than `q_X`, so that the
+    /// highest peaks are lowered and what they lose goes to where the target is faint. It pulls against the likelihood,
+    /// not towards another minimum, and hence is weighted lightly. In Y it would be another regulariser: the tail's density multiplies it
+    /// point by point, and a sun counts more than a sky.
+    pub entropic: f32,
+}
+
+impl From<Loss> for Objective {
+    fn from(loss: Loss) -> Self {
+        Self { loss, entropic: 0.0 }
+    }
+}
+
+/// The target at one condition's points, normalised by the points themselves.
+pub struct NormalizedTarget {
+    /// `ln w_i`; `-inf` where the target or the point's weight is zero.
+    pub log_weights: Vec<f32>,
+    /// `ln p_i`; `-inf` where the target is zero.
+    pub log_densities: Vec<f32>,
+}
+
+impl NormalizedTarget {
+    /// `None` if the target is zero at all points that count.
+    pub fn new(points: &ConditionPoints<'_>) -> Option<Self> {
+        let products = || points.densities.iter().zip(points.weights).map(|(&g, &v)| f64::from(g) * f64::from(v));
+        let total: f64 = products().sum();
+        if total <= 0.0 {
+            return None;
+        }
+        let mean = total / points.densities.len() as f64;
+        Some(Self {
+            log_weights: products().map(|product| (product / total).ln() as f32).collect(),
+            log_densities: points.densities.iter().map(|&g| (f64::from(g) / mean).ln() as f32).collect(),
+        })
+    }
+}
+
+/// Derivatives of one condition's loss.
+pub struct LossDerivatives<'a> {
+    /// By the log-density of the head at each point; overwritten.
+    pub by_log_q: &'a mut [f32],
+    /// By the selection logit.
+    pub by_selection: f32,
+}
+
+impl Objective {
+    /// The loss of one condition and its derivatives; `None` if the target is zero at all its points.
+    ///
+    /// `log_q` is the head's log-density. With a selection logit the loss is that of the mixture
+    /// `q_mix = p q + (1 - p) b` with BRDF sampling `b`, and the derivatives go through it.
+    pub fn evaluate(
+        &self,
+        points: &ConditionPoints<'_>,
+        log_q: &[f32],
+        selection: Option<f32>,
+        out: &mut LossDerivatives<'_>,
+    ) -> Option<f32> {
+        let target = NormalizedTarget::new(points)?;
+        out.by_selection = 0.0;
+        let Some(logit) = selection else {
+            return Some(self.of_density(&target, points, log_q, out.by_log_q));
+        };
+        let mixture = Mixture::new(logit);
+        let log_mixed: Vec<f32> = log_q.iter().zip(points.brdf).map(|(&log_q, &b)| mixture.log(log_q, b)).collect();
+        let loss = self.of_density(&target, points, &log_mixed, out.by_log_q);
+        let mut by_probability = 0.0;
+        for ((by, &log_q), &log_mixed) in out.by_log_q.iter_mut().zip(log_q).zip(&log_mixed) {
+            let by_mixed = *by;
+            let share = mixture.head_share(log_q, log_mixed);
+            *by = by_mixed * share;
+            by_probability += by_mixed * (share / mixture.p - (1.0 - share) / (1.0 - mixture.p));
+        }
+        out.by_selection = by_probability * mixture.by_logit;
+        Some(loss)
+    }
+
+    /// The loss for the log-density that samples have, and its derivatives.
+    fn of_density(
+        &self,
+        target: &NormalizedTarget,
+        points: &ConditionPoints<'_>,
+        log_q: &[f32],
+        derivatives: &mut [f32],
+    ) -> f32 {
+        let loss = match self.loss {
+            Loss::ForwardKl => forward_kl(target, log_q, derivatives),
+            Loss::LogChiSquare => log_chi_square(target, log_q, derivatives),
+            Loss::ReverseKl => reverse_kl(target, points.weights, log_q, derivatives),
+        };
+        if self.entropic == 0.0 {
+            return loss;
+        }
+        let mut entropic = 0.0;
+        for (((&log_w, &log_q), &tail), by) in
+            target.log_weights.iter().zip(log_q).zip(points.tails).zip(derivatives.iter_mut())
+        {
+            let (w, log_x) = (log_w.exp(), log_q + tail.ln());
+            let held = log_x.clamp(-ENTROPIC_RANGE, ENTROPIC_RANGE);
+            if w > 0.0 {
+                entropic += w * held.exp() * held;
+                *by += if held == log_x { self.entropic * w * held.exp() * (held + 1.0) } else { 0.0 };
+            }
+        }
+        loss + self.entropic * entropic
+    }
+}
+
+fn forward_kl(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32]) -> f32 {
+    let mut loss = 0.0;
+    for (((&log_w, &log_p), &log_q), by) in
+        target.log_weights.iter().zip(&target.log_densities).zip(log_q).zip(derivatives)
+    {
+        let w = log_w.exp();
+        *by = -w;
+        if w > 0.0 {
+            loss += w * (log_p - log_q);
+        }
+    }
+    loss
+}
+
+fn log_chi_square(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32]) -> f32 {
+    for (((&log_w, &log_p), &log_q), by) in
+        target.log_weights.iter().zip(&target.log_densities).zip(log_q).zip(derivatives.iter_mut())
+    {
+        *by = if log_w == f32::NEG_INFINITY { f32::NEG_INFINITY } else { log_w + log_p - log_q };
+    }
+    // Finite: at least one weight is positive.
+    let largest = derivatives.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let sum: f32 = derivatives.iter().map(|term| (term - largest).exp()).sum();
+    for by in derivatives {
+        *by = -(*by - largest).exp() / sum;
+    }
+    largest + sum.ln()
+}
+
+fn reverse_kl(target: &NormalizedTarget, weights: &[f32], log_q: &[f32], derivatives: &mut [f32]) -> f32 {
+    let log_u = |(&v, &log_q): (&f32, &f32)| v.ln() + log_q;
+    let largest = weights.iter().zip(log_q).map(log_u).fold(f32::NEG_INFINITY, f32::max);
+    let sum: f32 = weights.iter().zip(log_q).map(|point| (log_u(point) - largest).exp()).sum();
+    let log_sum = largest + sum.ln();
+    let count = (log_q.len() as f32).ln();
+    let floor = REVERSE_TARGET_FLOOR.ln() as f32;
+    let mut loss = 0.0;
+    for ((point, &log_p), by) in weights.iter().zip(log_q).zip(&target.log_densities).zip(derivatives.iter_mut()) {
+        let log_u = log_u(point) - log_sum;
+        // ln(u / w) with w held up where the target is zero.
+        *by = log_u - (log_p.max(floor) + point.0.ln() - count);
+        if *point.0 > 0.0 {
+            loss += log_u.exp() * *by;
+        }
+    }
+    for (point, by) in weights.iter().zip(log_q).zip(derivatives) {
+        *by = if *point.0 > 0.0 { (log_u(point) - log_sum).exp() * (*by - loss) } else { 0.0 };
+    }
+    loss
+}
+
+/// `q_mix = p q + (1 - p) b`.
+struct Mixture {
+    p: f32,
+    /// Derivative of `p` by the logit.
+    by_logit: f32,
+}
+
+impl Mixture {
+    fn new(logit: f32) -> Self {
+        let p = selection_probability(logit);
+        let floor = SELECTION_FLOOR as f32;
+        Self { p, by_logit: (p - floor) * (1.0 - floor - p) / (1.0 - 2.0 * floor) }
+    }
+
+    /// `ln q_mix`.
+    fn log(&self, log_q: f32, b: f32) -> f32 {
+        let (head, brdf) = (self.p.ln() + log_q, (1.0 - self.p).ln() + b.ln());
+        let largest = head.max(brdf);
+        largest + ((head - largest).exp() + (brdf - largest).exp()).ln()
+    }
+
+    /// The head's part of `q_mix`, `p q / q_mix`.
+    fn head_share(&self, log_q: f32, log_mixed: f32) -> f32 {
+        (self.p.ln() + log_q - log_mixed).exp().min(1.0)
+    }
+}

@@ -1,0 +1,112 @@
+//! The state of a training run between two steps: all that the next step depends on, besides the configuration.
+
+use headtail_render::random::Purpose;
+
+use crate::{
+    Error, FitConfig, Result, Target,
+    gradient::GradientSource,
+    optimizer::{Optimizer, OptimizerState},
+    target::Batch,
+};
+
+/// Weights, optimiser and counters. Batches are not part of it: they are functions of (seed, step).
+#[derive(Clone, Debug)]
+pub struct TrainingState {
+    /// Steps done.
+    pub step: usize,
+    /// Steps left out because loss or gradient was not finite.
+    pub skipped: usize,
+    weights: Vec<f32>,
+    /// The moving average of the weights; empty where it is off.
+    average: Vec<f32>,
+    optimizer: Optimizer,
+}
+
+/// A [`TrainingState`] as plain numbers, for a checkpoint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SavedState {
+    /// Steps done.
+    pub step: usize,
+    /// Steps left out.
+    pub skipped: usize,
+    /// The weights, in the order of [`headtail_model::Head::flat_weights`].
+    pub weights: Vec<f32>,
+    /// Their moving average, or empty.
+    pub average: Vec<f32>,
+    /// The optimiser's moments.
+    pub optimizer: OptimizerState,
+}
+
+impl TrainingState {
+    /// Before the first step.
+    pub fn new(config: &FitConfig, weights: Vec<f32>) -> Self {
+        let average = if config.ema_decay > 0.0 { weights.clone() } else { Vec::new() };
+        Self { step: 0, skipped: 0, optimizer: Optimizer::new(config, weights.len()), weights, average }
+    }
+
+    /// The state in numbers.
+    pub fn save(&self) -> SavedState {
+        SavedState {
+            step: self.step,
+            skipped: self.skipped,
+            weights: self.weights.clone(),
+            average: self.average.clone(),
+            optimizer: self.optimizer.state().clone(),
+        }
+    }
+
+    /// The state that was saved under the same configuration.
+    pub fn restore(config: &FitConfig, saved: SavedState) -> Self {
+        let mut optimizer = Optimizer::new(config, saved.weights.len());
+        optimizer.restore(saved.optimizer);
+        Self { step: saved.step, skipped: saved.skipped, weights: saved.weights, average: saved.average, optimizer }
+    }
+
+    /// The weights for use: the moving average where there is one.
+    pub fn best_weights(&self) -> &[f32] {
+        if self.average.is_empty() { &self.weights } else { &self.average }
+    }
+
+    /// The learning rate of the step that was done last.
+    pub fn last_rate(&self) -> f64 {
+        self.optimizer.rate(self.step.saturating_sub(1))
+    }
+
+    /// One step. Its loss, or `None` if no condition of its batch saw any light.
+    ///
+    /// # Errors
+    /// [`Error::BadTarget`] for a target that is no density, [`Error::Diverged`] after too many steps that were not finite.
+    pub fn advance(
+        &mut self,
+        config: &FitConfig,
+        target: &dyn Target,
+        source: &mut dyn GradientSource,
+    ) -> Result<Option<f32>> {
+        let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, self.step as u64)?;
+        let gradient = source.gradient(&self.weights, config.objective(), &batch);
+        let loss = gradient.as_ref().map(|gradient| gradient.loss);
+        if let Some(gradient) = gradient {
+            let moved =
+                gradient.loss.is_finite() && self.optimizer.step(self.step, &mut self.weights, &gradient.by_weight);
+            if moved {
+                self.average_weights(config.ema_decay);
+            } else {
+                self.skipped += 1;
+            }
+        }
+        self.step += 1;
+        if self.skipped > config.max_skipped {
+            return Err(Error::Diverged { step: self.step, skipped: self.skipped });
+        }
+        Ok(loss)
+    }
+
+    /// The average forgets its start: after `m` moves it decays by at most `(1 + m) / (10 + m)`.
+    fn average_weights(&mut self, decay: f32) {
+        let moves = self.optimizer.state().moves as f32;
+        let decay = decay.min((1.0 + moves) / (10.0 + moves));
+        for (average, weight) in self.average.iter_mut().zip(&self.weights) {
+            *average = decay * *average + (1.0 - decay) * weight;
+        }
+    }
+}

@@ -1,0 +1,327 @@
+//! Conditions, points of Y and what the target has there: what one training step, or a validation, works on.
+
+use headtail_render::random::{Purpose, Stream};
+use rayon::prelude::*;
+
+use super::{PlacedPoints, PointValues, Target};
+use crate::{Error, Result};
+
+/// Sizes of a batch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BatchShape {
+    /// Number of conditions.
+    pub conditions: usize,
+    /// Strata per side of Y: each condition has `strata^2` points that cover Y evenly.
+    pub strata: usize,
+    /// Points per condition from BRDF sampling.
+    pub brdf_samples: usize,
+}
+
+impl BatchShape {
+    /// Points per condition.
+    pub fn samples(&self) -> usize {
+        self.strata * self.strata + self.brdf_samples
+    }
+}
+
+/// Conditions, points and the target's values there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Batch {
+    /// Length of one condition.
+    pub condition_length: usize,
+    /// Points per condition.
+    pub samples: usize,
+    /// `[conditions, condition_length]`.
+    pub conditions: Vec<f32>,
+    /// `[conditions, samples, 2]`.
+    pub points: Vec<f32>,
+    /// `[conditions, samples]`: the target, unnormalised.
+    pub densities: Vec<f32>,
+    /// `[conditions, samples]`: one over the density of the points; their mean times a function's estimates its integral over
+    /// Y. 1 for points that are uniform in Y, 0 for points that do not count.
+    pub weights: Vec<f32>,
+    /// `[conditions, samples]`: the density of BRDF sampling over Y.
+    pub brdf: Vec<f32>,
+    /// `[conditions, samples]`: the density over X that the tail gives to the image of uniform points.
+    pub tails: Vec<f32>,
+}
+
+/// The points of one condition, `[samples]` each; see [`Batch`].
+#[derive(Clone, Copy, Debug)]
+pub struct ConditionPoints<'a> {
+    /// The target, unnormalised.
+    pub densities: &'a [f32],
+    /// One over the density of the points.
+    pub weights: &'a [f32],
+    /// The density of BRDF sampling.
+    pub brdf: &'a [f32],
+    /// The density over X that the tail gives.
+    pub tails: &'a [f32],
+}
+
+impl Batch {
+    /// A function of (target, shape, seed, purpose, index) alone, on any number of threads.
+    ///
+    /// # Errors
+    /// [`Error::BadTarget`] if the target gives a density that is not finite or is negative.
+    pub fn draw(target: &dyn Target, shape: BatchShape, seed: u64, purpose: Purpose, index: u64) -> Result<Self> {
+        let condition_length = target.condition().length();
+        let samples = shape.samples();
+        let count = shape.conditions * samples;
+        let mut stream = Stream::new(seed, purpose, index);
+        let mut batch = Self {
+            condition_length,
+            samples,
+            conditions: vec![0.0; shape.conditions * condition_length],
+            points: vec![0.0; count * 2],
+            densities: vec![0.0; count],
+            weights: vec![1.0; count],
+            brdf: vec![0.0; count],
+            tails: vec![1.0; count],
+        };
+        let rows = batch.points.chunks_exact_mut(2 * samples);
+        for (condition, uniforms) in batch.conditions.chunks_exact_mut(condition_length).zip(rows) {
+            target.draw_condition(&mut stream, condition);
+            uniforms.fill_with(|| stream.uniform());
+        }
+        batch
+            .conditions
+            .par_chunks_exact(condition_length)
+            .zip(batch.points.par_chunks_exact_mut(2 * samples))
+            .zip(batch.densities.par_chunks_exact_mut(samples))
+            .zip(batch.weights.par_chunks_exact_mut(samples))
+            .zip(batch.brdf.par_chunks_exact_mut(samples))
+            .zip(batch.tails.par_chunks_exact_mut(samples))
+            .try_for_each(|(((((condition, points), densities), weights), brdf), tails)| {
+                let place = PlacedPoints { points, densities, weights, brdf, tails };
+                match purpose {
+                    Purpose::Validation => target.place_for_validation(condition, shape, place),
+                    _ => target.place(condition, shape, place),
+                }
+            })?;
+        Ok(batch)
+    }
+
+    /// Parts of `conditions` conditions each (the last may have fewer), in order.
+    pub fn split(&self, conditions: usize) -> Vec<Self> {
+        let part = |first: usize| {
+            let range = first..(first + conditions).min(self.condition_count());
+            let cut = |values: &[f32], length: usize| values[range.start * length..range.end * length].to_vec();
+            Self {
+                conditions: cut(&self.conditions, self.condition_length),
+                points: cut(&self.points, 2 * self.samples),
+                densities: cut(&self.densities, self.samples),
+                weights: cut(&self.weights, self.samples),
+                brdf: cut(&self.brdf, self.samples),
+                tails: cut(&self.tails, self.samples),
+                ..*self
+            }
+        };
+        (0..self.condition_count()).step_by(conditions).map(part).collect()
+    }
+
+    /// Number of conditions.
+    pub fn condition_count(&self) -> usize {
+        self.densities.len() / self.samples
+    }
+
+    /// The points of a condition.
+    pub fn condition(&self, index: usize) -> ConditionPoints<'_> {
+        let range = index * self.samples..(index + 1) * self.samples;
+        ConditionPoints {
+            densities: &self.densities[range.clone()],
+            weights: &self.weights[range.clone()],
+            brdf: &self.brdf[range.clone()],
+            tails: &self.tails[range],
+        }
+    }
+
+    /// The points of every condition, in order.
+    pub fn by_condition(&self) -> impl Iterator<Item = ConditionPoints<'_>> {
+        (0..self.condition_count()).map(|index| self.condition(index))
+    }
+
+    /// Number of conditions under which the target is not zero everywhere.
+    pub fn lit_count(&self) -> usize {
+        self.by_condition().filter(ConditionPoints::is_lit).count()
+    }
+}
+
+impl ConditionPoints<'_> {
+    /// Whether the target is not zero at all points that count.
+    pub fn is_lit(&self) -> bool {
+        self.densities.iter().zip(self.weights).any(|(&g, &v)| g > 0.0 && v > 0.0)
+    }
+}
+
+/// Takes uniform numbers to one point in each stratum and to BRDF samples, and evaluates the target there.
+///
+/// Of `n` points, `s` are uniform and `b` come from BRDF sampling with density `d`: the balance heuristic weighs a point by
+/// `n / (s + b d)`, whichever way it was drawn. BRDF samples that find no light have no place in Y and count nothing.
+pub(super) fn place_strata_and_brdf_samples<T: Target + ?Sized>(
+    target: &T,
+    condition: &[f32],
+    shape: BatchShape,
+    place: PlacedPoints<'_>,
+) -> Result<()> {
+    let PlacedPoints { points, densities, weights, brdf, tails } = place;
+    let strata = shape.strata;
+    let uniform = strata * strata;
+    let count = shape.samples() as f32;
+    for (index, y) in points.chunks_exact_mut(2).enumerate() {
+        if index < uniform {
+            y[0] = ((index % strata) as f32 + y[0]) / strata as f32;
+            y[1] = ((index / strata) as f32 + y[1]) / strata as f32;
+        } else {
+            let turn = (index - uniform) as f32;
+            let u = [(turn + y[0]) / shape.brdf_samples as f32, y[1]];
+            let Some(found) = target.brdf_sample(condition, u) else {
+                y.fill(0.5);
+                weights[index] = 0.0;
+                continue;
+            };
+            y.copy_from_slice(&found);
+        }
+        let at = [y[0], y[1]];
+        let values = checked(target.at(condition, at), condition, at)?;
+        densities[index] = values.target;
+        brdf[index] = values.brdf;
+        tails[index] = values.tail;
+        weights[index] = count / (uniform as f32 + shape.brdf_samples as f32 * values.brdf);
+    }
+    Ok(())
+}
+
+/// The values, if the two densities are finite and not negative.
+fn checked(values: PointValues, condition: &[f32], y: [f32; 2]) -> Result<PointValues> {
+    for density in [values.target, values.brdf] {
+        if !(density.is_finite() && density >= 0.0) {
+            return Err(Error::BadTarget { density, y, condition: condition.to_vec() });
+        }
+    }
+    Ok(values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{CosineTarget, target::TailMap, test_support::studio};
+
+    const SHAPE: BatchShape = BatchShape { conditions: 5, strata: 4, brdf_samples: 0 };
+
+    /// A tail without an environment: elevation and azimuth of a uniform sphere.
+    fn uniform_tail(y: [f32; 2]) -> [f32; 3] {
+        let cos = 1.0 - 2.0 * y[1];
+        let sin = (1.0 - cos * cos).max(0.0).sqrt();
+        let phi = std::f32::consts::TAU * y[0];
+        [sin * phi.sin(), cos, -sin * phi.cos()]
+    }
+
+    fn draw(seed: u64, step: u64) -> Batch {
+        Batch::draw(&CosineTarget::new(&uniform_tail), SHAPE, seed, Purpose::Batch, step).unwrap()
+    }
+
+    #[test]
+    fn a_batch_is_a_function_of_seed_and_step() {
+        assert_eq!(draw(1, 2), draw(1, 2));
+        assert_ne!(draw(1, 2), draw(1, 3));
+        assert_ne!(draw(1, 2), draw(2, 2));
+    }
+
+    #[test]
+    fn the_parts_of_a_batch_make_the_batch() {
+        let batch = draw(4, 0);
+        let parts = batch.split(2);
+        assert_eq!(parts.iter().map(Batch::condition_count).collect::<Vec<_>>(), [2, 2, 1]);
+        let joined =
+            |field: fn(&Batch) -> &Vec<f32>| parts.iter().flat_map(|part| field(part).clone()).collect::<Vec<_>>();
+        assert_eq!(joined(|part| &part.conditions), batch.conditions);
+        assert_eq!(joined(|part| &part.points), batch.points);
+        assert_eq!(joined(|part| &part.densities), batch.densities);
+        assert_eq!(joined(|part| &part.weights), batch.weights);
+        assert_eq!(joined(|part| &part.brdf), batch.brdf);
+        assert_eq!(joined(|part| &part.tails), batch.tails);
+    }
+
+    #[test]
+    fn there_is_one_point_in_each_stratum() {
+        for points in draw(3, 0).points.chunks_exact(32) {
+            let mut counts = [0; 16];
+            for y in points.chunks_exact(2) {
+                counts[(y[0] * 4.0) as usize + 4 * (y[1] * 4.0) as usize] += 1;
+            }
+            assert_eq!(counts, [1; 16]);
+        }
+    }
+
+    #[test]
+    fn the_cosine_target_is_the_clamped_cosine_to_the_tails_direction() {
+        let target = CosineTarget::new(&uniform_tail);
+        assert!((target.at(&[0.0, 1.0, 0.0], [0.3, 0.25]).target - 0.5).abs() < 1e-6);
+        assert_eq!(target.at(&[0.0, 1.0, 0.0], [0.3, 0.75]).target, 0.0);
+        // The mean of the clamped cosine over the sphere is 1/4.
+        let shape = BatchShape { conditions: 8, strata: 64, brdf_samples: 0 };
+        let batch = Batch::draw(&target, shape, 0, Purpose::Test, 0).unwrap();
+        for densities in batch.densities.chunks_exact(64 * 64) {
+            assert!((densities.iter().sum::<f32>() / 4096.0 - 0.25).abs() < 2e-3);
+        }
+    }
+
+    #[test]
+    fn a_target_that_is_not_a_number_is_an_error() {
+        let broken = |_: [f32; 2]| [f32::NAN; 3];
+        let tail = |y: [f32; 2]| if y[0] < 0.5 { uniform_tail(y) } else { [f32::INFINITY; 3] };
+        for tail in [&broken as &dyn TailMap, &tail] {
+            let batch = Batch::draw(&CosineTarget::new(tail), SHAPE, 0, Purpose::Test, 0);
+            if let Ok(batch) = batch {
+                panic!("{:?}", batch.densities);
+            }
+        }
+    }
+
+    /// Integrals over Y do not depend on how the points were drawn.
+    #[test]
+    fn brdf_samples_do_not_change_integrals() {
+        let tail = studio();
+        let target = CosineTarget::new(&tail);
+        let integrals = |strata, brdf_samples| -> Vec<(f64, f64, f64)> {
+            let shape = BatchShape { conditions: 12, strata, brdf_samples };
+            // The same conditions: those of the first numbers of a stream of each condition's own.
+            (0..12)
+                .map(|index| {
+                    let shape = BatchShape { conditions: 1, ..shape };
+                    let batch = Batch::draw(&target, shape, 0, Purpose::Test, index).unwrap();
+                    let at = batch.condition(0);
+                    let mean = |f: &dyn Fn(usize) -> f32| {
+                        let terms: Vec<f64> = (0..batch.samples).map(|i| f64::from(at.weights[i] * f(i))).collect();
+                        let mean = terms.iter().sum::<f64>() / terms.len() as f64;
+                        let variance = terms.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / terms.len() as f64;
+                        (mean, (variance / terms.len() as f64).sqrt())
+                    };
+                    let ((one, _), (light, error)) = (mean(&|_| 1.0), mean(&|i| at.densities[i]));
+                    (one, light, error)
+                })
+                .collect()
+        };
+        for ((one, light, error), (exact_one, exact, _)) in integrals(16, 256).into_iter().zip(integrals(256, 0)) {
+            assert!((exact_one - 1.0).abs() < 1e-6);
+            // The strata make the error smaller than that of independent points; four of those for 24 figures.
+            assert!((light - exact).abs() < 4.0 * error + 1e-3 * exact, "{light} {exact} +- {error}");
+            assert!((one - 1.0).abs() < 0.2, "{one}");
+        }
+    }
+
+    #[test]
+    fn brdf_samples_come_where_brdf_sampling_is_dense() {
+        let tail = studio();
+        let shape = BatchShape { conditions: 20, strata: 8, brdf_samples: 64 };
+        let batch = Batch::draw(&CosineTarget::new(&tail), shape, 0, Purpose::Test, 0).unwrap();
+        let mean = |range: std::ops::Range<usize>| {
+            let logs = batch.by_condition().flat_map(|at| at.brdf[range.clone()].iter().filter(|b| **b > 0.0));
+            let logs: Vec<f64> = logs.map(|&b| f64::from(b).ln()).collect();
+            logs.iter().sum::<f64>() / logs.len() as f64
+        };
+        assert!(mean(64..128) > mean(0..64) + 0.5);
+        assert!(batch.points.iter().all(|y| (0.0..1.0).contains(y)));
+    }
+}

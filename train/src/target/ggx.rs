@@ -1,0 +1,112 @@
+//! Microfacet surfaces.
+
+use glam::{Vec2, Vec3A};
+use headtail_model::Condition;
+use headtail_render::{brdf, random::Stream};
+
+use super::{Surface, Viewpoints};
+
+/// Trowbridge-Reitz microfacets that reflect everything (F = 1): the colour of a surface and its change with the angle are left
+/// to the renderer.
+pub struct Ggx {
+    viewpoints: Viewpoints,
+    low: f32,
+    high: f32,
+}
+
+impl Ggx {
+    /// Widths alpha uniform in `low..=high`; they are part of the condition unless both are the same.
+    pub fn new(viewpoints: Viewpoints, low: f32, high: f32) -> Self {
+        Self { viewpoints, low, high }
+    }
+
+    fn alpha(&self, condition: &[f32]) -> f32 {
+        condition.get(10).copied().unwrap_or(self.low)
+    }
+
+    /// `(wo, n)` and the BRDF.
+    fn decode(&self, condition: &[f32]) -> ([Vec3A; 2], brdf::Ggx) {
+        let directions = [Vec3A::from_slice(condition), Vec3A::from_slice(&condition[3..])];
+        (directions, brdf::Ggx::new(self.alpha(condition), Vec3A::ONE))
+    }
+}
+
+/// Writes the vector of [`Condition::Ggx`], or of [`Condition::GgxRoughness`] if there is room for it.
+pub fn encode_condition([wo, n]: [Vec3A; 2], alpha: f32, condition: &mut [f32]) {
+    let cosine = n.dot(wo);
+    condition[..3].copy_from_slice(&wo.to_array());
+    condition[3..6].copy_from_slice(&n.to_array());
+    condition[6..9].copy_from_slice(&(2.0 * cosine * n - wo).to_array());
+    condition[9] = cosine;
+    if let [width, log] = &mut condition[10..] {
+        (*width, *log) = (alpha, alpha.ln());
+    }
+}
+
+impl Surface for Ggx {
+    fn condition(&self) -> Condition {
+        if self.low == self.high { Condition::Ggx } else { Condition::GgxRoughness }
+    }
+
+    fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
+        let directions = self.viewpoints.draw(stream);
+        let alpha = if self.low == self.high { self.low } else { self.low + (self.high - self.low) * stream.uniform() };
+        encode_condition(directions, alpha, condition);
+    }
+
+    fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {
+        let ([wo, n], ggx) = self.decode(condition);
+        ggx.lobe_cosine(n, wo, wi)
+    }
+
+    fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A> {
+        let ([wo, n], ggx) = self.decode(condition);
+        ggx.sample(n, wo, u).map(|(wi, _)| wi)
+    }
+
+    fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
+        let ([wo, n], ggx) = self.decode(condition);
+        ggx.pdf(n, wo, wi)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use headtail_render::random::Purpose;
+
+    use super::*;
+
+    #[test]
+    fn conditions_are_laid_out_as_documented() {
+        let mut stream = Stream::new(0, Purpose::Test, 0);
+        for (low, high, length) in [(0.4, 0.4, 10), (0.2, 0.8, 12)] {
+            let surface = Ggx::new(Viewpoints::Sphere, low, high);
+            assert_eq!(surface.condition().length(), length);
+            let mut c = vec![0.0; length];
+            surface.draw_condition(&mut stream, &mut c);
+            let [wo, n, reflected] = [0, 3, 6].map(|start| Vec3A::from_slice(&c[start..]));
+            assert!((c[9] - n.dot(wo)).abs() < 1e-6 && c[9] > 0.0);
+            // A mirror's two directions have the same angle to the normal and lie in one plane with it.
+            assert!((reflected.dot(n) - c[9]).abs() < 1e-6 && (reflected + wo).cross(n).length() < 1e-6);
+            if let [alpha, log] = c[10..] {
+                assert!((low..=high).contains(&alpha) && (log.exp() - alpha).abs() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn lobe_and_sampling_are_the_renderers() {
+        let surface = Ggx::new(Viewpoints::Sphere, 0.2, 0.8);
+        let mut stream = Stream::new(0, Purpose::Test, 1);
+        let mut c = [0.0; 12];
+        for _ in 0..100 {
+            surface.draw_condition(&mut stream, &mut c);
+            let (wo, n) = (Vec3A::from_slice(&c), Vec3A::from_slice(&c[3..]));
+            let ggx = brdf::Ggx::new(c[10], Vec3A::ONE);
+            let Some(wi) = surface.sample(&c, stream.uniform2()) else { continue };
+            assert_eq!(surface.pdf(&c, wi), ggx.pdf(n, wo, wi));
+            assert_eq!(surface.lobe(&c, wi), ggx.lobe_cosine(n, wo, wi));
+            assert!(surface.lobe(&c, wi) <= 1.0001 * surface.pdf(&c, wi));
+        }
+    }
+}

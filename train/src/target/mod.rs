@@ -1,0 +1,114 @@
+//! Target densities in the intermediate square Y.
+//!
+//! An exact tail takes uniform points of Y to directions in proportion to radiance, so the ideal intermediate density
+//! `q*(y|c)` is BRDF x cosine at the tail's direction: it is evaluated at points of Y, and nothing is tabulated.
+
+mod batch;
+mod build;
+mod ggx;
+mod naive;
+mod product;
+mod surface;
+mod tabulated;
+mod tail_map;
+mod viewpoints;
+
+pub use batch::{Batch, BatchShape, ConditionPoints};
+pub use build::build_target;
+pub use ggx::{Ggx, encode_condition};
+pub use naive::NaiveTarget;
+pub use product::{CosineTarget, ProductTarget};
+pub use surface::{Lambert, Surface};
+pub use tabulated::TabulatedTarget;
+pub use tail_map::{TailMap, TailPoint};
+pub use viewpoints::Viewpoints;
+
+use headtail_model::Condition;
+use headtail_render::random::Stream;
+
+use crate::Result;
+
+/// What a head is trained for: a distribution of conditions, and an unnormalised density in Y for each.
+pub trait Target: Sync {
+    /// The layout of a condition.
+    fn condition(&self) -> Condition;
+
+    /// Draws a condition of [`Condition::length`] numbers.
+    fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]);
+
+    /// The densities at `y`. The target may be zero everywhere (no light above the horizon); such conditions are left out of
+    /// losses and figures.
+    fn at(&self, condition: &[f32], y: [f32; 2]) -> PointValues;
+
+    /// Whether [`brdf_sample`](Self::brdf_sample) and [`PointValues::brdf`] mean something.
+    fn has_brdf_sampling(&self) -> bool {
+        false
+    }
+
+    /// BRDF sampling with the uniform numbers `u`, pulled back to Y; `None` where it finds no direction or one without light.
+    fn brdf_sample(&self, _condition: &[f32], _u: [f32; 2]) -> Option<[f32; 2]> {
+        None
+    }
+
+    /// Turns uniform numbers into points with values, in place. By default the first `strata^2` are one in each stratum of
+    /// Y and the rest are BRDF samples, joined by the balance heuristic.
+    ///
+    /// # Errors
+    /// [`Error::BadTarget`](crate::Error::BadTarget) if a density is negative or not finite.
+    fn place(&self, condition: &[f32], shape: BatchShape, points: PlacedPoints<'_>) -> Result<()> {
+        batch::place_strata_and_brdf_samples(self, condition, shape, points)
+    }
+
+    /// The same for a validation set, which is not to depend on how training points are drawn.
+    ///
+    /// # Errors
+    /// As [`place`](Self::place).
+    fn place_for_validation(&self, condition: &[f32], shape: BatchShape, points: PlacedPoints<'_>) -> Result<()> {
+        self.place(condition, shape, points)
+    }
+}
+
+/// Densities at a point of Y.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointValues {
+    /// The target, unnormalised, per unit area of Y: finite, at least 0.
+    pub target: f32,
+    /// BRDF sampling pulled back to Y, per unit area of Y. Its integral is the share of BRDF samples that find light.
+    pub brdf: f32,
+    /// The density over X into which the tail carries the uniform one, at the point's image.
+    pub tail: f32,
+}
+
+impl PointValues {
+    /// A target without tail and BRDF sampling.
+    pub fn of(target: f32) -> Self {
+        Self { target, brdf: 0.0, tail: 1.0 }
+    }
+}
+
+/// The points of one condition while they are placed. Every slice has one entry per point, `points` two.
+pub struct PlacedPoints<'a> {
+    /// Uniform numbers to begin with, points of Y in the end.
+    pub points: &'a mut [f32],
+    /// See [`PointValues::target`].
+    pub densities: &'a mut [f32],
+    /// One over the density of the points, so that `mean(weight f)` estimates the integral of `f` over Y.
+    pub weights: &'a mut [f32],
+    /// See [`PointValues::brdf`].
+    pub brdf: &'a mut [f32],
+    /// See [`PointValues::tail`].
+    pub tails: &'a mut [f32],
+}
+
+impl PlacedPoints<'_> {
+    /// The same points for a while.
+    pub fn reborrow(&mut self) -> PlacedPoints<'_> {
+        PlacedPoints {
+            points: self.points,
+            densities: self.densities,
+            weights: self.weights,
+            brdf: self.brdf,
+            tails: self.tails,
+        }
+    }
+}

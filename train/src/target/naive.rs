@@ -1,0 +1,120 @@
+//! The product in X, without a tail: what the paper calls the naive flow has to learn the light too.
+
+use glam::Vec2;
+use headtail_model::Condition;
+use headtail_render::{latlong, random::Stream};
+
+use super::{BatchShape, PlacedPoints, PointValues, TailMap, Target};
+use crate::Result;
+
+/// The density of `target` carried to X, light x BRDF x cosine x sin theta up to a factor.
+///
+/// Points are those of `target`, taken through the tail, and weigh what they cover in X: small lights are found whether or
+/// not the head has found them.
+pub struct NaiveTarget<'a> {
+    target: Box<dyn Target + 'a>,
+    tail: &'a dyn TailMap,
+}
+
+impl<'a> NaiveTarget<'a> {
+    /// `target` is in Y under `tail`.
+    pub fn new(target: Box<dyn Target + 'a>, tail: &'a dyn TailMap) -> Self {
+        Self { target, tail }
+    }
+
+    /// Takes points of Y with their values to X.
+    fn carry(&self, place: PlacedPoints<'_>) {
+        let PlacedPoints { points, densities, weights, brdf, tails } = place;
+        for (index, y) in points.chunks_exact_mut(2).enumerate() {
+            let there = self.tail.forward([y[0], y[1]]);
+            y.copy_from_slice(&there.x);
+            if weights[index] > 0.0 && there.density > 0.0 && there.density.is_finite() {
+                densities[index] *= there.density;
+                brdf[index] *= there.density;
+                weights[index] /= there.density;
+            } else {
+                weights[index] = 0.0;
+            }
+            tails[index] = 1.0;
+        }
+    }
+}
+
+impl Target for NaiveTarget<'_> {
+    fn condition(&self) -> Condition {
+        self.target.condition()
+    }
+
+    fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
+        self.target.draw_condition(stream, condition);
+    }
+
+    fn at(&self, condition: &[f32], x: [f32; 2]) -> PointValues {
+        let Some(y) = self.tail.inverse(latlong::direction(Vec2::from_array(x))) else { return PointValues::of(0.0) };
+        let (values, density) = (self.target.at(condition, y), self.tail.forward(y).density);
+        PointValues { target: values.target * density, brdf: values.brdf * density, tail: 1.0 }
+    }
+
+    fn has_brdf_sampling(&self) -> bool {
+        self.target.has_brdf_sampling()
+    }
+
+    fn place(&self, condition: &[f32], shape: BatchShape, mut place: PlacedPoints<'_>) -> Result<()> {
+        self.target.place(condition, shape, place.reborrow())?;
+        self.carry(place);
+        Ok(())
+    }
+
+    fn place_for_validation(&self, condition: &[f32], shape: BatchShape, mut place: PlacedPoints<'_>) -> Result<()> {
+        self.target.place_for_validation(condition, shape, place.reborrow())?;
+        self.carry(place);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use headtail_render::random::Purpose;
+
+    use super::*;
+    use crate::{CosineTarget, Loss, Objective, loss::LossDerivatives, target::Batch, test_support::studio};
+
+    /// A density over X that is the tail's has the divergence that the uniform density has over Y.
+    #[test]
+    fn divergences_do_not_depend_on_the_square_they_are_measured_in() {
+        let tail = studio();
+        let naive = NaiveTarget::new(Box::new(CosineTarget::new(&tail)), &tail);
+        let shape = BatchShape { conditions: 6, strata: 16, brdf_samples: 64 };
+        let in_x = Batch::draw(&naive, shape, 0, Purpose::Test, 0).unwrap();
+        let in_y = Batch::draw(&CosineTarget::new(&tail), shape, 0, Purpose::Test, 0).unwrap();
+        assert_ne!(in_x.points, in_y.points);
+        let evaluate = |batch: &Batch, index: usize, loss: Loss, log_q: &[f32]| {
+            let mut unused = vec![0.0; batch.samples];
+            let mut out = LossDerivatives { by_log_q: &mut unused, by_selection: 0.0 };
+            Objective::from(loss).evaluate(&batch.condition(index), log_q, None, &mut out).unwrap()
+        };
+        for loss in [Loss::ForwardKl, Loss::LogChiSquare] {
+            for index in 0..6 {
+                let logs: Vec<f32> = in_y.condition(index).tails.iter().map(|density| density.ln()).collect();
+                let carried = evaluate(&in_x, index, loss, &logs);
+                let expected = evaluate(&in_y, index, loss, &vec![0.0; in_y.samples]);
+                assert!((carried - expected).abs() < 1e-4, "{loss}: {carried} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn values_at_a_point_are_those_of_the_batch() {
+        let tail = studio();
+        let naive = NaiveTarget::new(Box::new(CosineTarget::new(&tail)), &tail);
+        let shape = BatchShape { conditions: 4, strata: 8, brdf_samples: 0 };
+        let batch = Batch::draw(&naive, shape, 0, Purpose::Test, 1).unwrap();
+        let mut close = 0;
+        for (index, x) in batch.points.chunks_exact(2).enumerate() {
+            let at = naive.at(&batch.conditions[index / 64 * 3..][..3], [x[0], x[1]]).target;
+            close += usize::from((at - batch.densities[index]).abs() <= 1e-2 * batch.densities[index]);
+        }
+        // A point is rounded to 6e-8 of X, which at the edge of a light may be on its other side.
+        assert!(close > 250, "{close}");
+    }
+}

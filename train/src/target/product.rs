@@ -1,0 +1,68 @@
+//! Light x BRDF x cosine, seen through an exact tail.
+
+use glam::Vec2;
+use headtail_model::Condition;
+use headtail_render::random::Stream;
+
+use super::{Lambert, PointValues, Surface, TailMap, Target};
+
+/// Largest density of BRDF sampling over Y: it has poles where the light vanishes, and infinity times zero is no number.
+const MAX_BRDF_DENSITY: f32 = 1e12;
+
+/// `q*(y|c)`: a surface's lobe at the direction to which the tail takes `y`.
+pub struct ProductTarget<'a, S> {
+    surface: S,
+    tail: &'a dyn TailMap,
+}
+
+/// The product with a diffuse surface: `max(0, n . w(t(y)))`.
+pub type CosineTarget<'a> = ProductTarget<'a, Lambert>;
+
+impl<'a> CosineTarget<'a> {
+    /// The tail is exact.
+    pub fn new(tail: &'a dyn TailMap) -> Self {
+        Self::of_surface(Lambert::default(), tail)
+    }
+}
+
+impl<'a, S: Surface> ProductTarget<'a, S> {
+    /// The tail is exact.
+    pub fn of_surface(surface: S, tail: &'a dyn TailMap) -> Self {
+        Self { surface, tail }
+    }
+
+    /// The surface.
+    pub fn surface(&self) -> &S {
+        &self.surface
+    }
+}
+
+impl<S: Surface> Target for ProductTarget<'_, S> {
+    fn condition(&self) -> Condition {
+        self.surface.condition()
+    }
+
+    fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
+        self.surface.draw_condition(stream, condition);
+    }
+
+    fn at(&self, condition: &[f32], y: [f32; 2]) -> PointValues {
+        let there = self.tail.forward(y);
+        let target = self.surface.lobe(condition, there.direction);
+        let brdf = if self.tail.is_invertible() {
+            let pdf = self.surface.pdf(condition, there.direction);
+            if pdf > 0.0 { (pdf / there.pdf).min(MAX_BRDF_DENSITY) } else { 0.0 }
+        } else {
+            0.0
+        };
+        PointValues { target, brdf, tail: there.density }
+    }
+
+    fn has_brdf_sampling(&self) -> bool {
+        self.tail.is_invertible()
+    }
+
+    fn brdf_sample(&self, condition: &[f32], u: [f32; 2]) -> Option<[f32; 2]> {
+        self.tail.inverse(self.surface.sample(condition, Vec2::from_array(u))?)
+    }
+}

@@ -1,0 +1,77 @@
+//! Materials as training sees them: conditions, BRDF x cosine, BRDF sampling.
+
+use glam::{Vec2, Vec3A};
+use headtail_model::Condition;
+use headtail_render::{brdf, random::Stream};
+
+use super::Viewpoints;
+
+/// A material and the distribution of conditions under which it is seen.
+pub trait Surface: Sync {
+    /// The layout of a condition.
+    fn condition(&self) -> Condition;
+
+    /// Draws a condition.
+    fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]);
+
+    /// BRDF x cosine towards `wi`, up to a factor that may depend on the condition.
+    fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32;
+
+    /// BRDF sampling: a direction for uniform numbers.
+    fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A>;
+
+    /// The solid-angle pdf of [`sample`](Self::sample).
+    fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32;
+}
+
+/// Diffuse reflection; the condition is the normal.
+pub struct Lambert {
+    viewpoints: Viewpoints,
+}
+
+impl Lambert {
+    /// Normals of surfaces that are seen from `viewpoints`.
+    pub fn seen_from(viewpoints: Viewpoints) -> Self {
+        Self { viewpoints }
+    }
+}
+
+impl Default for Lambert {
+    /// Normals uniform over the sphere.
+    fn default() -> Self {
+        Self::seen_from(Viewpoints::Sphere)
+    }
+}
+
+/// A diffuse surface draws and weighs directions the same whatever its albedo and wherever it is seen from.
+const DIFFUSE: brdf::Brdf = brdf::Brdf::Lambert(brdf::Lambert { albedo: Vec3A::ONE });
+
+fn normal(condition: &[f32]) -> Vec3A {
+    Vec3A::from_slice(condition)
+}
+
+impl Surface for Lambert {
+    fn condition(&self) -> Condition {
+        Condition::Normal
+    }
+
+    fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
+        condition.copy_from_slice(&self.viewpoints.draw_normal(stream).to_array());
+    }
+
+    fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {
+        let cosine = normal(condition).dot(wi);
+        // Not `max`: it would turn NaN into 0.
+        if cosine < 0.0 { 0.0 } else { cosine }
+    }
+
+    fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A> {
+        let n = normal(condition);
+        DIFFUSE.sample(n, n, u).map(|(wi, _)| wi)
+    }
+
+    fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
+        let n = normal(condition);
+        DIFFUSE.pdf(n, n, wi)
+    }
+}
