@@ -4,7 +4,7 @@
 //! spline of its own, matrices are `[logits, samples]`, and [`LANES`] samples go through each operation together.
 
 use headtail_model::spline::{MIN_BIN, MIN_SLOPE, Topology, slope_offset};
-use headtail_render::simd::{self, LANES, Lanes, Vectorized};
+use headtail_render::simd::{self, LANES, Lanes};
 
 /// Splines of `samples` samples, a whole number of [`LANES`].
 pub(super) struct Splines<'a> {
@@ -47,9 +47,10 @@ struct Derivatives {
     bottom: Lanes,
 }
 
-impl Vectorized for Splines<'_> {
+impl Splines<'_> {
+    /// Evaluates all; to be inlined into a function that is compiled for the processor's SIMD instructions.
     #[inline(always)]
-    fn run(mut self) {
+    pub fn evaluate(mut self) {
         self.scratch.resize(2 * self.bins, [0.0; LANES]);
         for first in (0..self.samples).step_by(LANES) {
             self.strip(first);
@@ -323,7 +324,7 @@ mod tests {
                 points[..3].copy_from_slice(&[0.0, 1.0, 0.5]);
                 let (mut of_log, mut of_values) = (logits.clone(), vec![0.0; count * samples]);
                 let (mut values, mut log_slopes) = (vec![0.0; samples], vec![0.0; samples]);
-                simd::dispatch(Splines {
+                Splines {
                     topology,
                     bins,
                     samples,
@@ -333,7 +334,8 @@ mod tests {
                     values: &mut values,
                     log_slopes: &mut log_slopes,
                     scratch: &mut Vec::new(),
-                });
+                }
+                .evaluate();
                 let (mut spline, mut sums) = (AnalyticSpline::new(topology, bins), LogitGradient::new(bins));
                 for sample in 0..samples {
                     let column = |matrix: &[f32]| -> Vec<f32> { (0..count).map(|k| matrix[k * samples + sample]).collect() };
