@@ -42,6 +42,11 @@ struct Row {
 /// By the root of `alpha`; computed on first use, some 0.1 s.
 static TABLE: LazyLock<[Row; NODES]> = LazyLock::new(|| std::array::from_fn(|i| Row::new(square_of_node(i))));
 
+/// Computes the table, if that is still to be done: so that no first pixel waits for it.
+pub(crate) fn tabulate() {
+    LazyLock::force(&TABLE);
+}
+
 /// The albedos of the lobe of one `alpha`, linear between the nodes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LobeAlbedo {

@@ -7,6 +7,7 @@ mod metallic_roughness;
 
 pub use ggx::Ggx;
 pub use lambert::Lambert;
+pub(crate) use lobe_albedo::tabulate as tabulate_lobe_albedo;
 pub use metallic_roughness::MetallicRoughness;
 
 use glam::{Vec2, Vec3A};
