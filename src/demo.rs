@@ -66,6 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         look_at: None,
         fov: None,
         ground: false,
+        material: None,
         unshadowed: false,
         threads: None,
     };
