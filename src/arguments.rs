@@ -21,6 +21,26 @@ pub struct ViewArguments {
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
     #[arg(long, value_name = "NAME|FILE")]
     pub env: String,
+    #[command(flatten)]
+    pub camera: CameraArguments,
+    /// Put a grey diffuse plane under the scene.
+    #[arg(long)]
+    pub ground: bool,
+    /// Give every surface one material, the ground too: lambert[:albedo=A], ggx:alpha=A or ggx:alpha=LOW..HIGH (a width that
+    /// varies over the scene), both with [,f0=F]. Default: the scene's materials.
+    #[arg(long, value_name = "SPEC")]
+    pub material: Option<MaterialSpec>,
+    /// Leave out shadow rays: every point sees the whole environment.
+    #[arg(long)]
+    pub unshadowed: bool,
+    /// Threads to render with. Default: all cores.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+/// The camera, and the size of its picture.
+#[derive(Args, Clone, Debug)]
+pub struct CameraArguments {
     /// Image width in pixels.
     #[arg(long, default_value_t = 640, value_parser = clap::value_parser!(u32).range(1..=16384))]
     pub width: u32,
@@ -36,19 +56,21 @@ pub struct ViewArguments {
     /// Vertical field of view in degrees.
     #[arg(long, value_name = "DEGREES")]
     pub fov: Option<f32>,
-    /// Put a grey diffuse plane under the scene.
-    #[arg(long)]
-    pub ground: bool,
-    /// Give every surface one material, the ground too: lambert[:albedo=A], ggx:alpha=A or ggx:alpha=LOW..HIGH (a width that
-    /// varies over the scene), both with [,f0=F]. Default: the scene's materials.
-    #[arg(long, value_name = "SPEC")]
-    pub material: Option<MaterialSpec>,
-    /// Leave out shadow rays: every point sees the whole environment.
-    #[arg(long)]
-    pub unshadowed: bool,
-    /// Threads to render with. Default: all cores.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
+}
+
+impl CameraArguments {
+    /// The scene's own camera, and a picture of this size.
+    pub fn of_size(width: u32, height: u32) -> Self {
+        Self { width, height, look_from: None, look_at: None, fov: None }
+    }
+
+    /// The camera; what is not given is as in the scene's own.
+    pub fn open(&self, scene: &Scene) -> Result<Camera> {
+        let own = scene.camera();
+        let from = self.look_from.map_or(own.look_from(), |triple| triple.0);
+        let at = self.look_at.map_or(own.look_at(), |triple| triple.0);
+        Ok(Camera::new(from, at, self.fov.unwrap_or(own.vertical_fov()))?)
+    }
 }
 
 /// Three numbers separated by commas.
@@ -122,7 +144,7 @@ impl ViewArguments {
         let environment = open_environment(&self.env)?;
         let mut scene = Scene::open(&self.scene)?;
         // The camera frames the scene as it is, not the wide plane below it.
-        let own = scene.camera();
+        let camera = self.camera.open(&scene)?;
         let bounds = scene.bounds();
         if self.ground {
             scene.add_ground();
@@ -130,16 +152,13 @@ impl ViewArguments {
         if let Some(spec) = &self.material {
             scene = scene.with_material(spec.material(&bounds));
         }
-        let from = self.look_from.map_or(own.look_from(), |triple| triple.0);
-        let at = self.look_at.map_or(own.look_at(), |triple| triple.0);
-        let camera = Camera::new(from, at, self.fov.unwrap_or(own.vertical_fov()))?;
         Ok(OpenedView {
             scene,
             material: self.material,
             camera,
             environment,
-            width: self.width as usize,
-            height: self.height as usize,
+            width: self.camera.width as usize,
+            height: self.camera.height as usize,
             unshadowed: self.unshadowed,
         })
     }

@@ -107,8 +107,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut comparison = Comparison {
         scene: opened.scene_name(),
         env: opened.environment.name().to_owned(),
-        width: arguments.view.width as usize,
-        height: arguments.view.height as usize,
+        width: arguments.view.camera.width as usize,
+        height: arguments.view.camera.height as usize,
         command: command(),
         machine: machine(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -204,7 +204,7 @@ fn reference(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool) -> R
     let covered = rendering.coverage.iter().map(|share| *share == 1.0).collect();
     if let Some(file) = &arguments.reference {
         let image = read_radiance(file)?;
-        let (width, height) = (arguments.view.width as usize, arguments.view.height as usize);
+        let (width, height) = (arguments.view.camera.width as usize, arguments.view.camera.height as usize);
         ensure!(
             (image.width, image.height) == (width, height),
             "{}: the image is {} x {}; the comparison is {width} x {height}",

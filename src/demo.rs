@@ -11,7 +11,7 @@ use headtail_render::{
 use headtail_train::{FitConfig, exported_sampler};
 
 use crate::{
-    arguments::{TailArgument, ViewArguments, make_folder, open_environment},
+    arguments::{CameraArguments, TailArgument, ViewArguments, make_folder, open_environment},
     bake, compare, fit, progress,
 };
 
@@ -38,7 +38,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     println!("1. Train a cosine head for the environment '{}'.", environment.name());
     let stop = progress::stop_flag()?;
     let config = FitConfig::default();
-    let fitted = fit::train(&environment, &config, &stop)?;
+    let fitted = fit::train(&environment, &config, fit::Outputs::NONE, &stop)?;
     if stop.load(Ordering::Relaxed) {
         bail!("interrupted while training; nothing was written");
     }
@@ -60,11 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let view = ViewArguments {
         scene: "temple".into(),
         env: arguments.env.clone(),
-        width: 320,
-        height: 240,
-        look_from: None,
-        look_at: None,
-        fov: None,
+        camera: CameraArguments::of_size(320, 240),
         ground: false,
         material: None,
         unshadowed: false,

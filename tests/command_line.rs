@@ -109,7 +109,7 @@ fn a_head_is_fitted_baked_rendered_and_inspected() {
     let path = here.path();
     let said = succeed(path, "fit --env overcast --material lambert --steps 30 --seed 3 --out fitted");
     assert!(said.contains("KL ") && said.contains("30 steps"), "{said}");
-    assert_eq!(names(&path.join("fitted")), ["sampler.safetensors"]);
+    assert_eq!(names(&path.join("fitted")), ["metrics.jsonl", "sampler.safetensors"]);
 
     succeed(path, "bake --from fitted/sampler.safetensors --normals 6x8 --cells 8x8 --out baked.safetensors");
     succeed(path, "inspect fitted/sampler.safetensors --normal 1,0.5,-0.2 --out pictures/head.png");

@@ -63,6 +63,22 @@ pub enum Error {
         /// The scene's name.
         scene: String,
     },
+    /// A checkpoint, or the folder of checkpoints, cannot be used.
+    #[error("{}: {reason}", path.display())]
+    Checkpoint {
+        /// The folder or file.
+        path: std::path::PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A file of results cannot be written.
+    #[error("{}: {reason}", path.display())]
+    Output {
+        /// The file.
+        path: std::path::PathBuf,
+        /// The system's reason.
+        reason: String,
+    },
     /// Too many steps without a finite loss and gradient.
     #[error("training diverged: {skipped} steps were not finite by step {step}; try a smaller learning rate")]
     Diverged {

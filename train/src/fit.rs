@@ -9,7 +9,8 @@ use headtail_model::Head;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Divergence, Error, FitConfig, Result, Target, gradient::BurnGradient, state::TrainingState, validation::Validation,
+    CheckpointFolder, Divergence, Error, FitConfig, Result, Target, checkpoint::SavedRun, gradient::BurnGradient,
+    state::TrainingState, validation::Validation,
 };
 
 /// What is known after a step.
@@ -23,8 +24,14 @@ pub struct Progress {
     pub loss: f32,
     /// Validation, if this step had one.
     pub divergence: Option<Divergence>,
-    /// Training points per second since the start, validation included.
+    /// The step's learning rate.
+    pub learning_rate: f64,
+    /// Training points per second since the process began, validation included.
     pub samples_per_second: f64,
+    /// Wall-clock seconds of training, over all processes of a resumed run.
+    pub seconds: f64,
+    /// Steps left out because loss or gradient was not finite.
+    pub skipped: usize,
 }
 
 /// A training run in figures.
@@ -57,7 +64,7 @@ pub struct Fitted {
 /// Trains a head for `target`.
 ///
 /// Weights and batches depend on the configuration and its seed alone; on one backend the same configuration gives the same
-/// weights, bit for bit. `progress` is called after every step. `interrupt` ends the run after the current step; what was learned so far is
+/// weights, bit for bit. `progress` is called before the first step, after every step and at the end. `interrupt` ends the run after the current step; what was learned so far is
 /// returned (at a learning rate that has not come down yet).
 ///
 /// # Errors
@@ -69,44 +76,101 @@ pub fn fit(
     progress: &mut dyn FnMut(&Progress),
     interrupt: &AtomicBool,
 ) -> Result<Fitted> {
+    let mut report = |now: &Progress| {
+        progress(now);
+        Ok(())
+    };
+    fit_with(config, target, Run { progress: &mut report, interrupt, checkpoints: None, warn: &mut |_| {} })
+}
+
+/// What surrounds a training run.
+pub struct Run<'a> {
+    /// Called at the start, after every step and at the end; an error of its own ends the run.
+    pub progress: &'a mut dyn FnMut(&Progress) -> Result<()>,
+    /// Ends the run after the current step.
+    pub interrupt: &'a AtomicBool,
+    /// Where to save checkpoints and to go on from.
+    pub checkpoints: Option<&'a CheckpointFolder>,
+    /// Told of checkpoints that cannot be used.
+    pub warn: &'a mut dyn FnMut(&Error),
+}
+
+/// [`fit()`] with checkpoints. A run that is killed and resumed, at any moment and any number of times, ends with the weights of one
+/// that was not, bit for bit (on one backend).
+///
+/// # Errors
+/// As [`fit()`], and those of [`CheckpointFolder`] and of `run.progress`.
+pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result<Fitted> {
     config.validate()?;
     check_target(config, target)?;
     let device = config.backend.device()?;
+    let blank = Head::new(config.head, config.seed, &device)?;
+    let mut state = TrainingState::new(config, blank.flat_weights());
+    let saved = match run.checkpoints {
+        Some(checkpoints) => checkpoints.open(config, blank.weight_count(), run.warn)?,
+        None => None,
+    };
     let start = Instant::now();
     let validation = Validation::new(target, config.validation_shape(), config.seed)?;
-    let blank = Head::new(config.head, config.seed, &device)?;
-    let mut source = BurnGradient::new(blank.clone(), config.backend, &device);
-    let mut state = TrainingState::new(config, blank.flat_weights());
     let head = |state: &TrainingState| blank.clone().with_flat_weights(state.best_weights(), &device);
     let divergence = |state: &TrainingState| validation.divergence(&head(state), &device);
     let initial = divergence(&state);
-    let mut loss = f32::NAN;
+    let mut earlier_seconds = 0.0;
+    if let Some(saved) = saved {
+        earlier_seconds = saved.seconds;
+        state = TrainingState::restore(config, saved.state);
+    }
+    let first_step = state.step;
+    let report = |state: &TrainingState, divergence: Option<Divergence>| Progress {
+        step: state.step,
+        steps: config.steps,
+        loss: state.loss,
+        divergence,
+        learning_rate: state.last_rate(),
+        samples_per_second: ((state.step - first_step) * config.conditions * config.batch_shape().samples()) as f64
+            / start.elapsed().as_secs_f64(),
+        seconds: earlier_seconds + start.elapsed().as_secs_f64(),
+        skipped: state.skipped,
+    };
+    let save = |state: &TrainingState| match run.checkpoints {
+        Some(checkpoints) => {
+            let seconds = earlier_seconds + start.elapsed().as_secs_f64();
+            checkpoints.save(config, &SavedRun { state: state.save(), seconds })
+        }
+        None => Ok(()),
+    };
+
+    (run.progress)(&report(&state, (first_step == 0).then_some(initial)))?;
+    let mut source = BurnGradient::new(blank.clone(), config.backend, &device);
     let mut interrupted = false;
     while state.step < config.steps {
-        interrupted = interrupt.load(Ordering::Relaxed);
+        interrupted = run.interrupt.load(Ordering::Relaxed);
         if interrupted {
             break;
         }
-        loss = state.advance(config, target, &mut source)?.unwrap_or(loss);
+        state.advance(config, target, &mut source)?;
+        if state.step == config.steps {
+            break;
+        }
         // Never due where `validate_every` is 0: no step is a multiple of it.
-        let due = state.step.is_multiple_of(config.validate_every) && state.step < config.steps;
-        progress(&Progress {
-            step: state.step,
-            steps: config.steps,
-            loss,
-            divergence: due.then(|| divergence(&state)),
-            samples_per_second: (state.step * config.conditions * config.batch_shape().samples()) as f64
-                / start.elapsed().as_secs_f64(),
-        });
+        let due = state.step.is_multiple_of(config.validate_every);
+        // Before the checkpoint: a run that goes on from it has been told of everything up to it.
+        (run.progress)(&report(&state, due.then(|| divergence(&state))))?;
+        if run.checkpoints.is_some_and(|checkpoints| checkpoints.is_due(state.step)) {
+            save(&state)?;
+        }
     }
+    let last = divergence(&state);
+    (run.progress)(&report(&state, Some(last)))?;
+    save(&state)?;
 
     let summary = Summary {
         steps: state.step,
         interrupted,
-        loss,
+        loss: state.loss,
         initial,
-        divergence: divergence(&state),
-        seconds: start.elapsed().as_secs_f64(),
+        divergence: last,
+        seconds: earlier_seconds + start.elapsed().as_secs_f64(),
         skipped: state.skipped,
     };
     Ok(Fitted { head: head(&state), summary })
@@ -235,7 +299,7 @@ mod tests {
         let config = FitConfig { validate_every: 10, ..small() };
         let mut progress = |progress: &Progress| seen.push((progress.step, progress.divergence.is_some()));
         fit(&config, &CosineTarget::new(&sky), &mut progress, &AtomicBool::new(false)).unwrap();
-        let expected: Vec<(usize, bool)> = (1..=30).map(|step| (step, step == 10 || step == 20)).collect();
+        let expected: Vec<(usize, bool)> = (0..=30).map(|step| (step, step % 10 == 0)).collect();
         assert_eq!(seen, expected);
     }
 
@@ -294,5 +358,76 @@ mod tests {
         }
         let config = FitConfig { max_skipped: 3, ..small() };
         assert!(matches!(quiet(&config, &Broken), Err(Error::Diverged { step: 4, skipped: 4 })));
+    }
+
+    /// Runs that end after a few steps each, as after kills, against one that runs through.
+    #[test]
+    fn a_run_in_pieces_ends_with_the_bits_of_a_whole_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let target = CosineTarget::new(&sky);
+        for (name, config) in [("plain", small()), ("averaged", FitConfig { ema_decay: 0.9, ..small() })] {
+            let whole = quiet(&config, &target).unwrap();
+            let checkpoints =
+                CheckpointFolder { folder: folder.path().join(name), every: 7, resume: true, target: "sky".into() };
+            let mut pieces = 0;
+            let resumed = loop {
+                let (interrupt, mut steps) = (AtomicBool::new(false), 0);
+                let mut progress = |_: &Progress| {
+                    steps += 1;
+                    // The end of a run that is killed is no interruption: it saves nothing.
+                    if steps == 11 { Err(Error::EmptyTarget { conditions: 0 }) } else { Ok(()) }
+                };
+                let run = Run {
+                    progress: &mut progress,
+                    interrupt: &interrupt,
+                    checkpoints: Some(&checkpoints),
+                    warn: &mut |error| panic!("{error}"),
+                };
+                pieces += 1;
+                match fit_with(&config, &target, run) {
+                    Ok(fitted) => break fitted,
+                    Err(Error::EmptyTarget { .. }) => {}
+                    Err(error) => panic!("{error}"),
+                }
+            };
+            assert_eq!(pieces, 4, "steps 0 to 7, 7 to 14, 14 to 21, and the rest");
+            assert_eq!(resumed.head.flat_weights(), whole.head.flat_weights());
+            assert_eq!(resumed.summary.divergence, whole.summary.divergence);
+        }
+    }
+
+    #[test]
+    fn an_interruption_is_saved_and_resumed() {
+        let folder = tempfile::tempdir().unwrap();
+        let target = CosineTarget::new(&sky);
+        let checkpoints =
+            CheckpointFolder { folder: folder.path().into(), every: 0, resume: true, target: "sky".into() };
+        let train = |stop_at: usize| {
+            let interrupt = AtomicBool::new(false);
+            let mut progress = |progress: &Progress| {
+                interrupt.store(progress.step == stop_at, Ordering::Relaxed);
+                Ok(())
+            };
+            let run = Run {
+                progress: &mut progress,
+                interrupt: &interrupt,
+                checkpoints: Some(&checkpoints),
+                warn: &mut |error| panic!("{error}"),
+            };
+            fit_with(&small(), &target, run).unwrap()
+        };
+        assert_eq!(train(12).summary.steps, 12);
+        let end = train(usize::MAX);
+        assert_eq!(end.summary.steps, 30);
+        assert_eq!(end.head.flat_weights(), quiet(&small(), &target).unwrap().head.flat_weights());
+    }
+
+    #[test]
+    fn the_average_of_the_weights_is_not_the_weights() {
+        let target = CosineTarget::new(&sky);
+        let average = quiet(&FitConfig { ema_decay: 0.99, ..small() }, &target).unwrap();
+        let plain = quiet(&small(), &target).unwrap();
+        assert_ne!(average.head.flat_weights(), plain.head.flat_weights());
+        assert!(average.summary.divergence.kl < average.summary.initial.kl);
     }
 }

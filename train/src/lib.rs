@@ -5,6 +5,7 @@
 
 pub mod backend;
 pub mod bake;
+pub mod checkpoint;
 pub mod config;
 pub mod config_file;
 pub mod error;
@@ -15,24 +16,29 @@ pub mod gradient;
 pub mod injection;
 pub mod loss;
 pub mod material;
+pub mod metrics;
 pub mod optimizer;
 pub mod preset;
 pub mod state;
 pub mod target;
+pub mod tensorboard;
 #[cfg(test)]
 mod test_support;
 pub mod validation;
 
 pub use backend::Backend;
 pub use bake::learned_bake;
+pub use checkpoint::CheckpointFolder;
 pub use config::FitConfig;
 pub use config_file::ConfigBuilder;
 pub use error::{Error, Result};
 pub use export::{check_exportable, exported_sampler, native_head};
-pub use fit::{Fitted, Progress, Summary, fit};
+pub use fit::{Fitted, Progress, Run, Summary, fit, fit_with};
 pub use gradient::{GradientSource, StepGradient};
 pub use loss::{Loss, Objective};
 pub use material::Material;
+pub use metrics::MetricsFile;
 pub use preset::Preset;
 pub use target::{Batch, CosineTarget, Target, Viewpoints, build_target};
+pub use tensorboard::TensorBoard;
 pub use validation::Divergence;

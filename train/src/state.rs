@@ -16,6 +16,8 @@ pub struct TrainingState {
     pub step: usize,
     /// Steps left out because loss or gradient was not finite.
     pub skipped: usize,
+    /// The last step's loss.
+    pub loss: f32,
     weights: Vec<f32>,
     /// The moving average of the weights; empty where it is off.
     average: Vec<f32>,
@@ -29,6 +31,8 @@ pub struct SavedState {
     pub step: usize,
     /// Steps left out.
     pub skipped: usize,
+    /// The last step's loss.
+    pub loss: f32,
     /// The weights, in the order of [`headtail_model::Head::flat_weights`].
     pub weights: Vec<f32>,
     /// Their moving average, or empty.
@@ -41,7 +45,7 @@ impl TrainingState {
     /// Before the first step.
     pub fn new(config: &FitConfig, weights: Vec<f32>) -> Self {
         let average = if config.ema_decay > 0.0 { weights.clone() } else { Vec::new() };
-        Self { step: 0, skipped: 0, optimizer: Optimizer::new(config, weights.len()), weights, average }
+        Self { step: 0, skipped: 0, loss: f32::NAN, optimizer: Optimizer::new(config, weights.len()), weights, average }
     }
 
     /// The state in numbers.
@@ -49,6 +53,7 @@ impl TrainingState {
         SavedState {
             step: self.step,
             skipped: self.skipped,
+            loss: self.loss,
             weights: self.weights.clone(),
             average: self.average.clone(),
             optimizer: self.optimizer.state().clone(),
@@ -59,7 +64,14 @@ impl TrainingState {
     pub fn restore(config: &FitConfig, saved: SavedState) -> Self {
         let mut optimizer = Optimizer::new(config, saved.weights.len());
         optimizer.restore(saved.optimizer);
-        Self { step: saved.step, skipped: saved.skipped, weights: saved.weights, average: saved.average, optimizer }
+        Self {
+            step: saved.step,
+            skipped: saved.skipped,
+            loss: saved.loss,
+            weights: saved.weights,
+            average: saved.average,
+            optimizer,
+        }
     }
 
     /// The weights for use: the moving average where there is one.
@@ -72,20 +84,15 @@ impl TrainingState {
         self.optimizer.rate(self.step.saturating_sub(1))
     }
 
-    /// One step. Its loss, or `None` if no condition of its batch saw any light.
+    /// One step; it changes nothing but the count if no condition of its batch sees any light.
     ///
     /// # Errors
     /// [`Error::BadTarget`] for a target that is no density, [`Error::Diverged`] after too many steps that were not finite.
-    pub fn advance(
-        &mut self,
-        config: &FitConfig,
-        target: &dyn Target,
-        source: &mut dyn GradientSource,
-    ) -> Result<Option<f32>> {
+    pub fn advance(&mut self, config: &FitConfig, target: &dyn Target, source: &mut dyn GradientSource) -> Result<()> {
         let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, self.step as u64)?;
         let gradient = source.gradient(&self.weights, config.objective(), &batch);
-        let loss = gradient.as_ref().map(|gradient| gradient.loss);
         if let Some(gradient) = gradient {
+            self.loss = gradient.loss;
             let moved =
                 gradient.loss.is_finite() && self.optimizer.step(self.step, &mut self.weights, &gradient.by_weight);
             if moved {
@@ -98,7 +105,7 @@ impl TrainingState {
         if self.skipped > config.max_skipped {
             return Err(Error::Diverged { step: self.step, skipped: self.skipped });
         }
-        Ok(loss)
+        Ok(())
     }
 
     /// The average forgets its start: after `m` moves it decays by at most `(1 + m) / (10 + m)`.

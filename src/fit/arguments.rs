@@ -1,19 +1,12 @@
-//! `headtail fit`: train a head for an environment map and export it.
+//! The arguments of `headtail fit`, and the configuration that they make.
 
-use std::{path::PathBuf, sync::Arc, sync::atomic::AtomicBool, time::Instant};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
-use headtail_render::{environment::Environment, tail::Tail};
-use headtail_train::{
-    Backend, ConfigBuilder, FitConfig, Fitted, Loss, Material, Preset, Progress, Viewpoints, build_target,
-    check_exportable, config::Points, exported_sampler,
-};
+use headtail_train::{Backend, CheckpointFolder, ConfigBuilder, FitConfig, Loss, Material, Preset, config::Points};
 
-use crate::{
-    arguments::{TailArgument, make_folder, open_environment},
-    progress,
-};
+use crate::arguments::{CameraArguments, TailArgument};
 
 /// Train a head for an environment map and write DIR/sampler.safetensors.
 #[derive(Args)]
@@ -27,7 +20,7 @@ A configuration is a preset, then the keys of --config, then those of --set, the
 pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
     #[arg(long, value_name = "MAP", required_unless_present = "print_config")]
-    env: Option<String>,
+    pub env: Option<String>,
     /// The settings to begin with: paper-cosine, paper-ggx, fast-cosine, fast-ggx. Default: the fast one for the material.
     #[arg(long)]
     preset: Option<Preset>,
@@ -39,7 +32,7 @@ pub struct Arguments {
     set: Vec<String>,
     /// Print the settings as TOML and stop.
     #[arg(long)]
-    print_config: bool,
+    pub print_config: bool,
     /// The material to sample for: lambert, ggx:alpha=0.4 or (any of a range) ggx:alpha=0.2..0.8.
     #[arg(long, value_name = "MATERIAL", required_unless_present_any = ["preset", "config"])]
     material: Option<Material>,
@@ -54,7 +47,7 @@ pub struct Arguments {
     naive: bool,
     /// Train and measure only.
     #[arg(long)]
-    no_export: bool,
+    pub no_export: bool,
     /// Where to train.
     #[arg(long)]
     backend: Option<BackendArgument>,
@@ -70,12 +63,29 @@ pub struct Arguments {
     /// What to minimise.
     #[arg(long)]
     loss: Option<LossArgument>,
+    /// Take conditions from what a camera sees of this scene (a built-in one or a glTF file) instead of from everywhere.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub conditions_from: Option<String>,
+    #[command(flatten)]
+    pub camera: CameraArguments,
+    /// Keep checkpoints in this folder, the last three.
+    #[arg(long, value_name = "DIR")]
+    pub checkpoint_dir: Option<PathBuf>,
+    /// Steps between checkpoints; there is one at the end and at an interruption (Ctrl-C, SIGTERM) too.
+    #[arg(long, value_name = "STEPS", default_value_t = 250, requires = "checkpoint_dir")]
+    checkpoint_every: usize,
+    /// Go on from the last checkpoint, or begin where there is none. The result is that of a run that was never stopped.
+    #[arg(long, requires = "checkpoint_dir")]
+    resume: bool,
+    /// Write event files for TensorBoard into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub tensorboard: Option<PathBuf>,
     /// Leave the training time out of the file, so that the same command writes the same bytes.
     #[arg(long)]
-    reproducible: bool,
-    /// Folder for the result.
+    pub reproducible: bool,
+    /// Folder for the result and for metrics.jsonl, which has a line for each validation.
     #[arg(long, value_name = "DIR", required_unless_present = "print_config")]
-    out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -137,7 +147,7 @@ impl From<LossArgument> for Loss {
 
 impl Arguments {
     /// The configuration that preset, file, values and flags make.
-    fn config(&self) -> Result<FitConfig> {
+    pub fn config(&self) -> Result<FitConfig> {
         let preset = self.preset.unwrap_or_else(|| Preset::fast_for(self.material.unwrap_or(Material::Lambert)));
         let mut builder = ConfigBuilder::new(preset);
         if let Some(file) = &self.config {
@@ -167,61 +177,10 @@ impl Arguments {
         config.validate()?;
         Ok(config)
     }
-}
 
-/// Trains and exports.
-pub fn run(arguments: &Arguments) -> Result<()> {
-    let start = Instant::now();
-    let config = arguments.config()?;
-    if arguments.print_config {
-        print!("{}", config.to_toml()?);
-        return Ok(());
+    /// Where checkpoints are kept. `target` is what the configuration does not say of the target.
+    pub fn checkpoints(&self, target: String) -> Option<CheckpointFolder> {
+        let folder = self.checkpoint_dir.clone()?;
+        Some(CheckpointFolder { folder, every: self.checkpoint_every, resume: self.resume, target })
     }
-    // The parser of arguments asks for both.
-    let (Some(map), Some(out)) = (&arguments.env, &arguments.out) else { bail!("give --env and --out") };
-    if !arguments.no_export {
-        check_exportable(&config)?;
-    }
-    let environment = open_environment(map)?;
-    make_folder(out)?;
-    let fitted = train(&environment, &config, &*progress::stop_flag()?)?;
-    let (summary, before, after) = (&fitted.summary, fitted.summary.initial, fitted.summary.divergence);
-    println!(
-        "KL {:.4} nats ({} {:.4}), relative variance {:.4} ({1} {:.3}), {} steps{}",
-        after.kl,
-        if config.naive { "untrained" } else { "tail alone" },
-        before.kl,
-        after.relative_variance,
-        before.relative_variance,
-        summary.steps,
-        if summary.interrupted { " (interrupted: the learning rate had not come down)" } else { "" },
-    );
-    if arguments.no_export {
-        println!("trained for {:.1} s; nothing was exported", start.elapsed().as_secs_f64());
-        return Ok(());
-    }
-    let file = out.join("sampler.safetensors");
-    exported_sampler(&fitted.head, &config, summary, &environment, !arguments.reproducible)?.write(&file)?;
-    println!("{} written after {:.1} s", file.display(), start.elapsed().as_secs_f64());
-    Ok(())
-}
-
-/// Trains a head for a map, with a progress bar.
-pub fn train(environment: &Arc<Environment>, config: &FitConfig, stop: &AtomicBool) -> Result<Fitted> {
-    let tail = Tail::new(config.tail, environment.width(), environment.height(), &environment.luminance())?;
-    let target = build_target(config, &tail, Viewpoints::Sphere);
-    let bar = progress::bar(config.steps as u64, "training");
-    let mut kl = f64::NAN;
-    let mut show = |progress: &Progress| {
-        if let Some(divergence) = progress.divergence {
-            kl = divergence.kl;
-        }
-        let known = if kl.is_nan() { String::new() } else { format!(", KL {kl:.4} nats") };
-        let speed = progress.samples_per_second / 1e6;
-        bar.set_message(format!("loss {:.4}{known}, {speed:.2} M samples/s", progress.loss));
-        bar.set_position(progress.step as u64);
-    };
-    let fitted = headtail_train::fit(config, &*target, &mut show, stop)?;
-    bar.finish_and_clear();
-    Ok(fitted)
 }

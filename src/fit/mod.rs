@@ -1,0 +1,139 @@
+//! `headtail fit`: train a head for an environment map and export it.
+
+mod arguments;
+
+use std::{sync::Arc, sync::atomic::AtomicBool, time::Instant};
+
+use anyhow::{Result, bail, ensure};
+use headtail_render::{environment::Environment, scene::Scene, tail::Tail};
+use headtail_train::{
+    CheckpointFolder, FitConfig, Fitted, MetricsFile, Progress, Run, TensorBoard, Viewpoints, build_target,
+    check_exportable, exported_sampler, fit_with,
+};
+
+pub use arguments::Arguments;
+
+use crate::{
+    arguments::{make_folder, open_environment},
+    progress,
+};
+
+/// Trains and exports.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let start = Instant::now();
+    let config = arguments.config()?;
+    if arguments.print_config {
+        print!("{}", config.to_toml()?);
+        return Ok(());
+    }
+    // The parser of arguments asks for both.
+    let (Some(map), Some(out)) = (&arguments.env, &arguments.out) else { bail!("give --env and --out") };
+    if !arguments.no_export {
+        check_exportable(&config)?;
+    }
+    let environment = open_environment(map)?;
+    make_folder(out)?;
+    let outputs = Outputs {
+        viewpoints: viewpoints(arguments, config.seed)?,
+        checkpoints: arguments.checkpoints(describe_target(arguments, &environment)),
+        metrics: Some(MetricsFile::new(&out.join("metrics.jsonl"), config.seed)),
+        tensorboard: arguments.tensorboard.as_deref().map(TensorBoard::create).transpose()?,
+    };
+    let fitted = train(&environment, &config, outputs, &*progress::stop_flag()?)?;
+    let (summary, before, after) = (&fitted.summary, fitted.summary.initial, fitted.summary.divergence);
+    println!(
+        "KL {:.4} nats ({} {:.4}), relative variance {:.4} ({1} {:.3}), {} steps{}",
+        after.kl,
+        if config.naive { "untrained" } else { "tail alone" },
+        before.kl,
+        after.relative_variance,
+        before.relative_variance,
+        summary.steps,
+        if summary.interrupted { " (interrupted: the learning rate had not come down)" } else { "" },
+    );
+    if arguments.no_export {
+        println!("trained for {:.1} s; nothing was exported", start.elapsed().as_secs_f64());
+        return Ok(());
+    }
+    let file = out.join("sampler.safetensors");
+    exported_sampler(&fitted.head, &config, summary, &environment, !arguments.reproducible)?.write(&file)?;
+    println!("{} written after {:.1} s", file.display(), start.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// Where conditions come from, and what is written while a head is trained.
+pub struct Outputs {
+    viewpoints: Viewpoints,
+    checkpoints: Option<CheckpointFolder>,
+    metrics: Option<MetricsFile>,
+    tensorboard: Option<TensorBoard>,
+}
+
+impl Outputs {
+    /// Conditions from everywhere, no files.
+    pub const NONE: Self = Self { viewpoints: Viewpoints::Sphere, checkpoints: None, metrics: None, tensorboard: None };
+
+    fn add(&mut self, progress: &Progress) -> headtail_train::Result<()> {
+        if let Some(metrics) = &mut self.metrics {
+            metrics.add(progress)?;
+        }
+        if let Some(board) = &mut self.tensorboard {
+            board.add(progress)?;
+        }
+        Ok(())
+    }
+}
+
+/// Trains a head for a map, with a progress bar.
+pub fn train(
+    environment: &Arc<Environment>,
+    config: &FitConfig,
+    mut outputs: Outputs,
+    stop: &AtomicBool,
+) -> Result<Fitted> {
+    let tail = Tail::new(config.tail, environment.width(), environment.height(), &environment.luminance())?;
+    let target = build_target(config, &tail, outputs.viewpoints.clone());
+    let checkpoints = outputs.checkpoints.take();
+    let bar = progress::bar(config.steps as u64, "training");
+    let mut kl = f64::NAN;
+    let mut show = |progress: &Progress| {
+        if let Some(divergence) = progress.divergence {
+            kl = divergence.kl;
+        }
+        let known = if kl.is_nan() { String::new() } else { format!(", KL {kl:.4} nats") };
+        let speed = progress.samples_per_second / 1e6;
+        bar.set_message(format!("loss {:.4}{known}, {speed:.2} M samples/s", progress.loss));
+        bar.set_position(progress.step as u64);
+        outputs.add(progress)
+    };
+    let run = Run {
+        progress: &mut show,
+        interrupt: stop,
+        checkpoints: checkpoints.as_ref(),
+        warn: &mut |error| eprintln!("warning: {error}; the checkpoint before it is used"),
+    };
+    let fitted = fit_with(config, &*target, run)?;
+    bar.finish_and_clear();
+    Ok(fitted)
+}
+
+/// Where surfaces are seen from.
+fn viewpoints(arguments: &Arguments, seed: u64) -> Result<Viewpoints> {
+    let Some(name) = &arguments.conditions_from else {
+        let camera = &arguments.camera;
+        ensure!(camera.look_from.is_none() && camera.fov.is_none(), "a camera needs --conditions-from SCENE");
+        return Ok(Viewpoints::Sphere);
+    };
+    let scene = Scene::open(name)?;
+    let camera = arguments.camera.open(&scene)?;
+    Ok(Viewpoints::of_scene(&scene, &camera, arguments.camera.width as usize, arguments.camera.height as usize, seed)?)
+}
+
+/// What a checkpoint must agree on besides the configuration.
+fn describe_target(arguments: &Arguments, environment: &Environment) -> String {
+    let conditions = match &arguments.conditions_from {
+        Some(scene) => format!("conditions from {scene} by {:?}", arguments.camera),
+        None => "conditions from everywhere".into(),
+    };
+    format!("environment {}, {conditions}", environment.hash())
+}

@@ -1,0 +1,148 @@
+//! `metrics.jsonl`: one JSON object per line for each validation.
+
+use std::{
+    fs::{self, File, OpenOptions},
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use serde::Serialize;
+
+use crate::{Error, Progress, Result};
+
+/// A line. Numbers that are not finite are written as `null`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MetricsRow {
+    /// Steps done; the first line is that of the untrained head.
+    pub step: usize,
+    /// The last step's loss on its batch; `null` before the first.
+    pub loss: f32,
+    /// Mean KL divergence over the validation set, in nats.
+    pub kl: f64,
+    /// Mean of `ln(1 + chi-square divergence)`, in nats.
+    pub log_chi_square: f64,
+    /// Mean chi-square divergence: relative variance of a one-sample estimate.
+    pub relative_variance: f64,
+    /// The last step's learning rate.
+    pub learning_rate: f64,
+    /// Training points per second since the process began, validation included.
+    pub samples_per_second: f64,
+    /// Wall-clock seconds of training, over all processes of a resumed run.
+    pub seconds: f64,
+    /// Steps skipped because they were not finite.
+    pub skipped: usize,
+    /// The run's seed.
+    pub seed: u64,
+    /// The program's version.
+    pub version: String,
+}
+
+/// The file.
+pub struct MetricsFile {
+    path: PathBuf,
+    seed: u64,
+    /// Opened with the first step, which says where the run goes on.
+    file: Option<File>,
+}
+
+impl MetricsFile {
+    /// Lines go to `path`. A run that begins replaces the file, one that is resumed keeps the lines up to its step.
+    pub fn new(path: &Path, seed: u64) -> Self {
+        Self { path: path.to_owned(), seed, file: None }
+    }
+
+    /// Adds a line if there was a validation.
+    ///
+    /// # Errors
+    /// [`Error::Output`] if the file cannot be written.
+    pub fn add(&mut self, progress: &Progress) -> Result<()> {
+        let failed = |reason: std::io::Error| Error::Output { path: self.path.clone(), reason: reason.to_string() };
+        let file = match &mut self.file {
+            Some(file) => file,
+            closed => closed.insert(open(&self.path, progress.step).map_err(failed)?),
+        };
+        let Some(divergence) = progress.divergence else { return Ok(()) };
+        let row = MetricsRow {
+            step: progress.step,
+            loss: progress.loss,
+            kl: divergence.kl,
+            log_chi_square: divergence.log_chi_square,
+            relative_variance: divergence.relative_variance,
+            learning_rate: progress.learning_rate,
+            samples_per_second: progress.samples_per_second,
+            seconds: progress.seconds,
+            skipped: progress.skipped,
+            seed: self.seed,
+            version: env!("CARGO_PKG_VERSION").into(),
+        };
+        let line = serde_json::to_string(&row).expect("a row can be written as JSON") + "\n";
+        file.write_all(line.as_bytes()).map_err(failed)
+    }
+}
+
+/// Opens the file for more lines, without those of steps beyond `step` and those that a kill has cut.
+fn open(path: &Path, step: usize) -> std::io::Result<File> {
+    let mut kept = String::new();
+    if step > 0 && path.exists() {
+        for line in fs::read_to_string(path)?.split_inclusive('\n') {
+            let row: serde_json::Value = serde_json::from_str(line).unwrap_or_default();
+            if row["step"].as_u64().is_some_and(|other| other <= step as u64) && line.ends_with('\n') {
+                kept += line;
+            }
+        }
+    }
+    fs::write(path, kept)?;
+    OpenOptions::new().append(true).open(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Divergence;
+
+    fn progress(step: usize, validated: bool) -> Progress {
+        let divergence = Divergence { kl: 0.1, log_chi_square: 0.2, relative_variance: f64::INFINITY };
+        Progress {
+            step,
+            steps: 100,
+            loss: if step == 0 { f32::NAN } else { 0.5 },
+            divergence: validated.then_some(divergence),
+            learning_rate: 1e-3,
+            samples_per_second: 5e4,
+            seconds: 1.5,
+            skipped: 0,
+        }
+    }
+
+    fn steps(path: &Path) -> Vec<u64> {
+        let text = fs::read_to_string(path).unwrap();
+        let row = |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap()["step"].as_u64().unwrap();
+        text.lines().map(row).collect()
+    }
+
+    #[test]
+    fn there_is_a_line_for_each_validation_and_a_resumed_run_goes_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("metrics.jsonl");
+        let mut file = MetricsFile::new(&path, 3);
+        for step in 0..=25 {
+            file.add(&progress(step, step % 10 == 0)).unwrap();
+        }
+        assert_eq!(steps(&path), [0, 10, 20]);
+        // Killed in the middle of a line, resumed at step 15.
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, text.clone() + &text[..40]).unwrap();
+        let mut file = MetricsFile::new(&path, 3);
+        file.add(&progress(15, false)).unwrap();
+        file.add(&progress(20, true)).unwrap();
+        assert_eq!(steps(&path), [0, 10, 20]);
+        MetricsFile::new(&path, 3).add(&progress(0, true)).unwrap();
+        assert_eq!(steps(&path), [0], "a new run replaces the file");
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_is_named() {
+        let error = MetricsFile::new(Path::new("/nowhere/metrics.jsonl"), 0).add(&progress(0, true)).unwrap_err();
+        assert!(error.to_string().contains("/nowhere/metrics.jsonl"), "{error}");
+    }
+}
