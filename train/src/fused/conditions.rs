@@ -59,8 +59,7 @@ impl Conditions {
         let seen = Matrix::new(&self.seen, layout.config.network_condition(), count);
         layout.elevation[0].forward(weights, seen, &mut self.elevation);
         layout.azimuth[0].forward(weights, seen, &mut self.azimuth);
-        for (derivatives, values) in
-            [(&mut self.by_elevation, &self.elevation), (&mut self.by_azimuth, &self.azimuth)]
+        for (derivatives, values) in [(&mut self.by_elevation, &self.elevation), (&mut self.by_azimuth, &self.azimuth)]
         {
             derivatives.clear();
             derivatives.resize(values.len(), 0.0);
@@ -113,8 +112,7 @@ impl Conditions {
             leaky_relu_backward(&mut self.scratch, &self.selection_hidden, slope);
             first_layer_backward(first, weights, &self.scratch, seen, gradient, &mut self.by_seen);
         }
-        for (layer, derivatives) in
-            [(&layout.elevation[0], &self.by_elevation), (&layout.azimuth[0], &self.by_azimuth)]
+        for (layer, derivatives) in [(&layout.elevation[0], &self.by_elevation), (&layout.azimuth[0], &self.by_azimuth)]
         {
             first_layer_backward(layer, weights, derivatives, seen, gradient, &mut self.by_seen);
         }

@@ -25,7 +25,9 @@ impl<'a> Matrix<'a> {
     }
 
     fn assert_inside(&self) {
-        assert!(self.rows == 0 || self.columns == 0 || (self.rows - 1) * self.stride + self.columns <= self.values.len());
+        assert!(
+            self.rows == 0 || self.columns == 0 || (self.rows - 1) * self.stride + self.columns <= self.values.len()
+        );
     }
 }
 

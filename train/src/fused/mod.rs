@@ -74,7 +74,8 @@ impl Layout {
         };
         let elevation = network(if config.mode == Mode::Coupled { 2 } else { 0 });
         let azimuth = network(1);
-        let selection = if config.selection { layers(&[seen, headtail_model::SELECTION_HIDDEN, 1]) } else { Vec::new() };
+        let selection =
+            if config.selection { layers(&[seen, headtail_model::head::SELECTION_HIDDEN, 1]) } else { Vec::new() };
         Self { config, encoder: encoder.unwrap_or_default(), elevation, azimuth, selection, length }
     }
 }

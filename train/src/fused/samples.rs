@@ -56,14 +56,7 @@ struct Network {
 
 impl Samples {
     #[inline(always)]
-    pub fn forward(
-        &mut self,
-        layout: &Layout,
-        weights: &[f32],
-        batch: &Batch,
-        conditions: &Conditions,
-        place: Place,
-    ) {
+    pub fn forward(&mut self, layout: &Layout, weights: &[f32], batch: &Batch, conditions: &Conditions, place: Place) {
         self.load(batch, place);
         let (columns, samples) = (self.columns, batch.samples);
         let Self { u, v, elevation, azimuth, .. } = self;
@@ -177,7 +170,8 @@ impl Samples {
         } else {
             let rows = conditions.by_elevation_logits.chunks_exact_mut(stride);
             for (out, row) in rows.zip(elevation.logits.chunks_exact(columns)) {
-                for (out, part) in out[place.column..].iter_mut().zip(row.chunks_exact(batch.samples)).take(place.count) {
+                for (out, part) in out[place.column..].iter_mut().zip(row.chunks_exact(batch.samples)).take(place.count)
+                {
                     *out += sum(part);
                 }
             }

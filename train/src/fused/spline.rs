@@ -338,11 +338,17 @@ mod tests {
                 .evaluate();
                 let (mut spline, mut sums) = (AnalyticSpline::new(topology, bins), LogitGradient::new(bins));
                 for sample in 0..samples {
-                    let column = |matrix: &[f32]| -> Vec<f32> { (0..count).map(|k| matrix[k * samples + sample]).collect() };
+                    let column =
+                        |matrix: &[f32]| -> Vec<f32> { (0..count).map(|k| matrix[k * samples + sample]).collect() };
                     spline.prepare(&column(&logits));
                     let at = spline.evaluate(points[sample]);
                     assert!((at.z - values[sample]).abs() < 1e-6, "{} {}", at.z, values[sample]);
-                    assert!((at.log_slope - log_slopes[sample]).abs() < 2e-5, "{} {}", at.log_slope, log_slopes[sample]);
+                    assert!(
+                        (at.log_slope - log_slopes[sample]).abs() < 2e-5,
+                        "{} {}",
+                        at.log_slope,
+                        log_slopes[sample]
+                    );
                     for (derivatives, found) in [(&at.of_log_slope, &of_log), (&at.of_z, &of_values)] {
                         let mut expected = vec![0.0; count];
                         sums.add(derivatives, 1.0);
