@@ -189,7 +189,11 @@ mod tests {
                 (Loss::LogChiSquare, HeadConfig { mode, hidden: 24, hidden_layers: 1, ..HeadConfig::MICROFACET }),
                 (Loss::ReverseKl, HeadConfig { mode, hidden_layers: 3, selection: true, ..HeadConfig::MICROFACET }),
             ] {
+                // Bins of 1e-3 that large logits make would magnify the reference's own rounding beyond the bound.
+                let scale = if config.bins > 8 { 0.1 } else { 1.0 };
                 let head = random_head(config, &device);
+                let weights: Vec<f32> = head.flat_weights().iter().map(|weight| scale * weight).collect();
+                let head = head.with_flat_weights(&weights, &device);
                 let batch = batch(config.condition);
                 let objective = Objective { loss, entropic: 1e-2 };
                 let expected = injection::in_graph(&head, objective, &batch, &device).unwrap();
