@@ -30,7 +30,7 @@ use crate::{
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail compare --scene temple --env studio --samplers cosine,emitter,mis,ris:4 --spp 4,16,64 --out out/temple
-  headtail compare --scene spot.glb --ground --env room.hdr --samplers mis,direct:out/room-direct.safetensors,oracle --spp 16 --out out/spot
+  headtail compare --scene spot.glb --ground --material lambert --env room.hdr --samplers mis,direct:out/room-direct.safetensors,oracle --spp 16 --out out/spot
   headtail compare --scene dishes --env sunset --samplers mis,ris:4,head:out/sunset/sampler.safetensors --seconds 1,4 --runs 5 --out out/dishes
 
 Errors are measured over the pixels that surfaces cover entirely: what the camera sees of the environment is the same for \

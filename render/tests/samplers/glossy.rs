@@ -96,13 +96,13 @@ fn glossy_directions_are_drawn_with_the_claimed_density() {
 
 #[test]
 fn the_pdf_of_a_glossy_sample_is_the_sample_s_pdf() {
-    for_all_glossy(3, |_, case, point, _| pdf_of_samples_agrees(&case.subject.bind(&point.at), 2_000));
+    for_all_glossy(5, |_, case, point, _| pdf_of_samples_agrees(&case.subject.bind(&point.at), 2_000));
 }
 
 #[test]
 fn whatever_glossy_surfaces_reflect_can_be_drawn() {
     for_all_glossy(
-        5,
+        7,
         |world, case, point, _| {
             if case.covers { pdf_covers(&case.subject.bind(&point.at), &point.at, world) } else { Ok(()) }
         },
@@ -111,7 +111,7 @@ fn whatever_glossy_surfaces_reflect_can_be_drawn() {
 
 #[test]
 fn all_samplers_estimate_the_same_glossy_light() {
-    for_all_glossy(2, |world, case, point, tests| {
+    for_all_glossy(3, |world, case, point, tests| {
         if !point.suits(world, case) {
             return Ok(());
         }
