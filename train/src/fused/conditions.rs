@@ -33,6 +33,8 @@ pub(super) struct Conditions {
     pub elevation_logits: Vec<f32>,
     pub by_elevation_logits: Vec<f32>,
     by_seen: Vec<f32>,
+    by_hidden: Vec<f32>,
+    by_output: Vec<f32>,
     scratch: Vec<f32>,
 }
 
@@ -109,8 +111,8 @@ impl Conditions {
             let by_logits = Matrix::new(&self.by_selection, 1, count);
             second.add_gradient(by_logits, Matrix::new(&self.selection_hidden, second.inputs, count), gradient);
             second.backward(weights, (0, second.inputs), by_logits, &mut self.scratch);
-            leaky_relu_backward(&mut self.scratch, &self.selection_hidden, slope);
-            first_layer_backward(first, weights, &self.scratch, seen, gradient, &mut self.by_seen);
+            leaky_relu_backward(&self.scratch, &self.selection_hidden, slope, &mut self.by_hidden);
+            first_layer_backward(first, weights, &self.by_hidden, seen, gradient, &mut self.by_seen);
         }
         for (layer, derivatives) in [(&layout.elevation[0], &self.by_elevation), (&layout.azimuth[0], &self.by_azimuth)]
         {
@@ -118,13 +120,17 @@ impl Conditions {
         }
         if let [first, second] = &layout.encoder[..] {
             let length = first.inputs;
-            let by_output = &mut self.by_seen[length * count..];
-            leaky_relu_backward(by_output, &self.seen[length * count..], slope);
-            let by_output = Matrix::new(by_output, second.outputs, count);
+            leaky_relu_backward(
+                &self.by_seen[length * count..],
+                &self.seen[length * count..],
+                slope,
+                &mut self.by_output,
+            );
+            let by_output = Matrix::new(&self.by_output, second.outputs, count);
             second.add_gradient(by_output, Matrix::new(&self.encoder_hidden, second.inputs, count), gradient);
             second.backward(weights, (0, second.inputs), by_output, &mut self.scratch);
-            leaky_relu_backward(&mut self.scratch, &self.encoder_hidden, slope);
-            let by_hidden = Matrix::new(&self.scratch, first.outputs, count);
+            leaky_relu_backward(&self.scratch, &self.encoder_hidden, slope, &mut self.by_hidden);
+            let by_hidden = Matrix::new(&self.by_hidden, first.outputs, count);
             first.add_gradient(by_hidden, Matrix::new(&self.seen[..length * count], length, count), gradient);
         }
     }
@@ -138,8 +144,7 @@ impl Conditions {
             let derivatives = Matrix::new(&by_output, layer.outputs, count);
             layer.add_gradient(derivatives, Matrix::new(hidden, layer.inputs, count), gradient);
             layer.backward(weights, (0, layer.inputs), derivatives, &mut self.scratch);
-            leaky_relu_backward(&mut self.scratch, hidden, layout.config.leaky_slope);
-            std::mem::swap(&mut by_output, &mut self.scratch);
+            leaky_relu_backward(&self.scratch, hidden, layout.config.leaky_slope, &mut by_output);
         }
         self.by_elevation = by_output;
     }

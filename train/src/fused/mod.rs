@@ -20,13 +20,13 @@ use crate::{GradientSource, Objective, StepGradient, target::Batch};
 
 use conditions::Conditions;
 use perceptron::Layer;
-use samples::Samples;
+use samples::{Place, Samples, Scratch, Weights};
 
 /// Parts of a batch whose gradients are summed in order: a fixed number, so that the sum does not depend on the threads.
 const PARTS: usize = 8;
 
-/// Samples that go through the networks together, about: few enough for the second-level cache.
-const GROUP: usize = 256;
+/// Samples of a group of conditions, about: a group has at least one whole condition.
+const GROUP: usize = 128;
 
 /// The gradient of heads of one shape.
 pub struct FusedGradient {
@@ -52,6 +52,7 @@ struct Part {
     gradient: Vec<f32>,
     conditions: Conditions,
     samples: Samples,
+    scratch: Scratch,
 }
 
 impl Layout {
@@ -138,13 +139,14 @@ impl Vectorized for Work<'_> {
         }
         part.conditions.forward(layout, weights, batch, range.clone());
         let group = (GROUP / batch.samples).max(1);
+        let networks = Weights { layout, values: weights };
         let mut first = range.start;
         while first < range.end {
             let last = (first + group).min(range.end);
-            let place = samples::Place { first, count: last - first, column: first - range.start };
-            part.samples.forward(layout, weights, batch, &part.conditions, place);
+            let place = Place { first, count: last - first, column: first - range.start };
+            part.samples.forward(networks, batch, &part.conditions, place, &mut part.scratch);
             part.loss += part.samples.evaluate_loss(objective, batch, &mut part.conditions, place, scale);
-            part.samples.backward(layout, weights, batch, &mut part.conditions, place, &mut part.gradient);
+            part.samples.backward(networks, &mut part.conditions, &mut part.scratch, &mut part.gradient);
             first = last;
         }
         part.conditions.backward(layout, weights, &mut part.gradient);

@@ -1,6 +1,6 @@
 //! What is computed for every sample of a group of conditions: both spline networks, both splines, and the way back.
 
-use std::f32::consts::TAU;
+use std::{f32::consts::TAU, ops::Range};
 
 use headtail_model::{Mode, spline::Topology};
 use headtail_render::simd::{LANES, Lanes};
@@ -14,7 +14,10 @@ use super::{
 };
 use crate::{Objective, loss::LossDerivatives, target::Batch};
 
-/// A group of conditions: `count` from `first` on in the batch, from `column` on in the matrices of conditions.
+/// Samples of a block: with 36 k weights it takes a third of a megabyte.
+const BLOCK: usize = 128;
+
+/// A group of whole conditions: `count` from `first` on in the batch, from `column` on in the matrices of conditions.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
     pub first: usize,
@@ -22,17 +25,37 @@ pub(super) struct Place {
     pub column: usize,
 }
 
-/// Matrices with one column per sample of a group, padded to whole lanes.
+/// The samples of a group, in blocks: a block goes through all layers while it is in the second-level cache, and waits for the
+/// loss, which needs all samples of a condition, before it goes back.
 #[derive(Default)]
 pub(super) struct Samples {
+    blocks: Vec<Block>,
+    /// How many of the blocks the group has.
+    used: usize,
+    /// Log-densities of the group's samples, and the loss's derivatives by them.
+    log_q: Vec<f32>,
+    by_log_q: Vec<f32>,
+}
+
+/// Matrices with one column per sample, padded to whole lanes.
+#[derive(Default)]
+struct Block {
+    /// Which of the group's samples these are.
+    samples: Range<usize>,
     columns: usize,
+    segments: Vec<Segment>,
     u: Vec<f32>,
     v: Vec<f32>,
     elevation: Network,
     azimuth: Network,
-    /// The loss's derivatives by the log-density.
     by_log_q: Vec<f32>,
-    log_q: Vec<f32>,
+}
+
+/// Columns of a block that belong to one condition.
+struct Segment {
+    /// Its column in the matrices of conditions.
+    condition: usize,
+    columns: Range<usize>,
 }
 
 /// One spline network and its splines.
@@ -48,58 +71,47 @@ struct Network {
     of_values: Vec<f32>,
     values: Vec<f32>,
     log_slopes: Vec<f32>,
-    exponentials: Vec<Lanes>,
+}
+
+/// Buffers that blocks share.
+#[derive(Default)]
+pub(super) struct Scratch {
+    spline: Vec<Lanes>,
     by_hidden: Vec<f32>,
-    scratch: Vec<f32>,
+    by_activation: Vec<f32>,
     by_feature: Vec<f32>,
+}
+
+/// Weights and where they are.
+#[derive(Clone, Copy)]
+pub(super) struct Weights<'a> {
+    pub layout: &'a Layout,
+    pub values: &'a [f32],
 }
 
 impl Samples {
     #[inline(always)]
-    pub fn forward(&mut self, layout: &Layout, weights: &[f32], batch: &Batch, conditions: &Conditions, place: Place) {
-        self.load(batch, place);
-        let (columns, samples) = (self.columns, batch.samples);
-        let Self { u, v, elevation, azimuth, .. } = self;
-        let coupled = layout.config.mode == Mode::Coupled;
-        elevation.features.clear();
-        if coupled {
-            for &u in &*u {
-                elevation.features.push((TAU * u).cos());
-            }
-            for &u in &*u {
-                elevation.features.push((TAU * u).sin());
-            }
-            let first = First { matrix: &conditions.elevation, stride: conditions.count, place, samples };
-            elevation.forward(&layout.elevation, weights, &first, columns, layout.config.leaky_slope);
-        } else {
-            elevation.logits.clear();
-            elevation.logits.resize(layout.config.logits() * columns, 0.0);
-            let rows = conditions.elevation_logits.chunks_exact(conditions.count);
-            for (row, out) in rows.zip(elevation.logits.chunks_exact_mut(columns)) {
-                for (logit, out) in row[place.column..].iter().zip(out.chunks_exact_mut(samples)).take(place.count) {
-                    out.fill(*logit);
-                }
-            }
-        }
-        elevation.splines(Topology::Interval, layout.config.bins, v, coupled);
-        azimuth.features.clear();
-        azimuth.features.extend_from_slice(if coupled { &elevation.values } else { v });
-        let first = First { matrix: &conditions.azimuth, stride: conditions.count, place, samples };
-        azimuth.forward(&layout.azimuth, weights, &first, columns, layout.config.leaky_slope);
-        azimuth.splines(Topology::Circle, layout.config.bins, u, false);
-    }
-
-    #[inline(always)]
-    fn load(&mut self, batch: &Batch, place: Place) {
+    pub fn forward(
+        &mut self,
+        weights: Weights<'_>,
+        batch: &Batch,
+        conditions: &Conditions,
+        place: Place,
+        scratch: &mut Scratch,
+    ) {
         let count = place.count * batch.samples;
-        self.columns = count.next_multiple_of(LANES);
-        for (coordinate, out) in [&mut self.u, &mut self.v].into_iter().enumerate() {
-            out.clear();
-            let points = &batch.points[2 * place.first * batch.samples..][..2 * count];
-            for point in points.chunks_exact(2) {
-                out.push(point[coordinate]);
+        self.used = count.div_ceil(BLOCK);
+        if self.blocks.len() < self.used {
+            self.blocks.resize_with(self.used, Block::default);
+        }
+        self.log_q.clear();
+        for (index, block) in self.blocks[..self.used].iter_mut().enumerate() {
+            block.samples = index * BLOCK..((index + 1) * BLOCK).min(count);
+            block.load(batch, place);
+            block.forward(weights, conditions, scratch);
+            for (v, u) in block.elevation.log_slopes.iter().zip(&block.azimuth.log_slopes).take(block.samples.len()) {
+                self.log_q.push(v + u);
             }
-            out.resize(self.columns, 0.5);
         }
     }
 
@@ -114,12 +126,8 @@ impl Samples {
         scale: f32,
     ) -> f32 {
         let samples = batch.samples;
-        self.log_q.clear();
-        for (v, u) in self.elevation.log_slopes.iter().zip(&self.azimuth.log_slopes) {
-            self.log_q.push(v + u);
-        }
         self.by_log_q.clear();
-        self.by_log_q.resize(self.columns, 0.0);
+        self.by_log_q.resize(self.log_q.len(), 0.0);
         let mut total = 0.0;
         for index in 0..place.count {
             let range = index * samples..(index + 1) * samples;
@@ -142,37 +150,107 @@ impl Samples {
     #[inline(always)]
     pub fn backward(
         &mut self,
-        layout: &Layout,
-        weights: &[f32],
-        batch: &Batch,
+        weights: Weights<'_>,
         conditions: &mut Conditions,
-        place: Place,
+        scratch: &mut Scratch,
         gradient: &mut [f32],
     ) {
-        let (columns, stride, slope) = (self.columns, conditions.count, layout.config.leaky_slope);
-        let Self { elevation, azimuth, by_log_q, .. } = self;
+        for block in &mut self.blocks[..self.used] {
+            block.by_log_q.clear();
+            block.by_log_q.extend_from_slice(&self.by_log_q[block.samples.clone()]);
+            block.by_log_q.resize(block.columns, 0.0);
+            block.backward(weights, conditions, scratch, gradient);
+        }
+    }
+}
+
+impl Block {
+    #[inline(always)]
+    fn load(&mut self, batch: &Batch, place: Place) {
+        let range = self.samples.clone();
+        self.columns = range.len().next_multiple_of(LANES);
+        for (coordinate, out) in [&mut self.u, &mut self.v].into_iter().enumerate() {
+            out.clear();
+            let points = &batch.points[2 * (place.first * batch.samples + range.start)..][..2 * range.len()];
+            for point in points.chunks_exact(2) {
+                out.push(point[coordinate]);
+            }
+            out.resize(self.columns, 0.5);
+        }
+        self.segments.clear();
+        let mut at = range.start;
+        while at < range.end {
+            let condition = at / batch.samples;
+            let end = ((condition + 1) * batch.samples).min(range.end);
+            let columns = at - range.start..end - range.start;
+            self.segments.push(Segment { condition: place.column + condition, columns });
+            at = end;
+        }
+    }
+
+    #[inline(always)]
+    fn forward(&mut self, weights: Weights<'_>, conditions: &Conditions, scratch: &mut Scratch) {
+        let Self { columns, segments, u, v, elevation, azimuth, .. } = self;
+        let Weights { layout, .. } = weights;
         let coupled = layout.config.mode == Mode::Coupled;
-        scale_columns(&mut azimuth.logits, by_log_q);
-        let mut first = FirstMut { matrix: &mut conditions.by_azimuth, stride, place, samples: batch.samples };
-        azimuth.backward(&layout.azimuth, weights, columns, slope, &mut first, gradient);
-        scale_columns(&mut elevation.logits, by_log_q);
+        elevation.features.clear();
         if coupled {
-            azimuth.by_first_feature(&layout.azimuth[0], weights, columns);
-            for (out, of_value) in
-                elevation.logits.chunks_exact_mut(columns).zip(elevation.of_values.chunks_exact(columns))
-            {
-                for ((out, of_value), by_value) in out.iter_mut().zip(of_value).zip(&azimuth.by_feature) {
-                    *out += of_value * by_value;
+            for &u in &*u {
+                elevation.features.push((TAU * u).cos());
+            }
+            for &u in &*u {
+                elevation.features.push((TAU * u).sin());
+            }
+            let first = First { matrix: &conditions.elevation, stride: conditions.count, segments };
+            elevation.forward(&layout.elevation, weights, &first, *columns);
+        } else {
+            elevation.logits.clear();
+            elevation.logits.resize(layout.config.logits() * *columns, 0.0);
+            let rows = conditions.elevation_logits.chunks_exact(conditions.count);
+            for (row, out) in rows.zip(elevation.logits.chunks_exact_mut(*columns)) {
+                for segment in &*segments {
+                    out[segment.columns.clone()].fill(row[segment.condition]);
                 }
             }
-            let mut first = FirstMut { matrix: &mut conditions.by_elevation, stride, place, samples: batch.samples };
-            elevation.backward(&layout.elevation, weights, columns, slope, &mut first, gradient);
+        }
+        elevation.splines(Topology::Interval, layout.config.bins, v, coupled, scratch);
+        azimuth.features.clear();
+        azimuth.features.extend_from_slice(if coupled { &elevation.values } else { v });
+        let first = First { matrix: &conditions.azimuth, stride: conditions.count, segments };
+        azimuth.forward(&layout.azimuth, weights, &first, *columns);
+        azimuth.splines(Topology::Circle, layout.config.bins, u, false, scratch);
+    }
+
+    #[inline(always)]
+    fn backward(
+        &mut self,
+        weights: Weights<'_>,
+        conditions: &mut Conditions,
+        scratch: &mut Scratch,
+        gradient: &mut [f32],
+    ) {
+        let (stride, layout) = (conditions.count, weights.layout);
+        let Self { columns, segments, elevation, azimuth, by_log_q, .. } = self;
+        scale_columns(&mut azimuth.logits, by_log_q);
+        let mut first = FirstMut { matrix: &mut conditions.by_azimuth, stride, segments };
+        azimuth.backward(&layout.azimuth, weights, *columns, &mut first, scratch, gradient);
+        if layout.config.mode == Mode::Coupled {
+            azimuth.by_first_feature(&layout.azimuth[0], weights.values, *columns, scratch);
+            let rows = elevation.logits.chunks_exact_mut(*columns).zip(elevation.of_values.chunks_exact(*columns));
+            for (out, of_value) in rows {
+                for (((out, of_value), by_value), by_log_q) in
+                    out.iter_mut().zip(of_value).zip(&scratch.by_feature).zip(&*by_log_q)
+                {
+                    *out = *out * by_log_q + of_value * by_value;
+                }
+            }
+            let mut first = FirstMut { matrix: &mut conditions.by_elevation, stride, segments };
+            elevation.backward(&layout.elevation, weights, *columns, &mut first, scratch, gradient);
         } else {
             let rows = conditions.by_elevation_logits.chunks_exact_mut(stride);
-            for (out, row) in rows.zip(elevation.logits.chunks_exact(columns)) {
-                for (out, part) in out[place.column..].iter_mut().zip(row.chunks_exact(batch.samples)).take(place.count)
-                {
-                    *out += sum(part);
+            for (out, row) in rows.zip(elevation.logits.chunks_exact(*columns)) {
+                for segment in &*segments {
+                    out[segment.condition] += dot(&row[segment.columns.clone()], &by_log_q[segment.columns.clone()]);
                 }
             }
         }
@@ -193,57 +271,57 @@ fn scale_columns(matrix: &mut [f32], factors: &[f32]) {
 struct First<'a> {
     matrix: &'a [f32],
     stride: usize,
-    place: Place,
-    samples: usize,
+    segments: &'a [Segment],
 }
 
 /// Derivatives by it.
 struct FirstMut<'a> {
     matrix: &'a mut [f32],
     stride: usize,
-    place: Place,
-    samples: usize,
+    segments: &'a [Segment],
 }
 
 impl Network {
     #[inline(always)]
-    fn forward(&mut self, layers: &[Layer], weights: &[f32], conditions: &First<'_>, columns: usize, slope: f32) {
+    fn forward(&mut self, layers: &[Layer], weights: Weights<'_>, conditions: &First<'_>, columns: usize) {
         let (last, inner) = layers[1..].split_last().expect("a network has at least two layers");
+        let slope = weights.layout.config.leaky_slope;
         self.hidden.resize(inner.len() + 1, Vec::new());
-        self.first_layer(&layers[0], weights, conditions, columns, slope);
+        self.first_layer(&layers[0], weights, conditions, columns);
         for (index, layer) in inner.iter().enumerate() {
             let (before, after) = self.hidden.split_at_mut(index + 1);
-            layer.forward(weights, Matrix::new(&before[index], layer.inputs, columns), &mut after[0]);
+            layer.forward(weights.values, Matrix::new(&before[index], layer.inputs, columns), &mut after[0]);
             leaky_relu(&mut after[0], slope);
         }
-        last.forward(weights, Matrix::new(&self.hidden[inner.len()], last.inputs, columns), &mut self.logits);
+        last.forward(weights.values, Matrix::new(&self.hidden[inner.len()], last.inputs, columns), &mut self.logits);
     }
 
     /// Condition's part plus features, activated.
     #[inline(always)]
-    fn first_layer(&mut self, layer: &Layer, weights: &[f32], first: &First<'_>, columns: usize, slope: f32) {
+    fn first_layer(&mut self, layer: &Layer, weights: Weights<'_>, first: &First<'_>, columns: usize) {
         let features = self.features.len() / columns;
         let out = &mut self.hidden[0];
-        out.clear();
         out.resize(layer.outputs * columns, 0.0);
         for (unit, out) in out.chunks_exact_mut(columns).enumerate() {
-            let from = unit * first.stride + first.place.column;
-            let row = &first.matrix[from..from + first.place.count];
-            for (value, out) in row.iter().zip(out.chunks_exact_mut(first.samples)) {
-                out.fill(*value);
+            let row = &first.matrix[unit * first.stride..][..first.stride];
+            for segment in first.segments {
+                out[segment.columns.clone()].fill(row[segment.condition]);
+            }
+            if let Some(last) = first.segments.last() {
+                out[last.columns.end..].fill(0.0);
             }
             for (index, feature) in self.features.chunks_exact(columns).enumerate() {
-                let weight = weights[layer.weight_at(unit, layer.inputs - features + index)];
+                let weight = weights.values[layer.weight_at(unit, layer.inputs - features + index)];
                 for (out, feature) in out.iter_mut().zip(feature) {
                     *out += weight * feature;
                 }
             }
-            leaky_relu(out, slope);
+            leaky_relu(out, weights.layout.config.leaky_slope);
         }
     }
 
     #[inline(always)]
-    fn splines(&mut self, topology: Topology, bins: usize, points: &[f32], with_values: bool) {
+    fn splines(&mut self, topology: Topology, bins: usize, points: &[f32], with_values: bool, scratch: &mut Scratch) {
         let samples = points.len();
         self.values.resize(samples, 0.0);
         self.log_slopes.resize(samples, 0.0);
@@ -257,7 +335,7 @@ impl Network {
             of_values: &mut self.of_values,
             values: &mut self.values,
             log_slopes: &mut self.log_slopes,
-            scratch: &mut self.exponentials,
+            scratch: &mut scratch.spline,
         }
         .evaluate();
     }
@@ -267,44 +345,43 @@ impl Network {
     fn backward(
         &mut self,
         layers: &[Layer],
-        weights: &[f32],
+        weights: Weights<'_>,
         columns: usize,
-        slope: f32,
         first: &mut FirstMut<'_>,
+        scratch: &mut Scratch,
         gradient: &mut [f32],
     ) {
         for (index, layer) in layers.iter().enumerate().skip(1).rev() {
             let hidden = &self.hidden[index - 1];
-            let by_output = if index + 1 == layers.len() { &self.logits } else { &self.by_hidden };
+            let by_output = if index + 1 == layers.len() { &self.logits } else { &scratch.by_hidden };
             let by_output = Matrix::new(by_output, layer.outputs, columns);
             layer.add_gradient(by_output, Matrix::new(hidden, layer.inputs, columns), gradient);
-            layer.backward(weights, (0, layer.inputs), by_output, &mut self.scratch);
-            leaky_relu_backward(&mut self.scratch, hidden, slope);
-            std::mem::swap(&mut self.by_hidden, &mut self.scratch);
+            layer.backward(weights.values, (0, layer.inputs), by_output, &mut scratch.by_activation);
+            let slope = weights.layout.config.leaky_slope;
+            leaky_relu_backward(&scratch.by_activation, hidden, slope, &mut scratch.by_hidden);
         }
         let layer = &layers[0];
         let features = self.features.len() / columns;
-        for (unit, row) in self.by_hidden.chunks_exact(columns).enumerate() {
+        for (unit, row) in scratch.by_hidden.chunks_exact(columns).enumerate() {
             for (index, feature) in self.features.chunks_exact(columns).enumerate() {
                 gradient[layer.weight_at(unit, layer.inputs - features + index)] += dot(row, feature);
             }
-            let from = unit * first.stride + first.place.column;
-            let out = &mut first.matrix[from..from + first.place.count];
-            for (out, part) in out.iter_mut().zip(row.chunks_exact(first.samples)) {
-                *out += sum(part);
+            let out = &mut first.matrix[unit * first.stride..][..first.stride];
+            for segment in first.segments {
+                out[segment.condition] += sum(&row[segment.columns.clone()]);
             }
         }
     }
 
-    /// The loss's derivatives by the first feature.
+    /// The loss's derivatives by the first feature, from those by the first hidden layer.
     #[inline(always)]
-    fn by_first_feature(&mut self, layer: &Layer, weights: &[f32], columns: usize) {
+    fn by_first_feature(&self, layer: &Layer, weights: &[f32], columns: usize, scratch: &mut Scratch) {
         let features = self.features.len() / columns;
-        self.by_feature.clear();
-        self.by_feature.resize(columns, 0.0);
-        for (unit, row) in self.by_hidden.chunks_exact(columns).enumerate() {
+        scratch.by_feature.clear();
+        scratch.by_feature.resize(columns, 0.0);
+        for (unit, row) in scratch.by_hidden.chunks_exact(columns).enumerate() {
             let weight = weights[layer.weight_at(unit, layer.inputs - features)];
-            for (out, derivative) in self.by_feature.iter_mut().zip(row) {
+            for (out, derivative) in scratch.by_feature.iter_mut().zip(row) {
                 *out += weight * derivative;
             }
         }

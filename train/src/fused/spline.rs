@@ -21,7 +21,7 @@ pub(super) struct Splines<'a> {
     pub values: &'a mut [f32],
     /// Logarithms of the splines' slopes.
     pub log_slopes: &'a mut [f32],
-    /// Exponentials of the logits of widths and heights.
+    /// Exponentials of the logits of widths and heights, then the knots of both axes.
     pub scratch: &'a mut Vec<Lanes>,
 }
 
@@ -51,7 +51,7 @@ impl Splines<'_> {
     /// Evaluates all; to be inlined into a function that is compiled for the processor's SIMD instructions.
     #[inline(always)]
     pub fn evaluate(mut self) {
-        self.scratch.resize(2 * self.bins, [0.0; LANES]);
+        self.scratch.resize(4 * self.bins, [0.0; LANES]);
         for first in (0..self.samples).step_by(LANES) {
             self.strip(first);
         }
@@ -66,8 +66,12 @@ impl Splines<'_> {
         let x = self.positions(first);
         let widths = self.softmax(first, 0);
         let heights = self.softmax(first, bins);
-        let (index, across) = locate(&self.scratch[..bins], &widths, &x);
-        let up = pick(&self.scratch[bins..2 * bins], &heights, &index);
+        let (exponentials, knots) = self.scratch.split_at_mut(2 * bins);
+        let (lefts, bottoms) = knots.split_at_mut(bins);
+        let index = locate(&exponentials[..bins], &widths, &x, lefts);
+        accumulate(&exponentials[bins..], &heights, bottoms);
+        let across = pick(&exponentials[..bins], &widths, lefts, &index);
+        let up = pick(&exponentials[bins..], &heights, bottoms, &index);
         let (mut left_arguments, mut right_arguments) = ([0.0; LANES], [0.0; LANES]);
         for l in 0..LANES {
             let left = index[l] as usize;
@@ -152,7 +156,7 @@ impl Splines<'_> {
         for k in row..row + bins {
             let logits = lanes(self.logits, k * self.samples + first);
             for l in 0..LANES {
-                largest[l] = if logits[l] > largest[l] { logits[l] } else { largest[l] };
+                largest[l] = largest[l].max(logits[l]);
             }
         }
         let mut total = [0.0; LANES];
@@ -174,41 +178,51 @@ impl Splines<'_> {
     }
 }
 
-/// The bin of each `x`: its index and place.
+/// The index of the bin of each `x`, and the knots at the left of all bins.
+///
+/// Counting, not selecting: a conditional write to memory is slow on many processors.
 #[inline(always)]
-fn locate(exponentials: &[Lanes], softmax: &Softmax, x: &Lanes) -> ([u32; LANES], Bin) {
+fn locate(exponentials: &[Lanes], softmax: &Softmax, x: &Lanes, lefts: &mut [Lanes]) -> [u32; LANES] {
     let mut left = [0.0; LANES];
-    let mut index = [0_u32; LANES];
-    let (mut start, mut size) = ([0.0; LANES], [0.0; LANES]);
-    for (k, e) in exponentials.iter().enumerate() {
+    let mut reached = [0_u32; LANES];
+    for (e, out) in exponentials.iter().zip(lefts) {
+        *out = left;
         for l in 0..LANES {
-            let width = MIN_BIN as f32 + softmax.scale[l] * e[l];
-            // The first bin takes every `x`, and each later one those that have reached it.
-            let inside = x[l] >= left[l];
-            index[l] = if inside { k as u32 } else { index[l] };
-            start[l] = if inside { left[l] } else { start[l] };
-            size[l] = if inside { width } else { size[l] };
-            left[l] += width;
+            reached[l] += u32::from(x[l] >= left[l]);
+            left[l] += MIN_BIN as f32 + softmax.scale[l] * e[l];
         }
     }
-    (index, Bin { start, size })
+    // Every `x` has reached the first knot, which is 0.
+    for reached in &mut reached {
+        *reached -= 1;
+    }
+    reached
 }
 
-/// The place of the bin of a given index along the other axis.
+/// The knots at the start of all bins.
 #[inline(always)]
-fn pick(exponentials: &[Lanes], softmax: &Softmax, index: &[u32; LANES]) -> Bin {
-    let mut bottom = [0.0; LANES];
-    let (mut start, mut size) = ([0.0; LANES], [0.0; LANES]);
-    for (k, e) in exponentials.iter().enumerate() {
+fn accumulate(exponentials: &[Lanes], softmax: &Softmax, starts: &mut [Lanes]) {
+    let mut start = [0.0; LANES];
+    for (e, out) in exponentials.iter().zip(starts) {
+        *out = start;
         for l in 0..LANES {
-            let height = MIN_BIN as f32 + softmax.scale[l] * e[l];
-            let here = index[l] == k as u32;
-            start[l] = if here { bottom[l] } else { start[l] };
-            size[l] = if here { height } else { size[l] };
-            bottom[l] += height;
+            start[l] += MIN_BIN as f32 + softmax.scale[l] * e[l];
         }
     }
-    Bin { start, size }
+}
+
+/// The place of the bins of given indices along an axis.
+#[inline(always)]
+fn pick(exponentials: &[Lanes], softmax: &Softmax, starts: &[Lanes], index: &[u32; LANES]) -> Bin {
+    let mut bin = Bin { start: [0.0; LANES], size: [0.0; LANES] };
+    for l in 0..LANES {
+        bin.start[l] = starts[index[l] as usize][l];
+        bin.size[l] = exponentials[index[l] as usize][l];
+    }
+    for l in 0..LANES {
+        bin.size[l] = MIN_BIN as f32 + softmax.scale[l] * bin.size[l];
+    }
+    bin
 }
 
 /// Where a strip's derivatives go.
