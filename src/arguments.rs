@@ -8,7 +8,7 @@ use glam::Vec3A;
 use headtail_render::{
     environment::Environment,
     integrator::{Budget, View},
-    scene::{Camera, Scene},
+    scene::{Camera, MaterialSpec, Scene},
     tail::TailKind,
 };
 
@@ -26,6 +26,10 @@ pub struct ViewArguments {
     /// Put a grey diffuse plane under the scene.
     #[arg(long)]
     pub ground: bool,
+    /// Give every surface one material, the ground too: lambert[:albedo=A], ggx:alpha=A or ggx:alpha=LOW..HIGH (a width that
+    /// varies over the scene), both with [,f0=F]. Default: the scene's materials.
+    #[arg(long, value_name = "SPEC")]
+    pub material: Option<MaterialSpec>,
     /// Leave out shadow rays: every point sees the whole environment.
     #[arg(long)]
     pub unshadowed: bool,
@@ -121,6 +125,7 @@ impl From<TailArgument> for TailKind {
 /// Scene, camera and environment, opened.
 pub struct OpenedView {
     scene: Scene,
+    material: Option<MaterialSpec>,
     camera: Camera,
     /// The environment.
     pub environment: Arc<Environment>,
@@ -140,11 +145,16 @@ impl ViewArguments {
         let mut scene = Scene::open(&self.scene)?;
         // The camera frames the scene as it is, not the wide plane below it.
         let camera = self.camera.open(&scene)?;
+        let bounds = scene.bounds();
         if self.ground {
             scene.add_ground();
         }
+        if let Some(spec) = &self.material {
+            scene = scene.with_material(spec.material(&bounds));
+        }
         Ok(OpenedView {
             scene,
+            material: self.material,
             camera,
             environment,
             width: self.camera.width as usize,
@@ -167,9 +177,15 @@ impl OpenedView {
         }
     }
 
-    /// The scene's name.
-    pub fn scene_name(&self) -> &str {
-        self.scene.name()
+    /// The scene's name, with the material that it was given.
+    pub fn scene_name(&self) -> String {
+        let name = self.scene.name();
+        self.material.map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"))
+    }
+
+    /// Whether all surfaces reflect like Lambert's BRDF.
+    pub fn is_diffuse(&self) -> bool {
+        self.scene.is_diffuse()
     }
 }
 

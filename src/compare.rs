@@ -14,8 +14,8 @@ use headtail_render::{
     color::luminance,
     export::{ExportedSampler, Intermediate},
     image::{Image, read_radiance, write_exr},
-    integrator::{Budget, DirectEstimator, Rendering, render},
-    sampler::{EnvironmentLight, ProductSampler, SamplerSpec},
+    integrator::{Budget, DirectEstimator, Rendering, ResampledEstimator, SingleSample, render},
+    sampler::{BrdfSampler, EnvironmentLight, ProductSampler, Resampled, SamplerSpec},
     statistics::{ErrorMetrics, ttuv},
 };
 
@@ -30,7 +30,7 @@ use crate::{
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail compare --scene temple --env studio --samplers cosine,emitter,mis,ris:4 --spp 4,16,64 --out out/temple
-  headtail compare --scene spot.glb --ground --env room.hdr --samplers mis,direct:out/room-direct.safetensors,oracle --spp 16 --out out/spot
+  headtail compare --scene spot.glb --ground --material lambert --env room.hdr --samplers mis,direct:out/room-direct.safetensors,oracle --spp 16 --out out/spot
   headtail compare --scene dishes --env sunset --samplers mis,ris:4,head:out/sunset/sampler.safetensors --seconds 1,4 --runs 5 --out out/dishes
 
 Errors are measured over the pixels that surfaces cover entirely: what the camera sees of the environment is the same for \
@@ -38,7 +38,7 @@ every sampler. Ctrl-C writes a report of the runs that are done.")]
 pub struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
-    /// Samplers, separated by commas: cosine, emitter, mis, mis2, mis-comp, ris:M, head:FILE, baked:FILE, direct:FILE, oracle.
+    /// Samplers, separated by commas: brdf (or cosine), emitter, mis, mis2, mis-comp, ris:M, head:FILE, baked:FILE, direct:FILE, oracle.
     #[arg(long, value_name = "SPEC,...", value_delimiter = ',', required = true)]
     samplers: Vec<SamplerSpec>,
     /// Samples per pixel; several are separated by commas.
@@ -53,7 +53,8 @@ pub struct Arguments {
     /// Seed of the first run; run k has seed + k.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// OpenEXR image to measure errors against. Default: render one with the direct bake and --reference-spp.
+    /// OpenEXR image to measure errors against. Default: render one with the direct bake (glossy
+    /// scenes: RIS over it and the BRDF) and --reference-spp.
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
     /// Samples per pixel of the reference that is rendered.
@@ -104,7 +105,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let reference_pixels = select(&reference, &covered);
 
     let mut comparison = Comparison {
-        scene: opened.scene_name().to_owned(),
+        scene: opened.scene_name(),
         env: opened.environment.name().to_owned(),
         width: arguments.view.camera.width as usize,
         height: arguments.view.camera.height as usize,
@@ -184,13 +185,21 @@ fn reference(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool) -> R
         bake::direct(environment, TailArgument::Hierarchical, NormalGrid::new(16, 32)?, CellGrid::new(64, 64)?)?;
     let Intermediate::DirectBake(table) = baked.intermediate else { unreachable!("a direct bake was asked for") };
     let light = EnvironmentLight::with_tail(environment.clone(), baked.tail);
-    let estimator = headtail_render::integrator::SingleSample::new(ProductSampler::new(light, table));
+    let product = ProductSampler::new(light, table);
+    // The table knows the cosine, not the lobes of glossy surfaces: they are left to BRDF samples.
+    let (estimator, by): (Box<dyn DirectEstimator>, &str) = if opened.is_diffuse() {
+        (Box::new(SingleSample::new(product)), "the direct bake (64 x 64 cells)")
+    } else {
+        let brdf = BrdfSampler::new(environment.clone());
+        let resampled = ResampledEstimator::new(Resampled::new(product, brdf, 8)?);
+        (Box::new(resampled), "RIS of 8 candidates, from the direct bake (64 x 64 cells) and the BRDF,")
+    };
     // A seed far from those of the runs.
     let seed = arguments.seed ^ 0x5eed_0000_0000;
     let spp = if arguments.reference.is_some() { 64 } else { arguments.reference_spp };
     let bar = progress::bar(1000, "reference");
     let show = |spent: f64| bar.set_position((1000.0 * spent) as u64);
-    let rendering = render(opened.view(), &estimator, Budget::Spp(spp), seed, stop, &show);
+    let rendering = render(opened.view(), &*estimator, Budget::Spp(spp), seed, stop, &show);
     bar.finish_and_clear();
     let covered = rendering.coverage.iter().map(|share| *share == 1.0).collect();
     if let Some(file) = &arguments.reference {
@@ -207,8 +216,12 @@ fn reference(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool) -> R
     }
     let file = arguments.out.join("reference.exr");
     let image = rendering.composite();
-    write_exr(&file, &image, &attributes("direct", &rendering, seed))?;
-    let note = format!("Rendered with the direct bake (64 x 64 cells) at {} samples per pixel.", rendering.spp);
+    write_exr(
+        &file,
+        &image,
+        &attributes(if opened.is_diffuse() { "direct" } else { "ris:8:direct" }, &rendering, seed),
+    )?;
+    let note = format!("Rendered with {by} at {} samples per pixel.", rendering.spp);
     Ok((image, covered, note))
 }
 

@@ -62,6 +62,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         env: arguments.env.clone(),
         camera: CameraArguments::of_size(320, 240),
         ground: false,
+        material: None,
         unshadowed: false,
         threads: None,
     };

@@ -20,14 +20,15 @@ use crate::{
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail render --scene temple --env studio --sampler mis --spp 64 --out out/temple.exr
-  headtail render --scene spot.glb --ground --env room.hdr --sampler direct:out/room-direct.safetensors --seconds 10 --out out/spot.exr
+  headtail render --scene spot.glb --ground --material lambert --env room.hdr --sampler direct:out/room-direct.safetensors --seconds 10 --out out/spot.exr
+  headtail render --scene dishes --env studio --material ggx:alpha=0.2..0.8 --sampler mis --spp 64 --out out/glossy.exr
   headtail render --scene dishes --env sunset --sampler head:out/sunset/sampler.safetensors --spp 16 --unshadowed --out out/dishes.exr
 
 Ctrl-C writes what there is.")]
 pub struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
-    /// cosine, emitter, mis, mis2, mis-comp, ris:M, head:FILE, baked:FILE, direct:FILE or oracle.
+    /// brdf (or cosine), emitter, mis, mis2, mis-comp, ris:M, head:FILE, baked:FILE, direct:FILE or oracle.
     #[arg(long, value_name = "SPEC")]
     sampler: SamplerSpec,
     /// Samples per pixel.

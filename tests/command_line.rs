@@ -203,6 +203,22 @@ fn shadows_ground_and_camera_change_the_picture() {
 }
 
 #[test]
+fn one_material_can_be_given_to_every_surface() {
+    let here = folder();
+    let path = here.path();
+    let view = format!("render --scene dishes --env overcast --ground --unshadowed {SMALL}");
+    let render = |options: &str| {
+        succeed(path, &format!("{view} --spp 32 {options} --out a.exr"));
+        mean(&picture(&path.join("a.exr")))
+    };
+    let rough = render("--sampler mis --material ggx:alpha=0.2..0.8");
+    assert!((render("--sampler brdf --material ggx:alpha=0.2..0.8") / rough - 1.0).abs() < 0.03);
+    // White surfaces are brighter than the scene's own, and rough mirrors lose what they would reflect twice.
+    assert!(render("--sampler mis --material lambert") > 1.1 * render("--sampler mis"));
+    assert!(render("--sampler mis --material ggx:alpha=0.5") > 1.05 * render("--sampler mis --material ggx:alpha=1"));
+}
+
+#[test]
 fn gltf_files_are_scenes() {
     let here = folder();
     // Three corners of three floats: (-1, -1, 0), (1, -1, 0), (0, 1, 0).

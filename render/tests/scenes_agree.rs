@@ -8,7 +8,7 @@ use std::{
     },
 };
 
-use glam::Vec3A;
+use glam::{Vec2, Vec3A};
 use headtail_render::{
     bake::{BakedTable, CellGrid, CellPoints, NormalGrid, direct_bake},
     environment::{Environment, built_in},
@@ -18,7 +18,7 @@ use headtail_render::{
     integrator::{Budget, Rendering, View, render},
     random::{Purpose, Stream},
     sampler::{EnvironmentLight, IntermediateDensity, SamplerSpec},
-    scene::{Material, Scene, built_in_names},
+    scene::{Material, MaterialSpec, Ray, Scene, TexturedMetallicRoughness, built_in_names},
     statistics::{Moments, compare_images, sidak},
     tail::{Tail, TailKind},
 };
@@ -208,6 +208,91 @@ fn all_samplers_render_the_same_picture() {
                     let test = compare_images(a, b, 16, significance).unwrap();
                     assert!(test.passed(), "{name} under {map}, {first} against {second}: {test}");
                 }
+            }
+        }
+    }
+}
+
+/// What each pixel of a view shows in a white furnace without shadows: the directional albedo, averaged over 2 x 2 rays.
+fn furnace(scene: &Scene) -> Vec<f64> {
+    const SIDE: usize = 48;
+    let camera = scene.camera();
+    let albedo = |ray: &Ray| {
+        let Some(at) = scene.intersect(ray) else { return 1.0 };
+        let weight = |k: usize| {
+            let u = Vec2::new((k % SIDE) as f32 + 0.5, (k / SIDE) as f32 + 0.5) / SIDE as f32;
+            at.brdf.sample(at.ns, at.wo, u).map_or(0.0, |(wi, pdf)| f64::from(at.brdf_cosine(wi).y / pdf))
+        };
+        (0..SIDE * SIDE).map(weight).sum::<f64>() / (SIDE * SIDE) as f64
+    };
+    let pixel = |k: usize| {
+        let rays = [(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)];
+        let (x, y) = ((k % WIDTH) as f32, (k / WIDTH) as f32);
+        rays.map(|(dx, dy)| albedo(&camera.ray(x + dx, y + dy, WIDTH, HEIGHT))).iter().sum::<f64>() / 4.0
+    };
+    (0..WIDTH * HEIGHT).map(pixel).collect()
+}
+
+#[test]
+fn glossy_surfaces_in_a_white_furnace_show_their_albedo() {
+    let folder = tempfile::tempdir().unwrap();
+    let white = Image { width: 32, height: 16, pixels: vec![[1.0; 3]; 32 * 16] };
+    let environment = Arc::new(Environment::from_image("white", white).unwrap());
+    let plane = || Scene::built_in("plane").unwrap();
+    let spec = |text: &str| text.parse::<MaterialSpec>().unwrap().material(&plane().bounds());
+    let dielectric = Material::MetallicRoughness(TexturedMetallicRoughness {
+        base_color: Vec3A::splat(0.7),
+        base_color_texture: None,
+        metallic: 0.2,
+        roughness: 0.5,
+        metallic_roughness_texture: None,
+    });
+    let materials =
+        [("ggx 0.4", spec("ggx:alpha=0.4")), ("ggx 0.2 to 0.8", spec("ggx:alpha=0.2..0.8")), ("mixture", dielectric)];
+    let mut tested = samplers(folder.path(), &environment);
+    tested.push(SamplerSpec::Cosine);
+    tested.push(SamplerSpec::Oracle);
+    for (name, material) in materials {
+        let scene = plane().with_material(material);
+        let truth = furnace(&scene);
+        let setting = Setting { scene, environment: environment.clone(), unshadowed: true };
+        for sampler in &tested {
+            let spp = if *sampler == SamplerSpec::Oracle { 1 } else { 16 };
+            let image = setting.render(sampler, spp, 2).composite();
+            let differences: Vec<f64> =
+                image.pixels.iter().zip(&truth).map(|(pixel, truth)| f64::from(pixel[1]) - truth).collect();
+            let moments = Moments::of(&differences).unwrap();
+            let error = (moments.variance / differences.len() as f64).sqrt();
+            // 4 standard errors as above, with 33 tests: 0.01 / 33 is 3.6 of them. Points of `furnace` miss some 3e-4 at the horizon.
+            let deviation = moments.mean;
+            assert!(deviation.abs() <= 4.0 * error + 3e-4, "{name}, {sampler}: off by {deviation} +- {error}");
+        }
+    }
+}
+
+#[test]
+fn all_samplers_render_the_same_glossy_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let environment = Arc::new(built_in("window").unwrap());
+    for material in ["ggx:alpha=0.4", "ggx:alpha=0.2..0.8"] {
+        let scene = Scene::built_in("dishes").unwrap();
+        let bounds = scene.bounds();
+        let scene = scene.with_material(material.parse::<MaterialSpec>().unwrap().material(&bounds));
+        let setting = Setting { scene, environment: environment.clone(), unshadowed: false };
+        let mut tested: Vec<(SamplerSpec, u32)> =
+            samplers(folder.path(), &environment).into_iter().map(|sampler| (sampler, 48)).collect();
+        tested.push((SamplerSpec::Cosine, 64));
+        tested.push((SamplerSpec::Oracle, 1));
+        let images: Vec<(String, Image)> = tested
+            .iter()
+            .enumerate()
+            .map(|(k, (sampler, spp))| (sampler.to_string(), setting.render(sampler, *spp, 30 + k as u64).surfaces))
+            .collect();
+        let significance = sidak(SIGNIFICANCE, images.len() * (images.len() - 1));
+        for (k, (first, a)) in images.iter().enumerate() {
+            for (second, b) in &images[k + 1..] {
+                let test = compare_images(a, b, 16, significance).unwrap();
+                assert!(test.passed(), "{material}, {first} against {second}: {test}");
             }
         }
     }

@@ -41,10 +41,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let fitted = train(&environment, &config, outputs, &*progress::stop_flag()?)?;
     let (summary, before, after) = (&fitted.summary, fitted.summary.initial, fitted.summary.divergence);
+    let untrained = if config.naive || config.head.selection { "untrained" } else { "tail alone" };
     println!(
-        "KL {:.4} nats ({} {:.4}), relative variance {:.4} ({1} {:.3}), {} steps{}",
+        "KL {:.4} nats ({untrained} {:.4}), relative variance {:.4} ({untrained} {:.3}), {} steps{}",
         after.kl,
-        if config.naive { "untrained" } else { "tail alone" },
         before.kl,
         after.relative_variance,
         before.relative_variance,

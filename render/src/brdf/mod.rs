@@ -2,9 +2,13 @@
 
 mod ggx;
 mod lambert;
+mod lobe_albedo;
+mod metallic_roughness;
 
 pub use ggx::Ggx;
 pub use lambert::Lambert;
+pub(crate) use lobe_albedo::tabulate as tabulate_lobe_albedo;
+pub use metallic_roughness::MetallicRoughness;
 
 use glam::{Vec2, Vec3A};
 
@@ -15,6 +19,8 @@ pub enum Brdf {
     Lambert(Lambert),
     /// Rough mirror.
     Ggx(Ggx),
+    /// A diffuse lobe below a specular one.
+    MetallicRoughness(MetallicRoughness),
 }
 
 impl Brdf {
@@ -23,6 +29,7 @@ impl Brdf {
         match self {
             Self::Lambert(lambert) => lambert.evaluate_cosine(normal, wo, wi),
             Self::Ggx(ggx) => ggx.evaluate_cosine(normal, wo, wi),
+            Self::MetallicRoughness(mixture) => mixture.evaluate_cosine(normal, wo, wi),
         }
     }
 
@@ -31,6 +38,7 @@ impl Brdf {
         match self {
             Self::Lambert(lambert) => lambert.sample(normal, wo, u),
             Self::Ggx(ggx) => ggx.sample(normal, wo, u),
+            Self::MetallicRoughness(mixture) => mixture.sample(normal, wo, u),
         }
     }
 
@@ -39,6 +47,16 @@ impl Brdf {
         match self {
             Self::Lambert(lambert) => lambert.pdf(normal, wo, wi),
             Self::Ggx(ggx) => ggx.pdf(normal, wo, wi),
+            Self::MetallicRoughness(mixture) => mixture.pdf(normal, wo, wi),
+        }
+    }
+
+    /// The width in radians of the narrowest lobe, to within a small factor.
+    pub fn narrowest_lobe(&self) -> f32 {
+        match self {
+            Self::Lambert(_) => std::f32::consts::PI,
+            Self::Ggx(ggx) => ggx.alpha(),
+            Self::MetallicRoughness(mixture) => mixture.alpha(),
         }
     }
 }

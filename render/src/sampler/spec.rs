@@ -22,7 +22,7 @@ use crate::{
 /// A sampler by name, with the file it is read from where it has one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SamplerSpec {
-    /// BRDF sampling (cosine sampling on Lambert surfaces).
+    /// BRDF sampling, `brdf`; on Lambert surfaces it is cosine sampling, hence its other name, under which it is printed.
     Cosine,
     /// Emitter sampling.
     Emitter,
@@ -53,11 +53,12 @@ impl FromStr for SamplerSpec {
             Some(file) if !file.is_empty() => Ok(PathBuf::from(file)),
             _ => Err(Error::argument(format!("sampler '{text}'"), format!("name a file, as in {name}:FILE"))),
         };
-        if argument.is_some() && matches!(name, "cosine" | "emitter" | "mis" | "mis2" | "mis-comp" | "oracle") {
+        if argument.is_some() && matches!(name, "brdf" | "cosine" | "emitter" | "mis" | "mis2" | "mis-comp" | "oracle")
+        {
             return Err(Error::argument(format!("sampler '{text}'"), format!("'{name}' takes nothing after a colon")));
         }
         Ok(match name {
-            "cosine" => Self::Cosine,
+            "brdf" | "cosine" => Self::Cosine,
             "emitter" => Self::Emitter,
             "mis" => Self::Mis,
             "mis2" => Self::Mis2,
@@ -74,7 +75,8 @@ impl FromStr for SamplerSpec {
             "direct" => Self::Direct(file()?),
             "oracle" => Self::Oracle,
             _ => {
-                let known = "cosine, emitter, mis, mis2, mis-comp, ris:4, head:FILE, baked:FILE, direct:FILE, oracle";
+                let known =
+                    "brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, head:FILE, baked:FILE, direct:FILE, oracle";
                 return Err(Error::argument(format!("sampler '{text}'"), format!("is not one of {known}")));
             }
         })
@@ -173,8 +175,13 @@ mod tests {
     }
 
     #[test]
+    fn brdf_is_another_name_of_cosine() {
+        assert_eq!("brdf".parse::<SamplerSpec>().unwrap(), SamplerSpec::Cosine);
+    }
+
+    #[test]
     fn mistakes_are_named() {
-        for text in ["", "ris", "ris:0", "ris:x", "head", "head:", "mis:4", "best"] {
+        for text in ["", "ris", "ris:0", "ris:x", "head", "head:", "mis:4", "brdf:1", "best"] {
             let error = text.parse::<SamplerSpec>().unwrap_err().to_string();
             assert!(error.contains(&format!("'{text}'")), "{error}");
         }

@@ -1,40 +1,151 @@
-//! Surface materials.
+//! Surface materials: what the BRDF is at each point of a surface.
 
-use std::sync::Arc;
+use std::{f32::consts::TAU, sync::Arc};
 
 use glam::{Vec2, Vec3A};
 
-use super::texture::Texture;
-use crate::brdf::{Brdf, Lambert};
+use super::{Bounds, texture::Texture};
+use crate::brdf::{Brdf, Ggx, Lambert, MetallicRoughness};
 
-/// The metallic-roughness material of glTF.
-///
-/// Today's BRDF is Lambert's with the base colour as albedo; metalness and roughness are kept as they were read.
+/// What a surface is made of.
 #[derive(Clone, Debug)]
-pub struct Material {
-    /// Linear Rec.709 base colour, which multiplies the texture.
-    pub base_color: Vec3A,
-    /// Base-colour texture.
-    pub base_color_texture: Option<Arc<Texture>>,
-    /// Metalness in `[0, 1]`.
-    pub metallic: f32,
-    /// Roughness in `[0, 1]`; the Trowbridge-Reitz width is its square.
-    pub roughness: f32,
+pub enum Material {
+    /// Ideal diffuse reflection of a linear Rec.709 albedo, which is brought into `[0, 1]`.
+    Diffuse(Vec3A),
+    /// A rough mirror.
+    Ggx {
+        /// Its width, which may change over the surface.
+        alpha: AlphaField,
+        /// Reflectance per channel at normal incidence.
+        f0: Vec3A,
+    },
+    /// The metallic-roughness material of glTF.
+    MetallicRoughness(TexturedMetallicRoughness),
+}
+
+/// The point of a surface that a material is asked about.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SurfacePoint {
+    /// Position in metres.
+    pub p: Vec3A,
+    /// Texture coordinates, v downwards, of the base colour; `None` where the surface has none.
+    pub color_uv: Option<Vec2>,
+    /// The same of metalness and roughness.
+    pub roughness_uv: Option<Vec2>,
 }
 
 impl Material {
     /// A diffuse material of a linear Rec.709 albedo.
     pub fn diffuse(albedo: Vec3A) -> Self {
-        Self { base_color: albedo, base_color_texture: None, metallic: 0.0, roughness: 1.0 }
+        Self::Diffuse(albedo)
     }
 
-    /// The BRDF at texture coordinates `uv`; a texture is left out where the surface has no coordinates.
-    pub fn brdf(&self, uv: Option<Vec2>) -> Brdf {
-        let texture = match (&self.base_color_texture, uv) {
+    /// Whether it reflects like Lambert's BRDF.
+    pub fn is_diffuse(&self) -> bool {
+        matches!(self, Self::Diffuse(_))
+    }
+
+    /// The BRDF at a point.
+    pub fn brdf(&self, at: &SurfacePoint) -> Brdf {
+        match self {
+            Self::Diffuse(albedo) => Brdf::Lambert(Lambert { albedo: albedo.clamp(Vec3A::ZERO, Vec3A::ONE) }),
+            Self::Ggx { alpha, f0 } => Brdf::Ggx(Ggx::new(alpha.at(at.p), *f0)),
+            Self::MetallicRoughness(textured) => Brdf::MetallicRoughness(textured.at(at)),
+        }
+    }
+}
+
+/// Factors and textures of glTF's metallic-roughness material. A texture is left out where the surface has no coordinates for it.
+#[derive(Clone, Debug)]
+pub struct TexturedMetallicRoughness {
+    /// Linear Rec.709 base colour, which multiplies the texture.
+    pub base_color: Vec3A,
+    /// Base colour, sRGB.
+    pub base_color_texture: Option<Arc<Texture>>,
+    /// Metalness in `[0, 1]`, which multiplies the texture.
+    pub metallic: f32,
+    /// Roughness in `[0, 1]`, which multiplies the texture; the Trowbridge-Reitz width is its square.
+    pub roughness: f32,
+    /// Roughness in green and metalness in blue, linear.
+    pub metallic_roughness_texture: Option<Arc<Texture>>,
+}
+
+impl TexturedMetallicRoughness {
+    fn at(&self, at: &SurfacePoint) -> MetallicRoughness {
+        let color = match (&self.base_color_texture, at.color_uv) {
             (Some(texture), Some(uv)) => texture.sample(uv),
             _ => Vec3A::ONE,
         };
-        let albedo = (self.base_color * texture).clamp(Vec3A::ZERO, Vec3A::ONE);
-        Brdf::Lambert(Lambert { albedo })
+        let factors = match (&self.metallic_roughness_texture, at.roughness_uv) {
+            (Some(texture), Some(uv)) => texture.sample_linear(uv),
+            _ => Vec3A::ONE,
+        };
+        MetallicRoughness::new(self.base_color * color, self.metallic * factors.z, self.roughness * factors.y)
+    }
+}
+
+/// The waves of an [`AlphaField`] along two directions, in periods across the scene. Neither is square to an axis, so no wall and
+/// no floor is of one width.
+const WAVES: [Vec3A; 2] = [Vec3A::new(3.0, 1.0, 2.0), Vec3A::new(-1.0, 2.0, 3.0)];
+
+/// A Trowbridge-Reitz width that changes smoothly with the position in world space.
+///
+/// With `q` the position relative to the scene's centre over its largest extent, and `a`, `b` two fixed directions, the width is
+/// `low + (high - low) (1/2 + sin(2 pi a . q) / 4 + sin(2 pi b . q) / 4)`: some three periods across the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AlphaField {
+    low: f32,
+    high: f32,
+    center: Vec3A,
+    /// Radians per metre, for one period across the scene.
+    frequency: f32,
+}
+
+impl AlphaField {
+    /// The field between `low` and `high` over a scene's bounds.
+    pub fn new(low: f32, high: f32, bounds: &Bounds) -> Self {
+        let extent = bounds.extent().max_element();
+        // A scene without extent has one width: the middle.
+        let (center, frequency) = if extent > 0.0 { (bounds.center(), TAU / extent) } else { (Vec3A::ZERO, 0.0) };
+        Self { low, high, center, frequency }
+    }
+
+    /// The same width everywhere.
+    pub fn constant(alpha: f32) -> Self {
+        Self { low: alpha, high: alpha, center: Vec3A::ZERO, frequency: 0.0 }
+    }
+
+    /// The width at a position in metres.
+    pub fn at(&self, p: Vec3A) -> f32 {
+        let q = (p - self.center) * self.frequency;
+        let t = 0.5 + 0.25 * WAVES.iter().map(|wave| wave.dot(q).sin()).sum::<f32>();
+        self.low + (self.high - self.low) * t.clamp(0.0, 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_field_of_widths_reaches_both_ends_on_every_wall() {
+        let bounds = Bounds { min: Vec3A::new(-3.0, 0.0, 10.0), max: Vec3A::new(5.0, 4.0, 16.0) };
+        let field = AlphaField::new(0.2, 0.8, &bounds);
+        let places = |k: u16| {
+            let (x, y) = (f32::from(k % 100) / 99.0, f32::from(k / 100) / 99.0);
+            [Vec3A::new(0.0, x, y), Vec3A::new(x, 0.0, y), Vec3A::new(x, y, 0.0)]
+        };
+        for wall in 0..3 {
+            let widths = (0..10_000).map(|k| field.at(bounds.min + places(k)[wall] * 8.0));
+            let (least, most) = widths.fold((1.0_f32, 0.0_f32), |(a, b), width| (a.min(width), b.max(width)));
+            assert!((0.2..0.23).contains(&least) && (0.77..=0.8).contains(&most), "wall {wall}: {least} to {most}");
+        }
+    }
+
+    #[test]
+    fn without_a_range_or_an_extent_there_is_one_width() {
+        assert_eq!(AlphaField::constant(0.4).at(Vec3A::splat(7.0)), 0.4);
+        assert_eq!(AlphaField::new(0.4, 0.4, &Bounds { min: Vec3A::ZERO, max: Vec3A::ONE }).at(Vec3A::X), 0.4);
+        assert_eq!(AlphaField::new(0.25, 0.75, &Bounds::EMPTY).at(Vec3A::X), 0.5);
     }
 }

@@ -16,6 +16,8 @@ pub struct Mesh {
     pub(super) normals: Vec<Vec3>,
     /// `[vertices]` texture coordinates, v downwards; empty where there are none.
     pub(super) texcoords: Vec<Vec2>,
+    /// The same for metalness and roughness, where they have coordinates of their own.
+    pub(super) roughness_texcoords: Option<Vec<Vec2>>,
     /// `[triangles]` vertex indices, counter-clockwise as seen from outside.
     pub(super) triangles: Vec<[u32; 3]>,
     /// Index into the scene's materials.
@@ -37,10 +39,8 @@ impl Mesh {
         material: usize,
     ) -> Result<Self> {
         let vertices = positions.len();
-        for (what, length) in [("normals", normals.len()), ("texture coordinates", texcoords.len())] {
-            if length != 0 && length != vertices {
-                return Err(Error::argument(what, format!("there are {length}, but {vertices} positions")));
-            }
+        if !normals.is_empty() && normals.len() != vertices {
+            return Err(Error::argument("normals", format!("there are {}, but {vertices} positions", normals.len())));
         }
         if let Some(i) = positions.iter().position(|p| !p.abs().cmple(Vec3::splat(MAX_COORDINATE)).all()) {
             let reason =
@@ -50,17 +50,24 @@ impl Mesh {
         if let Some(i) = normals.iter().position(|n| !n.is_finite()) {
             return Err(Error::argument("normals", format!("vertex {i} has {}, which is not finite", normals[i])));
         }
-        if let Some(i) = texcoords.iter().position(|t| !t.is_finite()) {
-            let reason = format!("vertex {i} has {}, which is not finite", texcoords[i]);
-            return Err(Error::argument("texture coordinates", reason));
-        }
+        check_texcoords(&texcoords, vertices)?;
         if let Some(&index) = triangles.iter().flatten().find(|&&index| index as usize >= vertices) {
             return Err(Error::argument(
                 "indices",
                 format!("index {index} is out of range: there are {vertices} vertices"),
             ));
         }
-        Ok(Self { positions, normals, texcoords, triangles, material })
+        Ok(Self { positions, normals, texcoords, roughness_texcoords: None, triangles, material })
+    }
+
+    /// The mesh with texture coordinates `[vertices]` (or none) for metalness and roughness that are not those of the base colour.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_roughness_texcoords(mut self, texcoords: Vec<Vec2>) -> Result<Self> {
+        check_texcoords(&texcoords, self.positions.len())?;
+        self.roughness_texcoords = Some(texcoords);
+        Ok(self)
     }
 
     /// The three corners of a triangle.
@@ -97,7 +104,21 @@ impl Mesh {
         self.positions.extend(&other.positions);
         self.normals.extend(&other.normals);
         self.texcoords.extend(&other.texcoords);
+        if let (Some(own), Some(other)) = (&mut self.roughness_texcoords, &other.roughness_texcoords) {
+            own.extend(other);
+        }
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|i| first + i)));
+    }
+}
+
+fn check_texcoords(texcoords: &[Vec2], vertices: usize) -> Result<()> {
+    let wrong = |reason| Err(Error::argument("texture coordinates", reason));
+    if !texcoords.is_empty() && texcoords.len() != vertices {
+        return wrong(format!("there are {}, but {vertices} positions", texcoords.len()));
+    }
+    match texcoords.iter().position(|t| !t.is_finite()) {
+        Some(i) => wrong(format!("vertex {i} has {}, which is not finite", texcoords[i])),
+        None => Ok(()),
     }
 }
 

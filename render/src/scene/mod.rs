@@ -6,6 +6,7 @@ mod camera;
 mod gltf;
 mod ground;
 mod material;
+mod material_spec;
 mod mesh;
 mod ray;
 mod texture;
@@ -13,7 +14,8 @@ mod texture;
 pub use built_in::built_in_names;
 pub use bvh::{Bvh, Hit};
 pub use camera::Camera;
-pub use material::Material;
+pub use material::{AlphaField, Material, SurfacePoint, TexturedMetallicRoughness};
+pub use material_spec::{AlphaRange, MaterialSpec};
 pub use mesh::{MAX_COORDINATE, Mesh};
 pub use ray::{Bounds, Ray};
 pub use texture::{Texture, Wrap};
@@ -128,6 +130,11 @@ impl Scene {
         self
     }
 
+    /// Whether all surfaces reflect like Lambert's BRDF.
+    pub fn is_diffuse(&self) -> bool {
+        self.meshes.iter().all(|mesh| self.materials[mesh.material].is_diffuse())
+    }
+
     /// The built-in name, or the file's name without its extension.
     pub fn name(&self) -> &str {
         &self.name
@@ -170,9 +177,12 @@ impl Scene {
         let ng = if wound.dot(wo) < 0.0 { -wound } else { wound };
         let interpolated = (!mesh.normals.is_empty())
             .then(|| (0..3).map(|k| weights[k] * Vec3A::from(mesh.normals[vertices[k]]).normalize_or_zero()).sum());
-        let uv = (!mesh.texcoords.is_empty())
-            .then(|| (0..3).map(|k| weights[k] * mesh.texcoords[vertices[k]]).sum::<Vec2>());
-        let brdf = self.materials[mesh.material].brdf(uv);
+        let uv = |texcoords: &[Vec2]| {
+            (!texcoords.is_empty()).then(|| (0..3).map(|k| weights[k] * texcoords[vertices[k]]).sum::<Vec2>())
+        };
+        let color_uv = uv(&mesh.texcoords);
+        let roughness_uv = mesh.roughness_texcoords.as_ref().map_or(color_uv, |own| uv(own));
+        let brdf = self.materials[mesh.material].brdf(&SurfacePoint { p, color_uv, roughness_uv });
         Some(ShadingPoint { p, ng, ns: shading_normal(interpolated.unwrap_or(ng), ng, wo), wo, brdf })
     }
 

@@ -1,4 +1,4 @@
-//! Colour textures: 8-bit sRGB texels, looked up bilinearly in linear light.
+//! Textures of 8-bit texels: colours in sRGB, looked up bilinearly in linear light, or numbers.
 
 use std::sync::LazyLock;
 
@@ -40,7 +40,7 @@ impl Wrap {
     }
 }
 
-/// An sRGB colour texture.
+/// A texture of three channels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     width: usize,
@@ -50,7 +50,7 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// A texture of `[height * width]` sRGB texels, row-major from the top left; `wrap` is for u and v.
+    /// A texture of `[height * width]` texels, row-major from the top left; `wrap` is for u and v.
     ///
     /// # Errors
     /// When it has no texels or their number is not `width * height`.
@@ -62,22 +62,30 @@ impl Texture {
         Ok(Self { width, height, texels, wrap })
     }
 
-    /// The linear colour at texture coordinates `uv` (v downwards, texel centres at half-integers), interpolated
+    /// The linear colour of sRGB texels at texture coordinates `uv` (v downwards, texel centres at half-integers), interpolated
     /// between the four nearest texels.
     pub fn sample(&self, uv: Vec2) -> Vec3A {
+        self.interpolate(uv, |code| DECODED[usize::from(code)])
+    }
+
+    /// The same of texels that are numbers, not colours: 0 to 255 stand for 0 to 1.
+    pub fn sample_linear(&self, uv: Vec2) -> Vec3A {
+        self.interpolate(uv, |code| f32::from(code) / 255.0)
+    }
+
+    fn interpolate(&self, uv: Vec2, decode: impl Fn(u8) -> f32) -> Vec3A {
         let x = uv.x * self.width as f32 - 0.5;
         let y = uv.y * self.height as f32 - 0.5;
         let (left, top) = (x.floor(), y.floor());
         let (s, t) = (x - left, y - top);
         // The conversion saturates, and the bounds keep the additions below from overflowing.
         let [left, top] = [left, top].map(|i| (i as i64).clamp(-(1 << 60), 1 << 60));
-        let row = |y: i64| self.texel(left, y).lerp(self.texel(left + 1, y), s);
+        let texel = |x: i64, y: i64| {
+            let (x, y) = (self.wrap[0].texel(x, self.width), self.wrap[1].texel(y, self.height));
+            Vec3A::from_array(self.texels[y * self.width + x].map(&decode))
+        };
+        let row = |y: i64| texel(left, y).lerp(texel(left + 1, y), s);
         row(top).lerp(row(top + 1), t)
-    }
-
-    fn texel(&self, x: i64, y: i64) -> Vec3A {
-        let (x, y) = (self.wrap[0].texel(x, self.width), self.wrap[1].texel(y, self.height));
-        Vec3A::from_array(self.texels[y * self.width + x].map(|code| DECODED[usize::from(code)]))
     }
 }
 
@@ -95,6 +103,13 @@ mod tests {
         assert_eq!(texture.sample(Vec2::new(0.25, 0.5)), Vec3A::ZERO);
         assert_eq!(texture.sample(Vec2::new(0.75, 0.5)), Vec3A::ONE);
         assert_eq!(texture.sample(Vec2::new(0.5, 0.5)), Vec3A::splat(0.5));
+    }
+
+    #[test]
+    fn numbers_are_not_decoded_as_colors() {
+        let texture = Texture::new(1, 1, vec![[0, 51, 255]], [Wrap::Clamp; 2]).unwrap();
+        assert_eq!(texture.sample_linear(Vec2::splat(0.5)), Vec3A::new(0.0, 0.2, 1.0));
+        assert!(texture.sample(Vec2::splat(0.5)).y < 0.04);
     }
 
     #[test]

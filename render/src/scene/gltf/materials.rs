@@ -1,4 +1,4 @@
-//! Materials and their base-colour textures.
+//! Metallic-roughness materials and their textures.
 
 use std::{
     collections::{BTreeSet, HashMap},
@@ -12,8 +12,9 @@ use image::{ImageFormat, ImageReader, Limits};
 
 use super::{default_material, document::Document, in_field};
 use crate::{
+    brdf::tabulate_lobe_albedo,
     error::Result,
-    scene::{Material, Texture, Wrap},
+    scene::{Material, Texture, TexturedMetallicRoughness, Wrap},
 };
 
 /// The largest width or height of an image.
@@ -36,6 +37,7 @@ pub fn read_all(document: &Document, used: &BTreeSet<usize>) -> Result<Vec<Mater
         });
     }
     materials.push(default_material());
+    tabulate_lobe_albedo();
     Ok(materials)
 }
 
@@ -58,16 +60,17 @@ fn read_material(
     unit("baseColorFactor", &color.to_array())?;
     unit("metallicFactor", &[pbr.metallic_factor.0])?;
     unit("roughnessFactor", &[pbr.roughness_factor.0])?;
-    let base_color_texture = match &pbr.base_color_texture {
-        Some(info) => Some(textures.get(info.index, &format!("{field}.baseColorTexture.index"))?),
-        None => None,
+    let mut texture = |info: &Option<json::texture::Info>, name: &str| match info {
+        Some(info) => textures.get(info.index, &format!("{field}.{name}.index")).map(Some),
+        None => Ok(None),
     };
-    Ok(Material {
+    Ok(Material::MetallicRoughness(TexturedMetallicRoughness {
         base_color: Vec3A::from(color.truncate()),
-        base_color_texture,
+        base_color_texture: texture(&pbr.base_color_texture, "baseColorTexture")?,
         metallic: pbr.metallic_factor.0.min(1.0),
         roughness: pbr.roughness_factor.0.min(1.0),
-    })
+        metallic_roughness_texture: texture(&pbr.metallic_roughness_texture, "metallicRoughnessTexture")?,
+    }))
 }
 
 /// The textures read so far.

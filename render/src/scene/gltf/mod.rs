@@ -16,15 +16,15 @@ mod tests;
 
 use std::{collections::BTreeSet, path::Path};
 
-use super::{Material, Mesh, Scene};
+use super::{Material, Mesh, Scene, TexturedMetallicRoughness};
 use crate::error::{Error, Result};
 use document::Document;
 
 impl Scene {
     /// Loads the default scene of a glTF 2.0 file (`.gltf` or `.glb`), with its first perspective camera if it has one.
     ///
-    /// Read are the node hierarchy, triangles with normals and texture coordinates, and materials with their
-    /// base-colour texture. Skins, morph targets, transparency and the other textures are left out, as is the roll of
+    /// Read are the node hierarchy, triangles with normals and texture coordinates, and metallic-roughness materials with
+    /// their textures. Skins, morph targets, transparency and the other textures are left out, as is the roll of
     /// the camera.
     ///
     /// # Errors
@@ -55,7 +55,13 @@ fn in_field(document: &Document, field: &str, error: Error) -> Error {
     }
 }
 
-/// The material of primitives without one: glTF's defaults, white and rough.
+/// The material of primitives without one: glTF's defaults, a white metal as rough as can be.
 fn default_material() -> Material {
-    Material { metallic: 1.0, ..Material::diffuse(glam::Vec3A::ONE) }
+    Material::MetallicRoughness(TexturedMetallicRoughness {
+        base_color: glam::Vec3A::ONE,
+        base_color_texture: None,
+        metallic: 1.0,
+        roughness: 1.0,
+        metallic_roughness_texture: None,
+    })
 }

@@ -23,9 +23,11 @@ pub fn read_mesh(document: &Document, instance: &Instance) -> Result<Vec<Mesh>> 
     for (i, primitive) in document.root().meshes[instance.mesh].primitives.iter().enumerate() {
         let field = format!("meshes[{}].primitives[{i}]", instance.mesh);
         let Some(mesh) = read_primitive(document, primitive, &field)? else { continue };
-        let Mesh { positions, normals, texcoords, triangles, material } = mesh.transformed(&instance.to_world);
+        let Mesh { positions, normals, texcoords, roughness_texcoords, triangles, material } =
+            mesh.transformed(&instance.to_world);
         // Checked a second time: the transform may have made them infinite.
-        let placed = Mesh::new(positions, normals, texcoords, triangles, material);
+        let placed = Mesh::new(positions, normals, texcoords, triangles, material)
+            .map(|mesh| Mesh { roughness_texcoords, ..mesh });
         meshes.push(placed.map_err(|error| in_field(document, &format!("{field}, placed by its node"), error))?);
     }
     Ok(meshes)
@@ -50,11 +52,17 @@ fn read_primitive(document: &Document, primitive: &Primitive, field: &str) -> Re
         Some(normals) => read_vectors(document, normals, &at("NORMAL"))?,
         None => Vec::new(),
     };
-    let (material, texcoord_set) = material(document, primitive, field)?;
-    let texcoords = match texcoord_set.and_then(|set| attribute(Semantic::TexCoords(set))) {
-        Some(texcoords) => read_vectors(document, texcoords, &at("TEXCOORD"))?,
-        None => Vec::new(),
+    let (material, [color_set, roughness_set]) = material(document, primitive, field)?;
+    let texcoords = |set: Option<u32>| -> Result<Vec<Vec2>> {
+        Ok(match set.and_then(|set| attribute(Semantic::TexCoords(set))) {
+            Some(texcoords) => {
+                read_vectors(document, texcoords, &at("TEXCOORD"))?.into_iter().map(Vec2::from_array).collect()
+            }
+            None => Vec::new(),
+        })
     };
+    let roughness_texcoords = if roughness_set == color_set { None } else { Some(texcoords(roughness_set)?) };
+    let texcoords = texcoords(color_set)?;
     let indices = match primitive.indices {
         Some(indices) => read_indices(document, indices, &format!("{field}.indices"))?,
         None => {
@@ -65,22 +73,29 @@ fn read_primitive(document: &Document, primitive: &Primitive, field: &str) -> Re
     Mesh::new(
         positions.into_iter().map(Vec3::from_array).collect(),
         normals.into_iter().map(Vec3::from_array).collect(),
-        texcoords.into_iter().map(Vec2::from_array).collect(),
+        texcoords,
         triangles(mode, &indices),
         material,
     )
+    .and_then(|mesh| match roughness_texcoords {
+        Some(texcoords) => mesh.with_roughness_texcoords(texcoords),
+        None => Ok(mesh),
+    })
     .map(Some)
     .map_err(|error| in_field(document, field, error))
 }
 
-/// The index of the primitive's material, and the set of texture coordinates that its texture wants.
+/// The index of the primitive's material, and the sets of texture coordinates that its base-colour and its
+/// metallic-roughness texture want.
 ///
 /// The index after the last one is the default material.
-fn material(document: &Document, primitive: &Primitive, field: &str) -> Result<(usize, Option<u32>)> {
-    let Some(index) = primitive.material else { return Ok((document.root().materials.len(), None)) };
+fn material(document: &Document, primitive: &Primitive, field: &str) -> Result<(usize, [Option<u32>; 2])> {
+    let Some(index) = primitive.material else { return Ok((document.root().materials.len(), [None; 2])) };
     let material = document.get(index, &format!("{field}.material"))?;
-    let texture = material.pbr_metallic_roughness.base_color_texture.as_ref();
-    Ok((index.value(), texture.map(|texture| texture.tex_coord)))
+    let pbr = &material.pbr_metallic_roughness;
+    let sets = [&pbr.base_color_texture, &pbr.metallic_roughness_texture]
+        .map(|texture| texture.as_ref().map(|texture| texture.tex_coord));
+    Ok((index.value(), sets))
 }
 
 /// The triangles of a list, strip or fan of vertices; a rest that makes no triangle is left out.

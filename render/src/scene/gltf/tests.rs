@@ -4,7 +4,7 @@ use glam::{Vec3, Vec3A};
 use serde_json::{Value, json};
 
 use crate::{
-    brdf::Brdf,
+    brdf::{Brdf, MetallicRoughness},
     error::Result,
     random::{Purpose, Stream},
     scene::{Ray, Scene},
@@ -75,10 +75,14 @@ fn assert_fails(loaded: Result<Scene>, word: &str) {
     assert!(message.contains("scene.gl") && message.contains(word) && !message.contains('\n'), "{word}: {message}");
 }
 
-fn color_at(scene: &Scene, x: f32, y: f32) -> Vec3A {
+fn surface_at(scene: &Scene, x: f32, y: f32) -> MetallicRoughness {
     let at = scene.intersect(&Ray::new(Vec3A::new(x, y, 1.0), -Vec3A::Z)).expect("a hit");
-    let Brdf::Lambert(lambert) = at.brdf else { panic!("{:?}", at.brdf) };
-    lambert.albedo
+    let Brdf::MetallicRoughness(surface) = at.brdf else { panic!("{:?}", at.brdf) };
+    surface
+}
+
+fn color_at(scene: &Scene, x: f32, y: f32) -> Vec3A {
+    surface_at(scene, x, y).base_color()
 }
 
 #[test]
@@ -329,6 +333,46 @@ fn textures_come_from_views_data_and_files() {
     assert_eq!(color_at(&Scene::load(&path).unwrap(), 0.1, 0.1), Vec3A::X);
     std::fs::remove_file(folder.path().join("base color.png")).unwrap();
     assert_fails(Scene::load(&path), "images[0].uri: cannot read 'base%20color.png'");
+}
+
+#[test]
+fn metalness_is_blue_and_roughness_green() {
+    let (mut json, bin) = textured(&json!({"bufferView": 2}));
+    // The texels are red, green and blue: neither, rough, metallic.
+    let info = json!({"index": 0});
+    let pbr = json!({"metallicRoughnessTexture": info, "metallicFactor": 0.5, "roughnessFactor": 0.25});
+    set(&mut json, "/materials/0/pbrMetallicRoughness", pbr);
+    let at = |json: &Value, x, y| {
+        let surface = surface_at(&load(json, &bin).unwrap(), x, y);
+        (surface.metallic(), surface.roughness())
+    };
+    assert_eq!(at(&json, 0.1, 0.1), (0.0, 0.0));
+    assert_eq!(at(&json, 0.85, 0.1), (0.0, 0.25));
+    assert_eq!(at(&json, 0.1, 0.85), (0.5, 0.0));
+    assert_eq!(color_at(&load(&json, &bin).unwrap(), 0.1, 0.1), Vec3A::ONE);
+
+    // A set of coordinates of its own, which the primitive does not have: the factors alone.
+    set(&mut json, "/materials/0/pbrMetallicRoughness/metallicRoughnessTexture/texCoord", json!(1));
+    assert_eq!(at(&json, 0.1, 0.1), (0.5, 0.25));
+    // Both textures, each with its own set; the second one is the first one's accessor.
+    set(&mut json, "/materials/0/pbrMetallicRoughness/baseColorTexture", json!({"index": 0}));
+    assert_eq!(at(&json, 0.85, 0.1), (0.5, 0.25));
+    set(&mut json, "/meshes/0/primitives/0/attributes/TEXCOORD_1", json!(2));
+    assert_eq!(at(&json, 0.85, 0.1), (0.0, 0.25));
+    assert_eq!(color_at(&load(&json, &bin).unwrap(), 0.85, 0.1), Vec3A::Y);
+    // A texture that is not there.
+    set(&mut json, "/materials/0/pbrMetallicRoughness/metallicRoughnessTexture/index", json!(3));
+    assert_fails(load(&json, &bin), "metallicRoughnessTexture.index");
+}
+
+#[test]
+fn what_a_material_leaves_out_is_metallic_and_rough() {
+    let (mut json, bin) = triangle();
+    for material in [json!({}), json!({"pbrMetallicRoughness": {}})] {
+        set(&mut json, "/materials/0", material);
+        let surface = surface_at(&load(&json, &bin).unwrap(), 0.2, 0.2);
+        assert_eq!((surface.base_color(), surface.metallic(), surface.roughness()), (Vec3A::ONE, 1.0, 1.0));
+    }
 }
 
 #[test]

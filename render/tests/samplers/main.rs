@@ -3,6 +3,8 @@
 //! Each property is a function that returns what is wrong, so that the last tests can hold deliberately broken samplers
 //! against the very same functions. All seeds are fixed; a pass is a pass on every machine of the same arithmetic.
 
+mod glossy;
+
 use std::{
     collections::HashMap,
     rc::Rc,
@@ -247,6 +249,13 @@ impl Quadrature {
     fn reflected(&self, normal: Vec3A) -> f64 {
         let cosine = |(wi, flux): &(Vec3A, f32)| f64::from(normal.dot(*wi).max(0.0) * flux);
         self.0.iter().map(cosine).sum::<f64>() / std::f64::consts::PI
+    }
+}
+
+impl Quadrature {
+    /// Luminance reflected by any surface without shadows.
+    fn reflected_at(&self, at: &ShadingPoint) -> f64 {
+        self.0.iter().map(|&(wi, flux)| f64::from(luminance(at.brdf_cosine(wi)) * flux)).sum()
     }
 }
 
