@@ -17,6 +17,7 @@ pub mod latlong;
 pub mod random;
 pub mod sampler;
 pub mod scene;
+pub mod simd;
 pub mod statistics;
 pub mod tail;
 

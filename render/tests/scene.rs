@@ -34,8 +34,11 @@ fn block(min: Vec3, max: Vec3) -> Scene {
 }
 
 fn albedo(at: &ShadingPoint) -> Vec3A {
-    let Brdf::Lambert(lambert) = at.brdf else { panic!("{:?}", at.brdf) };
-    lambert.albedo
+    match at.brdf {
+        Brdf::Lambert(lambert) => lambert.albedo,
+        Brdf::MetallicRoughness(surface) => surface.base_color(),
+        Brdf::Ggx(ggx) => ggx.f0(),
+    }
 }
 
 /// Every pixel of a small image; returns how many saw a surface, and checks each of those.

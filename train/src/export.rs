@@ -1,6 +1,6 @@
 //! From a trained head to the renderer's, and to the exported file.
 
-use headtail_model::{EncoderConfig, Head, HeadConfig, Mode, NamedTensor};
+use headtail_model::{EncoderConfig, Head, Mode, NamedTensor};
 use headtail_render::{
     environment::Environment,
     export::{ExportedSampler, Intermediate, TrainingSummary},
@@ -17,19 +17,15 @@ pub fn check_exportable(config: &FitConfig) -> Result<()> {
     if config.naive {
         return Err(Error::NoNativeForm { what: "sampler without a tail".into() });
     }
-    native_condition(&config.head).map(|_| ())
+    Ok(())
 }
 
-/// The renderer's name of the condition, if it can sample heads of this shape.
-fn native_condition(config: &HeadConfig) -> Result<Condition> {
-    if config.selection {
-        return Err(Error::NoNativeForm { what: "learned selection probability".into() });
-    }
-    match config.condition {
-        headtail_model::Condition::Normal => Ok(Condition::Normal),
-        other @ (headtail_model::Condition::Ggx | headtail_model::Condition::GgxRoughness) => {
-            Err(Error::NoNativeForm { what: format!("head for the condition `{}`", other.name()) })
-        }
+/// The renderer's name of the condition.
+fn native_condition(condition: headtail_model::Condition) -> Condition {
+    match condition {
+        headtail_model::Condition::Normal => Condition::Normal,
+        headtail_model::Condition::Ggx => Condition::Ggx,
+        headtail_model::Condition::GgxRoughness => Condition::GgxRoughness,
     }
 }
 
@@ -39,7 +35,7 @@ fn native_condition(config: &HeadConfig) -> Result<Condition> {
 /// A weight is not finite, the head is larger than native inference allows, or it has no native form.
 pub fn native_head(head: &Head) -> Result<native::Head> {
     let config = head.config();
-    let condition = native_condition(config)?;
+    let condition = native_condition(config.condition);
     let weights = head.weights();
     let layer = |name: String| -> Result<native::Linear> {
         let find = |kind: &str| -> &NamedTensor {
@@ -59,7 +55,8 @@ pub fn native_head(head: &Head) -> Result<native::Head> {
     };
     let networks = [layers("layer0", config.hidden_layers + 1)?, layers("layer1", config.hidden_layers + 1)?];
     let encoder = layers("encoder", encoder_layers)?;
-    Ok(native::Head::new(condition, mode, config.leaky_slope, encoder, networks)?)
+    let selection = layers("selection", if config.selection { 2 } else { 0 })?;
+    Ok(native::Head::new(condition, mode, config.leaky_slope, encoder, networks)?.with_selection(selection)?)
 }
 
 /// The exported sampler of a trained head. With `with_time` the file says how long the training took, and two runs of the
@@ -90,22 +87,20 @@ pub fn exported_sampler(
 #[cfg(test)]
 mod tests {
     use glam::Vec2;
-    use headtail_model::burn::prelude::{Tensor, TensorData};
-    use headtail_render::random::{Purpose, Stream};
+    use headtail_model::{
+        HeadConfig,
+        burn::prelude::{Tensor, TensorData},
+    };
+    use headtail_render::{
+        random::{Purpose, Stream},
+        sampler::IntermediateDensity,
+    };
 
     use super::*;
     use crate::{Backend, test_support::random_head};
 
     #[test]
-    fn heads_without_a_native_form_are_refused() {
-        let device = Backend::Flex.device().unwrap();
-        for (config, named) in [
-            (HeadConfig::MICROFACET, "`ggx-roughness`"),
-            (HeadConfig { selection: true, ..HeadConfig::COSINE }, "selection"),
-        ] {
-            let error = native_head(&random_head(config, &device)).unwrap_err().to_string();
-            assert!(error.contains(named), "{error}");
-        }
+    fn a_sampler_without_a_tail_is_refused() {
         let naive = FitConfig { naive: true, ..FitConfig::default() };
         assert!(check_exportable(&naive).unwrap_err().to_string().contains("without a tail"));
         check_exportable(&FitConfig::default()).unwrap();
@@ -116,17 +111,27 @@ mod tests {
         let device = Backend::Flex.device().unwrap();
         let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
         for mode in [Mode::Coupled, Mode::Autoregressive] {
-            for config in
-                [HeadConfig { mode, ..HeadConfig::COSINE }, HeadConfig { mode, encoder, bins: 8, ..HeadConfig::COSINE }]
-            {
+            for config in [
+                HeadConfig { mode, ..HeadConfig::COSINE },
+                HeadConfig { mode, encoder, bins: 8, ..HeadConfig::COSINE },
+                HeadConfig { mode, encoder, condition: headtail_model::Condition::Ggx, ..HeadConfig::COSINE },
+                HeadConfig { mode, selection: true, ..HeadConfig::MICROFACET },
+            ] {
                 let head = random_head(config, &device);
                 let native = native_head(&head).unwrap();
                 let mut stream = Stream::new(6, Purpose::Test, 0);
                 for _ in 0..200 {
-                    let (normal, point) = (stream.direction(), stream.uniform2());
-                    let c = Tensor::<2>::from_data(TensorData::new(normal.to_array().to_vec(), [1, 3]), &device);
+                    let (normal, wo, point) = (stream.direction(), stream.direction(), stream.uniform2());
+                    let condition = native.condition().encode(wo, normal, 0.1 + 0.9 * stream.uniform());
+                    let condition = &condition[..native.condition().length()];
+                    let c = TensorData::new(condition.to_vec(), [1, condition.len()]);
+                    let c = Tensor::<2>::from_data(c, &device);
                     let x = Tensor::<3>::from_data(TensorData::new(point.to_array().to_vec(), [1, 1, 2]), &device);
-                    let prepared = native.prepare_normal(normal);
+                    let prepared = native.prepare_condition(condition);
+                    if let Some(logit) = head.selection_logits(c.clone()) {
+                        let expected = headtail_model::head::selection_probability(logit.into_scalar::<f32>());
+                        assert!((native.share_beside_brdf(&prepared) - expected).abs() < 1e-6);
+                    }
                     for ((there, log), (native_there, density)) in [
                         (head.inverse(&x, c.clone()), native.inverse_at(&prepared, point)),
                         (head.sample(&x, c), native.sample_at(&prepared, point)),

@@ -11,6 +11,7 @@ pub mod config_file;
 pub mod error;
 pub mod export;
 pub mod fit;
+pub mod fused;
 pub mod gradient;
 pub mod injection;
 pub mod loss;

@@ -1,5 +1,7 @@
 //! Tabulated intermediate densities: the bake of a head, and the direct bake that needs no training.
 
+mod abreast;
+mod cell_masses;
 mod direct;
 mod normal_grid;
 mod prefix;

@@ -59,32 +59,59 @@ impl NormalGrid {
     /// by as much, and since drawing and pdf use the same weights, no bias follows.
     #[inline(always)]
     pub fn stencil(&self, normal: Vec3A) -> Stencil {
-        self.stencil_at(self.position(normal))
+        let cell = self.cell(self.position(normal.to_array()));
+        Stencil { nodes: self.nodes_of(cell.corner, cell.next), weights: cell.weights() }
     }
 
     /// Where a unit normal lies on the grid: columns and rows, as real numbers.
     #[inline(always)]
-    pub(super) fn position(&self, normal: Vec3A) -> Vec2 {
-        let azimuth = fast_atan2(normal.x, -normal.z) * (self.azimuth as f32 / TAU);
+    pub(super) fn position(&self, [x, y, z]: [f32; 3]) -> Vec2 {
+        let azimuth = fast_atan2(x, -z) * (self.azimuth as f32 / TAU);
         let azimuth = if azimuth < 0.0 { azimuth + self.azimuth as f32 } else { azimuth };
-        let horizontal = (normal.x * normal.x + normal.z * normal.z).sqrt();
-        let polar = fast_atan2(horizontal, normal.y).max(0.0) * ((self.polar - 1) as f32 / PI);
+        let horizontal = (x * x + z * z).sqrt();
+        let polar = fast_atan2(horizontal, y).max(0.0) * ((self.polar - 1) as f32 / PI);
         Vec2::new(azimuth, polar)
     }
 
-    /// The nodes and weights around a position on the grid.
+    /// The cell of the grid around a position.
     #[inline(always)]
-    pub(super) fn stencil_at(&self, Vec2 { x: azimuth, y: polar }: Vec2) -> Stencil {
-        let column = (azimuth as usize).min(self.azimuth - 1);
-        let row = (polar as usize).min(self.polar - 2);
-        let s = (azimuth - column as f32).clamp(0.0, 1.0);
-        let t = (polar - row as f32).clamp(0.0, 1.0);
-        let next = if column + 1 == self.azimuth { 0 } else { column + 1 };
-        let (upper, lower) = (row * self.azimuth, (row + 1) * self.azimuth);
-        Stencil {
-            nodes: [upper + column, upper + next, lower + column, lower + next],
-            weights: [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t],
-        }
+    pub(super) fn cell(&self, Vec2 { x: azimuth, y: polar }: Vec2) -> GridCell {
+        let columns = self.azimuth as i32;
+        // Signed, as there is no SIMD conversion to unsigned integers; positions are far below 2^31.
+        let column = (azimuth as i32).min(columns - 1).max(0);
+        let row = (polar as i32).min(self.polar as i32 - 2).max(0);
+        let across = (azimuth - column as f32).clamp(0.0, 1.0);
+        let down = (polar - row as f32).clamp(0.0, 1.0);
+        let next = if column + 1 == columns { 1 - columns } else { 1 };
+        let corner = row * columns + column;
+        GridCell { corner: corner as u32, next: (corner + next) as u32, across, down }
+    }
+
+    /// The four nodes of a cell.
+    #[inline(always)]
+    pub(super) fn nodes_of(&self, corner: u32, next: u32) -> [usize; 4] {
+        let (corner, next) = (corner as usize, next as usize);
+        [corner, next, corner + self.azimuth, next + self.azimuth]
+    }
+}
+
+/// A cell of the grid and a position in it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct GridCell {
+    /// The node at the upper left, and the one beside it.
+    pub corner: u32,
+    pub next: u32,
+    /// Position inside, in `[0, 1]`.
+    across: f32,
+    down: f32,
+}
+
+impl GridCell {
+    /// The bilinear weights of upper left, upper right, lower left, lower right.
+    #[inline(always)]
+    pub fn weights(&self) -> [f32; 4] {
+        let (s, t) = (self.across, self.down);
+        [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t]
     }
 }
 

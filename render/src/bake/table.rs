@@ -4,8 +4,8 @@ use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 
 use super::{
+    cell_masses::{CellMasses, FoundRow, Node},
     normal_grid::{NormalGrid, Stencil},
-    prefix::{padded_length, push_running_sums, search_padded},
 };
 use crate::{
     error::{Error, Result},
@@ -64,36 +64,23 @@ impl CellGrid {
 /// cosine is nowhere much below the cosine, so weights stay bounded.
 #[derive(Clone, Debug)]
 pub struct BakedTable {
-    normals: NormalGrid,
-    cells: CellGrid,
+    pub(super) normals: NormalGrid,
+    pub(super) cells: CellGrid,
     /// Masses, floor not included: `[nodes, rows, columns]`; what a file holds.
     masses: Vec<f32>,
-    /// Padded running sums, floor included: for each node those over its rows, then those along each row.
-    sums: Vec<f32>,
+    /// The same, floor included, as integers; what is drawn from and what the pdf is made of.
+    pub(super) quantized: CellMasses,
 }
 
 /// The nodes around one normal and the shares of the interpolated table that come from them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PreparedTable {
-    /// Where each node's sums start, and its weight.
-    offsets: [usize; 4],
+    nodes: [usize; 4],
+    /// Each node's weight times the scale of its masses.
     weights: [f32; 4],
-    /// Running sums of weight times mass over the four nodes.
+    /// Running sums of weight times mass over the four nodes, in units of [`CellMasses::ROW`].
     shares: [f32; 4],
 }
-
-/// A row of one node's table.
-#[derive(Clone, Copy, Debug, Default)]
-struct SampledRow {
-    /// Where the node's sums start.
-    node: usize,
-    index: usize,
-    /// Position inside, in `[0, 1)`.
-    below: f32,
-}
-
-/// Samples that go through the stages of a batch together.
-const ABREAST: usize = 16;
 
 impl BakedTable {
     /// Makes a table of masses `[nodes, rows, columns]`, which are relative to each other across nodes too: a node's share in
@@ -114,21 +101,15 @@ impl BakedTable {
             .map(|node| node.iter().map(|&mass| f64::from(mass)).sum::<f64>())
             .fold(0.0, f64::max);
         let scale = if largest > 0.0 { 1.0 / largest } else { 1.0 };
-        let mut sums = Vec::with_capacity(normals.nodes() * node_length(cells));
+        let mut with_floor = Vec::with_capacity(masses.len());
         for node in masses.chunks_exact(cells.cells()) {
             let total = scale * node.iter().map(|&mass| f64::from(mass)).sum::<f64>();
             // A node that sees no light at all still needs a distribution; a tiny one lets its neighbours decide.
             let floor = f64::from(FLOOR) * total.max(1e-6) / cells.cells() as f64;
-            let rows = || {
-                let row = |row: &'_ [f32]| row.iter().map(|&mass| scale * f64::from(mass) + floor).collect::<Vec<_>>();
-                node.chunks_exact(cells.columns).map(row)
-            };
-            push_running_sums(rows().map(|row| row.iter().sum()), &mut sums);
-            for row in rows() {
-                push_running_sums(row.into_iter(), &mut sums);
-            }
+            with_floor.extend(node.iter().map(|&mass| scale * f64::from(mass) + floor));
         }
-        Ok(Self { normals, cells, masses, sums })
+        let quantized = CellMasses::new(cells, &with_floor);
+        Ok(Self { normals, cells, masses, quantized })
     }
 
     /// Fills a table with `fill(normal, masses of the cells [rows * columns])`, normals in parallel.
@@ -164,85 +145,39 @@ impl BakedTable {
 
     #[inline(always)]
     fn prepare_stencil(&self, Stencil { nodes, weights }: Stencil) -> PreparedTable {
-        let length = node_length(self.cells);
-        let offsets = [nodes[0] * length, nodes[1] * length, nodes[2] * length, nodes[3] * length];
-        let last = padded_length(self.cells.rows) - 1;
-        let mut shares = [0.0; 4];
+        let (mut scaled, mut shares) = ([0.0; 4], [0.0; 4]);
         let mut sum = 0.0;
         for k in 0..4 {
-            sum += weights[k] * self.sums[offsets[k] + last];
+            let Node { scale, rows } = self.quantized.node(nodes[k]);
+            scaled[k] = weights[k] * scale;
+            sum += scaled[k] * rows;
             shares[k] = sum;
         }
-        PreparedTable { offsets, weights, shares }
+        PreparedTable { nodes, weights: scaled, shares }
     }
 
     /// Draws `(y, density over Y)` from a uniform `z`, by inversion of one node's table.
+    #[inline]
     pub fn sample_at(&self, prepared: &PreparedTable, z: Vec2) -> (Vec2, f32) {
         let row = self.sample_row(prepared, z.y);
-        let (column, right) = self.sample_column(&row, z.x);
+        let (column, right) = self.quantized.search_column(row, z.x);
         (self.point(&row, column, right), self.cell_density(prepared, row.index, column))
     }
 
     /// Picks a node and a row from one uniform number.
     #[inline(always)]
-    fn sample_row(&self, prepared: &PreparedTable, z: f32) -> SampledRow {
+    fn sample_row(&self, prepared: &PreparedTable, z: f32) -> FoundRow {
         let [a, b, c, total] = prepared.shares;
         let target = z * total;
         let k = usize::from(target >= a) + usize::from(target >= b) + usize::from(target >= c);
         let before = [0.0, a, b, c][k];
         // A node of weight 0 has an empty share and is never picked but by rounding, and then its first cell will do.
         let target = (target - before) / prepared.weights[k].max(f32::MIN_POSITIVE);
-        let sums = &self.sums[prepared.offsets[k]..][..padded_length(self.cells.rows)];
-        let (index, below) = search_padded(sums, self.cells.rows, target);
-        SampledRow { node: prepared.offsets[k], index, below }
-    }
-
-    /// Picks a column of the row, and the position inside.
-    #[inline(always)]
-    fn sample_column(&self, row: &SampledRow, z: f32) -> (usize, f32) {
-        let length = padded_length(self.cells.columns);
-        let sums = &self.sums[row.node + self.row_offset(row.index)..][..length];
-        search_padded(sums, self.cells.columns, z * sums[length - 1])
-    }
-
-    /// [`Self::sample_stages`] compiled for AVX2: the same operations in the same order, so the same results.
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn sample_batch_avx2(&self, at: &[ShadingPoint], z: &[Vec2], y: &mut [Vec2], q: &mut [f32]) {
-        self.sample_stages(at, z, y, q);
-    }
-
-    /// A batch, stage by stage: the loads of a stage depend on the stage before, not on each other.
-    #[inline(always)]
-    fn sample_stages(&self, at: &[ShadingPoint], z: &[Vec2], y: &mut [Vec2], q: &mut [f32]) {
-        let chunks = at.chunks(ABREAST).zip(z.chunks(ABREAST));
-        for (((at, z), y), q) in chunks.zip(y.chunks_mut(ABREAST)).zip(q.chunks_mut(ABREAST)) {
-            let mut positions = [Vec2::ZERO; ABREAST];
-            let mut prepared = [PreparedTable::default(); ABREAST];
-            let mut rows = [SampledRow::default(); ABREAST];
-            let mut columns = [(0, 0.0); ABREAST];
-            for (position, at) in positions.iter_mut().zip(at) {
-                *position = self.normals.position(at.ns);
-            }
-            for (prepared, position) in prepared[..at.len()].iter_mut().zip(positions) {
-                *prepared = self.prepare_stencil(self.normals.stencil_at(position));
-            }
-            for ((row, prepared), z) in rows.iter_mut().zip(&prepared).zip(z) {
-                *row = self.sample_row(prepared, z.y);
-            }
-            for ((column, row), z) in columns.iter_mut().zip(&rows).zip(z) {
-                *column = self.sample_column(row, z.x);
-            }
-            for (k, (y, q)) in y.iter_mut().zip(q).enumerate() {
-                let (column, right) = columns[k];
-                *y = self.point(&rows[k], column, right);
-                *q = self.cell_density(&prepared[k], rows[k].index, column);
-            }
-        }
+        self.quantized.search_row(prepared.nodes[k], target)
     }
 
     #[inline(always)]
-    fn point(&self, row: &SampledRow, column: usize, right: f32) -> Vec2 {
+    fn point(&self, row: &FoundRow, column: usize, right: f32) -> Vec2 {
         let CellGrid { rows, columns } = self.cells;
         Vec2::new((column as f32 + right) / columns as f32, (row.index as f32 + row.below) / rows as f32)
     }
@@ -253,50 +188,31 @@ impl BakedTable {
         self.cell_density(prepared, row, column)
     }
 
-    /// The interpolated density in a cell. Differences come first, so that nothing of a small cell is lost beside a large sum.
+    /// The interpolated density in a cell.
     #[inline(always)]
     fn cell_density(&self, prepared: &PreparedTable, row: usize, column: usize) -> f32 {
-        let offset = self.row_offset(row) + column;
-        let mass = |k: usize| {
-            let at = prepared.offsets[k] + offset;
-            self.sums[at] - if column == 0 { 0.0 } else { self.sums[at - 1] }
-        };
+        let mass = self.quantized.masses(prepared.nodes, row, column);
         let [a, b, c, d] = prepared.weights;
-        let blended = (a * mass(0) + b * mass(1)) + (c * mass(2) + d * mass(3));
-        blended * self.cells.cells() as f32 / prepared.shares[3]
+        let blended = (a * mass[0] + b * mass[1]) + (c * mass[2] + d * mass[3]);
+        blended * (self.cells.cells() as f32 / CellMasses::ROW) / prepared.shares[3]
     }
-
-    /// Where the sums along a row start in a node.
-    #[inline(always)]
-    fn row_offset(&self, row: usize) -> usize {
-        padded_length(self.cells.rows) + row * padded_length(self.cells.columns)
-    }
-}
-
-/// Floats of one node.
-fn node_length(cells: CellGrid) -> usize {
-    padded_length(cells.rows) + cells.rows * padded_length(cells.columns)
 }
 
 impl IntermediateDensity for BakedTable {
     type Prepared = PreparedTable;
 
+    #[inline]
     fn prepare(&self, at: &ShadingPoint) -> PreparedTable {
         self.prepare_normal(at.ns)
     }
 
+    #[inline]
     fn sample(&self, prepared: &PreparedTable, z: Vec2) -> (Vec2, f32) {
         self.sample_at(prepared, z)
     }
 
     fn sample_batch(&self, at: &[ShadingPoint], z: &[Vec2], y: &mut [Vec2], q: &mut [f32]) {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has the one feature that the function is compiled for, as was just found out.
-            unsafe { self.sample_batch_avx2(at, z, y, q) };
-            return;
-        }
-        self.sample_stages(at, z, y, q);
+        self.sample_abreast(at, z, y, q);
     }
 
     fn density(&self, prepared: &PreparedTable, y: Vec2) -> f32 {

@@ -59,6 +59,9 @@ pub enum IntermediateDescription {
         encoder_layers: usize,
         /// Number of layers of each spline network, the last one included.
         network_layers: usize,
+        /// Number of layers of the learned selection probability, 0 without one.
+        #[serde(default)]
+        selection_layers: usize,
     },
     /// A table over normals, baked from a head.
     Bake,
@@ -175,6 +178,7 @@ impl ExportedSampler {
                     leaky_slope: head.leaky_slope(),
                     encoder_layers: count("encoder."),
                     network_layers: count("layer0."),
+                    selection_layers: count("selection."),
                 }
             }
             Intermediate::Bake(_) => IntermediateDescription::Bake,
@@ -184,7 +188,10 @@ impl ExportedSampler {
             format_version: FORMAT_VERSION,
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
             intermediate,
-            condition: Condition::Normal,
+            condition: match &self.intermediate {
+                Intermediate::Head(head) => head.condition(),
+                Intermediate::Bake(_) | Intermediate::DirectBake(_) => Condition::Normal,
+            },
             tail: self.tail.kind(),
             environment: self.environment.clone(),
             environment_hash: self.environment_hash.clone(),

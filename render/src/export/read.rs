@@ -68,10 +68,12 @@ impl Tensors<'_> {
         let (height, width) = (shape[0], shape[1]);
         let tail = Tail::new(description.tail, width, height, &luminance).map_err(|error| self.blame(error))?;
         let intermediate = match description.intermediate {
-            IntermediateDescription::Head { mode, leaky_slope, encoder_layers, network_layers } => {
+            IntermediateDescription::Head { mode, leaky_slope, encoder_layers, network_layers, selection_layers } => {
                 let encoder = self.layers("encoder", encoder_layers)?;
                 let networks = [self.layers("layer0", network_layers)?, self.layers("layer1", network_layers)?];
-                let head = Head::new(description.condition, mode, leaky_slope, encoder, networks);
+                let selection = self.layers("selection", selection_layers)?;
+                let head = Head::new(description.condition, mode, leaky_slope, encoder, networks)
+                    .and_then(|head| head.with_selection(selection));
                 Intermediate::Head(head.map_err(|error| self.blame(error))?)
             }
             IntermediateDescription::Bake => Intermediate::Bake(self.table()?),

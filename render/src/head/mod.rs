@@ -1,8 +1,10 @@
 //! Native inference of an exported head warp h: Z -> Y, one point at a time.
 
+mod condition;
 mod network;
 mod spline;
 
+pub use condition::{Condition, MAX_CONDITION};
 pub use network::{Linear, SplineNetwork};
 pub use spline::{Spline, Topology};
 
@@ -31,22 +33,8 @@ pub enum Mode {
     Autoregressive,
 }
 
-/// The numbers that a head is conditioned on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Condition {
-    /// The shading normal, world space: 3 numbers.
-    Normal,
-}
-
-impl Condition {
-    /// How many numbers.
-    pub fn length(self) -> usize {
-        match self {
-            Self::Normal => 3,
-        }
-    }
-}
+/// Least probability of either strategy in the mixture of head and BRDF sampling.
+const SELECTION_FLOOR: f32 = 0.02;
 
 /// A head warp with its weights, ready to sample.
 #[derive(Clone, Debug)]
@@ -58,6 +46,8 @@ pub struct Head {
     encoder: Vec<Linear>,
     elevation: SplineNetwork,
     azimuth: SplineNetwork,
+    /// Empty, or two layers that end in the logit of the share of samples that the head gives beside BRDF sampling.
+    selection: Vec<Linear>,
 }
 
 /// What the head computes once per condition.
@@ -69,6 +59,8 @@ pub struct PreparedHead {
     azimuth: [f32; MAX_HIDDEN],
     /// The elevation spline, where it depends on the condition alone.
     elevation_spline: Option<Spline>,
+    /// Share of samples that the head gives in a mixture with BRDF sampling.
+    share_beside_brdf: f32,
 }
 
 impl Head {
@@ -98,7 +90,33 @@ impl Head {
         let features = if mode == Mode::Coupled { 2 } else { 0 };
         let elevation = SplineNetwork::new("layer0", Topology::Interval, seen, features, elevation)?;
         let azimuth = SplineNetwork::new("layer1", Topology::Circle, seen, 1, azimuth)?;
-        Ok(Self { condition, mode, leaky_slope, encoder, elevation, azimuth })
+        Ok(Self { condition, mode, leaky_slope, encoder, elevation, azimuth, selection: Vec::new() })
+    }
+
+    /// Adds the network of the learned selection probability: two layers from what the spline networks see to one logit, or none.
+    ///
+    /// # Errors
+    /// The layers do not fit.
+    pub fn with_selection(mut self, selection: Vec<Linear>) -> Result<Self> {
+        let seen = self.condition.length() + self.encoder.last().map_or(0, Linear::outputs);
+        let fits = match &selection[..] {
+            [] => true,
+            [first, second] => {
+                let hidden = first.outputs();
+                first.inputs() == seen && hidden <= MAX_HIDDEN && second.inputs() == hidden && second.outputs() == 1
+            }
+            _ => false,
+        };
+        if !fits {
+            return Err(Error::argument("selection", format!("is not two layers from {seen} numbers to one")));
+        }
+        self.selection = selection;
+        Ok(self)
+    }
+
+    /// Whether the head has learned how often to draw from BRDF sampling instead.
+    pub fn has_selection(&self) -> bool {
+        !self.selection.is_empty()
     }
 
     /// What the head is conditioned on.
@@ -116,18 +134,27 @@ impl Head {
         self.leaky_slope
     }
 
-    /// The layers by name, `encoder.linear0`, ..., `layer0.linear0`, ..., `layer1.linear0`, ...
+    /// The layers by name, `encoder.linear0`, ..., `layer0.linear0`, ..., `layer1.linear0`, ...,
+    /// `selection.linear0`, ...
     pub fn layers(&self) -> Vec<(String, &Linear)> {
-        let parts =
-            [("encoder", &self.encoder[..]), ("layer0", self.elevation.layers()), ("layer1", self.azimuth.layers())];
+        let parts = [
+            ("encoder", &self.encoder[..]),
+            ("layer0", self.elevation.layers()),
+            ("layer1", self.azimuth.layers()),
+            ("selection", &self.selection[..]),
+        ];
         let named = |(part, layers): (&'static str, _)| {
             <[Linear]>::iter(layers).enumerate().map(move |(index, layer)| (format!("{part}.linear{index}"), layer))
         };
         parts.into_iter().flat_map(named).collect()
     }
 
-    /// Prepares the head for a unit normal.
+    /// Prepares a head that is conditioned on the normal alone for a unit normal.
+    ///
+    /// # Panics
+    /// If the head's condition is another.
     pub fn prepare_normal(&self, normal: Vec3A) -> PreparedHead {
+        assert_eq!(self.condition, Condition::Normal, "the head is conditioned on the normal");
         self.prepare_condition(&normal.to_array())
     }
 
@@ -149,14 +176,29 @@ impl Head {
             seen[length..length + width].copy_from_slice(&latent[..width]);
             length += width;
         }
-        let mut prepared =
-            PreparedHead { elevation: [0.0; MAX_HIDDEN], azimuth: [0.0; MAX_HIDDEN], elevation_spline: None };
+        let mut prepared = PreparedHead {
+            elevation: [0.0; MAX_HIDDEN],
+            azimuth: [0.0; MAX_HIDDEN],
+            elevation_spline: None,
+            share_beside_brdf: self.share_beside_brdf(&seen[..length]),
+        };
         self.elevation.prepare(&seen[..length], &mut prepared.elevation);
         self.azimuth.prepare(&seen[..length], &mut prepared.azimuth);
         if self.mode == Mode::Autoregressive {
             prepared.elevation_spline = Some(self.elevation.spline(&prepared.elevation, &[], self.leaky_slope));
         }
         prepared
+    }
+
+    /// `0.02 + 0.96 sigmoid(logit)`; 1/2 where nothing was learned.
+    fn share_beside_brdf(&self, seen: &[f32]) -> f32 {
+        let [first, second] = &self.selection[..] else { return 0.5 };
+        let mut hidden = [0.0; MAX_HIDDEN];
+        first.forward(seen, &mut hidden);
+        network::leaky_relu(&mut hidden[..first.outputs()], self.leaky_slope);
+        let mut logit = [0.0];
+        second.forward(&hidden[..first.outputs()], &mut logit);
+        SELECTION_FLOOR + (1.0 - 2.0 * SELECTION_FLOOR) / (1.0 + (-logit[0]).exp())
     }
 
     /// Carries a uniform `z` to `(y, density over Y)`.
@@ -205,9 +247,11 @@ impl IntermediateDensity for Head {
     type Prepared = PreparedHead;
 
     fn prepare(&self, at: &ShadingPoint) -> PreparedHead {
-        match self.condition {
-            Condition::Normal => self.prepare_normal(at.ns),
-        }
+        self.prepare_condition(&self.condition.of(at)[..self.condition.length()])
+    }
+
+    fn share_beside_brdf(&self, prepared: &PreparedHead) -> f32 {
+        prepared.share_beside_brdf
     }
 
     fn sample(&self, prepared: &PreparedHead, z: Vec2) -> (Vec2, f32) {

@@ -18,7 +18,7 @@ pub use one_sample_mis::OneSampleMis;
 pub use oracle::{Oracle, OracleTable};
 pub use product::{IntermediateDensity, ProductSampler};
 pub use resampled::{Resampled, ResampledDirection, ResampledSampler};
-pub use spec::SamplerSpec;
+pub use spec::{FileKind, SamplerSpec};
 
 use glam::{Vec2, Vec3A};
 
@@ -70,6 +70,12 @@ pub trait DirectionSampler: Send + Sync {
 
     /// The solid-angle pdf with which [`Self::sample`] draws `wi`; 0 where it never does.
     fn pdf(&self, prepared: &Self::Prepared, at: &ShadingPoint, wi: Vec3A) -> f32;
+
+    /// Which share of samples to draw from this sampler in a mixture with BRDF sampling, in (0, 1): one half, unless the sampler
+    /// has learned better.
+    fn share_beside_brdf(&self, _prepared: &Self::Prepared) -> f32 {
+        0.5
+    }
 
     /// Draws one direction for each of many shading points: `at`, `u` and `out` have equal length.
     /// The wavefront form; networks override it.

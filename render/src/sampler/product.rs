@@ -1,8 +1,11 @@
 //! The composed warp: a density over the intermediate square Y, carried to directions by the tail.
 
+use std::sync::Arc;
+
 use glam::{Vec2, Vec3A};
 
 use super::{CoversIntegrand, DirectionSample, DirectionSampler, EnvironmentLight, ShadingPoint, light::BATCH};
+use crate::environment::Environment;
 
 /// A conditional distribution over the intermediate square Y: a head warp, or a table in its place.
 ///
@@ -24,6 +27,11 @@ pub trait IntermediateDensity: Send + Sync {
         }
     }
 
+    /// Which share of samples to draw from here in a mixture with BRDF sampling, in (0, 1).
+    fn share_beside_brdf(&self, _prepared: &Self::Prepared) -> f32 {
+        0.5
+    }
+
     /// The density over Y at `y`.
     fn density(&self, prepared: &Self::Prepared, y: Vec2) -> f32;
 }
@@ -40,6 +48,11 @@ impl<I: IntermediateDensity> ProductSampler<I> {
     /// Composes an intermediate density with the tail of a light.
     pub fn new(light: EnvironmentLight, intermediate: I) -> Self {
         Self { light, intermediate }
+    }
+
+    /// The map.
+    pub fn environment(&self) -> &Arc<Environment> {
+        self.light.environment()
     }
 }
 
@@ -58,6 +71,10 @@ impl<I: IntermediateDensity> DirectionSampler for ProductSampler<I> {
     fn pdf(&self, prepared: &Self::Prepared, _at: &ShadingPoint, wi: Vec3A) -> f32 {
         let (y, pdf) = self.light.pull_back(wi);
         if pdf > 0.0 { self.intermediate.density(prepared, y) * pdf } else { 0.0 }
+    }
+
+    fn share_beside_brdf(&self, prepared: &Self::Prepared) -> f32 {
+        self.intermediate.share_beside_brdf(prepared)
     }
 
     fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {

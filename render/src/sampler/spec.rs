@@ -8,8 +8,8 @@ use std::{
 };
 
 use super::{
-    BrdfSampler, CompensatedEmitterSampler, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler,
-    Resampled,
+    BrdfSampler, CompensatedEmitterSampler, EmitterSampler, EnvironmentLight, IntermediateDensity, OneSampleMis,
+    Oracle, ProductSampler, Resampled,
 };
 use crate::{
     environment::Environment,
@@ -40,8 +40,39 @@ pub enum SamplerSpec {
     Baked(PathBuf),
     /// A table baked from the target itself.
     Direct(PathBuf),
+    /// One-sample mixture of a file's sampler with BRDF sampling, with the share that the head has learned, else 1/2.
+    WithMis(FileKind, PathBuf),
+    /// Resampled importance sampling with this many candidates, half of them from a file's sampler, half from the BRDF.
+    RisOf(u32, FileKind, PathBuf),
     /// The exact product, tabulated at every shading point.
     Oracle,
+}
+
+/// What a file's sampler is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// A trained head.
+    Head,
+    /// A table baked from a head.
+    Baked,
+    /// A table baked from the target itself.
+    Direct,
+}
+
+impl FileKind {
+    const ALL: [Self; 3] = [Self::Head, Self::Baked, Self::Direct];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Head => "head",
+            Self::Baked => "baked",
+            Self::Direct => "direct",
+        }
+    }
+
+    fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
 }
 
 impl FromStr for SamplerSpec {
@@ -64,19 +95,33 @@ impl FromStr for SamplerSpec {
             "mis2" => Self::Mis2,
             "mis-comp" => Self::MisCompensated,
             "ris" => {
-                let candidates =
-                    argument.and_then(|count| count.parse().ok()).filter(|count| (1..=4096).contains(count));
-                Self::Ris(candidates.ok_or_else(|| {
+                let (count, of) = argument
+                    .unwrap_or_default()
+                    .split_once(':')
+                    .map_or((argument.unwrap_or_default(), None), |(count, of)| (count, Some(of)));
+                let candidates = count.parse().ok().filter(|count| (1..=4096).contains(count)).ok_or_else(|| {
                     Error::argument(format!("sampler '{text}'"), "name 1 to 4096 candidates, as in ris:4")
-                })?)
+                })?;
+                let Some(of) = of else { return Ok(Self::Ris(candidates)) };
+                let named = of.split_once(':').filter(|(_, file)| !file.is_empty());
+                match named.and_then(|(kind, file)| Some((FileKind::from_name(kind)?, file))) {
+                    Some((kind, file)) => Self::RisOf(candidates, kind, file.into()),
+                    None => {
+                        let reason = "name the other candidates as head:FILE, baked:FILE or direct:FILE";
+                        return Err(Error::argument(format!("sampler '{text}'"), reason));
+                    }
+                }
             }
             "head" => Self::Head(file()?),
             "baked" => Self::Baked(file()?),
             "direct" => Self::Direct(file()?),
             "oracle" => Self::Oracle,
             _ => {
-                let known =
-                    "brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, head:FILE, baked:FILE, direct:FILE, oracle";
+                if let Some(kind) = name.strip_suffix("+mis").and_then(FileKind::from_name) {
+                    return Ok(Self::WithMis(kind, file()?));
+                }
+                let known = "brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, head:FILE, baked:FILE, direct:FILE, \
+                             head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, oracle";
                 return Err(Error::argument(format!("sampler '{text}'"), format!("is not one of {known}")));
             }
         })
@@ -95,6 +140,8 @@ impl fmt::Display for SamplerSpec {
             Self::Head(file) => write!(f, "head:{}", file.display()),
             Self::Baked(file) => write!(f, "baked:{}", file.display()),
             Self::Direct(file) => write!(f, "direct:{}", file.display()),
+            Self::WithMis(kind, file) => write!(f, "{}+mis:{}", kind.name(), file.display()),
+            Self::RisOf(candidates, kind, file) => write!(f, "ris:{candidates}:{}:{}", kind.name(), file.display()),
             Self::Oracle => f.write_str("oracle"),
         }
     }
@@ -126,34 +173,63 @@ impl SamplerSpec {
                 let oracle = Oracle::new(light.tail());
                 Box::new(SingleSample::new(ProductSampler::new(light, oracle)))
             }
-            Self::Head(file) => match self.read(file, environment)? {
-                (Intermediate::Head(head), light) => Box::new(SingleSample::new(ProductSampler::new(light, head))),
-                _ => return Err(wrong_kind(file, "a table; render it as baked:FILE or direct:FILE")),
-            },
-            Self::Baked(file) => match self.read(file, environment)? {
-                (Intermediate::Bake(table), light) => Box::new(SingleSample::new(ProductSampler::new(light, table))),
-                (Intermediate::Head(_), _) => {
-                    return Err(wrong_kind(file, "a head; bake it first, or render it as head:FILE"));
-                }
-                _ => return Err(wrong_kind(file, "a direct bake; render it as direct:FILE")),
-            },
-            Self::Direct(file) => match self.read(file, environment)? {
-                (Intermediate::DirectBake(table), light) => {
-                    Box::new(SingleSample::new(ProductSampler::new(light, table)))
-                }
-                (Intermediate::Head(_), _) => return Err(wrong_kind(file, "a head; render it as head:FILE")),
-                _ => return Err(wrong_kind(file, "the bake of a head; render it as baked:FILE")),
-            },
+            Self::Head(file) => Self::open(FileKind::Head, file, environment, Use::Alone)?,
+            Self::Baked(file) => Self::open(FileKind::Baked, file, environment, Use::Alone)?,
+            Self::Direct(file) => Self::open(FileKind::Direct, file, environment, Use::Alone)?,
+            Self::WithMis(kind, file) => Self::open(*kind, file, environment, Use::Mis)?,
+            Self::RisOf(candidates, kind, file) => Self::open(*kind, file, environment, Use::Ris(*candidates))?,
         })
     }
 
-    fn read(&self, file: &Path, environment: &Arc<Environment>) -> Result<(Intermediate, EnvironmentLight)> {
+    /// The estimator of a file's sampler.
+    fn open(
+        kind: FileKind,
+        file: &Path,
+        environment: &Arc<Environment>,
+        r#use: Use,
+    ) -> Result<Box<dyn DirectEstimator>> {
+        let (intermediate, light) = Self::read(file, environment)?;
+        match (kind, intermediate) {
+            (FileKind::Head, Intermediate::Head(head)) => r#use.of(ProductSampler::new(light, head)),
+            (FileKind::Baked, Intermediate::Bake(table)) | (FileKind::Direct, Intermediate::DirectBake(table)) => {
+                r#use.of(ProductSampler::new(light, table))
+            }
+            (FileKind::Baked, Intermediate::Head(_)) => {
+                Err(wrong_kind(file, "a head; bake it first, or render it as head:FILE"))
+            }
+            (_, Intermediate::Head(_)) => Err(wrong_kind(file, "a head; render it as head:FILE")),
+            (FileKind::Head, _) => Err(wrong_kind(file, "a table; render it as baked:FILE or direct:FILE")),
+            (_, Intermediate::Bake(_)) => Err(wrong_kind(file, "the bake of a head; render it as baked:FILE")),
+            (_, Intermediate::DirectBake(_)) => Err(wrong_kind(file, "a direct bake; render it as direct:FILE")),
+        }
+    }
+
+    fn read(file: &Path, environment: &Arc<Environment>) -> Result<(Intermediate, EnvironmentLight)> {
         let exported = ExportedSampler::read(file)?;
         exported.check_environment(environment).map_err(|error| match error {
             Error::Argument { what, reason } => Error::invalid(file, what, reason),
             other => other,
         })?;
         Ok((exported.intermediate, EnvironmentLight::with_tail(environment.clone(), exported.tail)))
+    }
+}
+
+/// What a file's sampler is used for.
+#[derive(Clone, Copy)]
+enum Use {
+    Alone,
+    Mis,
+    Ris(u32),
+}
+
+impl Use {
+    fn of<I: IntermediateDensity + 'static>(self, product: ProductSampler<I>) -> Result<Box<dyn DirectEstimator>> {
+        let brdf = BrdfSampler::new(product.environment().clone());
+        Ok(match self {
+            Self::Alone => Box::new(SingleSample::new(product)),
+            Self::Mis => Box::new(SingleSample::new(OneSampleMis::new(product, brdf))),
+            Self::Ris(candidates) => Box::new(ResampledEstimator::new(Resampled::new(product, brdf, candidates)?)),
+        })
     }
 }
 
@@ -167,9 +243,21 @@ mod tests {
 
     #[test]
     fn specifications_print_as_they_parse() {
-        for text in
-            ["cosine", "emitter", "mis", "mis2", "mis-comp", "ris:4", "head:a/b.safetensors", "baked:x:y", "oracle"]
-        {
+        for text in [
+            "cosine",
+            "emitter",
+            "mis",
+            "mis2",
+            "mis-comp",
+            "ris:4",
+            "head:a/b.safetensors",
+            "baked:x:y",
+            "head+mis:a",
+            "direct+mis:b:c",
+            "ris:4:head:a",
+            "ris:16:direct:b:c",
+            "oracle",
+        ] {
             assert_eq!(text.parse::<SamplerSpec>().unwrap().to_string(), text);
         }
     }
@@ -181,7 +269,21 @@ mod tests {
 
     #[test]
     fn mistakes_are_named() {
-        for text in ["", "ris", "ris:0", "ris:x", "head", "head:", "mis:4", "brdf:1", "best"] {
+        for text in [
+            "",
+            "ris",
+            "ris:0",
+            "ris:x",
+            "head",
+            "head:",
+            "mis:4",
+            "brdf:1",
+            "best",
+            "mis+mis:a",
+            "head+mis",
+            "ris:4:head",
+            "ris:4:mis:x",
+        ] {
             let error = text.parse::<SamplerSpec>().unwrap_err().to_string();
             assert!(error.contains(&format!("'{text}'")), "{error}");
         }

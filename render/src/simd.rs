@@ -1,0 +1,145 @@
+//! Elementary functions that compilers turn into SIMD instructions, and the dispatch to the best instruction set.
+//!
+//! The functions have no branch and no table: in a loop over an array of fixed length they become a few vector instructions on
+//! every processor, with the same result on each. Code that uses them is run through [`dispatch`]. It must be made of plain loops and
+//! `#[inline(always)]` functions: closures are not compiled for the processor that is found.
+
+use pulp::{Arch, Simd, WithSimd};
+
+/// Numbers that are worked on side by side: one AVX-512 register, or two AVX2 registers.
+pub const LANES: usize = 16;
+
+/// One number of each of [`LANES`] samples.
+pub type Lanes = [f32; LANES];
+
+/// Work that is compiled for every instruction set.
+pub trait Vectorized {
+    /// Does the work; implementations are `#[inline(always)]`.
+    fn run(self);
+}
+
+/// Runs work with the best instructions that the processor has.
+pub fn dispatch(work: impl Vectorized) {
+    struct Op<W>(W);
+    impl<W: Vectorized> WithSimd for Op<W> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _simd: S) {
+            self.0.run();
+        }
+    }
+    Arch::new().dispatch(Op(work));
+}
+
+/// `e^x` with a relative error below 2e-7 for `x` in `[-87, 88]`; arguments beyond are moved there.
+#[inline(always)]
+pub fn exp(x: f32) -> f32 {
+    /// Adding it rounds to an integer, which is then in the low bits.
+    const ROUND: f32 = 12_582_912.0;
+    const LN_2_HIGH: f32 = 0.693_359_4;
+    const LN_2_LOW: f32 = -2.121_944_4e-4;
+    let x = if x < -87.0 { -87.0 } else { x };
+    let x = if x > 88.0 { 88.0 } else { x };
+    let shifted = x * std::f32::consts::LOG2_E + ROUND;
+    let n = shifted - ROUND;
+    let r = x - n * LN_2_HIGH - n * LN_2_LOW;
+    // Taylor's polynomial about 0 with the last coefficients moved for |r| <= ln 2 / 2 (Cephes, expf).
+    let p = 1.987_569_1e-4;
+    let p = p * r + 1.398_199_9e-3;
+    let p = p * r + 8.333_452e-3;
+    let p = p * r + 4.166_579_6e-2;
+    let p = p * r + 1.666_666_5e-1;
+    let p = p * r + 5.000_000_1e-1;
+    let value = p * r * r + r + 1.0;
+    let exponent = shifted.to_bits().wrapping_sub(ROUND.to_bits()).wrapping_add(127) << 23;
+    value * f32::from_bits(exponent)
+}
+
+/// `ln x` with an absolute error below 2e-7 (relative where |ln x| > 1) for normal positive `x`.
+#[inline(always)]
+pub fn ln(x: f32) -> f32 {
+    const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
+    const LN_2_HIGH: f32 = 0.693_359_4;
+    const LN_2_LOW: f32 = -2.121_944_4e-4;
+    let bits = x.to_bits();
+    // The exponent that leaves the mantissa in [sqrt(1/2), sqrt(2)).
+    let exponent = (bits.wrapping_sub(SQRT_HALF_BITS) as i32) >> 23;
+    let m = f32::from_bits(bits.wrapping_sub((exponent as u32) << 23)) - 1.0;
+    let e = exponent as f32;
+    // Cephes, logf.
+    let p = 7.037_683_6e-2;
+    let p = p * m - 1.151_461e-1;
+    let p = p * m + 1.167_699_9e-1;
+    let p = p * m - 1.242_014_1e-1;
+    let p = p * m + 1.424_932_3e-1;
+    let p = p * m - 1.666_805_8e-1;
+    let p = p * m + 2.000_071_5e-1;
+    let p = p * m - 2.499_999_4e-1;
+    let p = p * m + 3.333_333_1e-1;
+    let square = m * m;
+    let tail = m * square * p + e * LN_2_LOW - 0.5 * square;
+    m + tail + e * LN_2_HIGH
+}
+
+/// `ln(1 + e^x)`.
+#[inline(always)]
+pub fn softplus(x: f32) -> f32 {
+    let positive = if x > 0.0 { x } else { 0.0 };
+    positive + ln(1.0 + exp(-x.abs()))
+}
+
+/// `1 / (1 + e^-x)`.
+#[inline(always)]
+pub fn sigmoid(x: f32) -> f32 {
+    1.0 / (1.0 + exp(-x))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(from: f64, to: f64) -> impl Iterator<Item = f32> {
+        (0..=200_000).map(move |k| (from + (to - from) * f64::from(k) / 200_000.0) as f32)
+    }
+
+    #[test]
+    fn exponential_and_logarithm_are_those_of_the_library() {
+        for x in grid(-86.9, 87.9) {
+            let expected = f64::from(x).exp();
+            assert!((f64::from(exp(x)) - expected).abs() < 2e-7 * expected, "{x}");
+        }
+        for x in grid(-86.0, 88.0).map(|x| f64::from(x).exp() as f32).chain(grid(0.5, 2.0)) {
+            let expected = f64::from(x).ln();
+            assert!((f64::from(ln(x)) - expected).abs() < 2e-7 * expected.abs().max(1.0), "{x} {} {expected}", ln(x));
+        }
+    }
+
+    #[test]
+    fn arguments_out_of_range_stay_finite() {
+        for x in [-1e30, -88.0, 89.0, 1e30] {
+            assert!(exp(x).is_finite() && exp(x) > 0.0 && softplus(x).is_finite() && sigmoid(x).is_finite());
+        }
+        for x in grid(-20.0, 20.0) {
+            let expected = f64::from(x).exp().ln_1p();
+            assert!((f64::from(softplus(x)) - expected).abs() < 2e-7 * expected.max(1.0));
+            assert!((f64::from(sigmoid(x)) - 1.0 / (1.0 + (-f64::from(x)).exp())).abs() < 2e-7);
+        }
+    }
+
+    #[test]
+    fn dispatched_work_is_done() {
+        struct Fill<'a>(&'a mut Lanes);
+        impl Vectorized for Fill<'_> {
+            #[inline(always)]
+            fn run(self) {
+                for (k, x) in self.0.iter_mut().enumerate() {
+                    *x = exp(k as f32);
+                }
+            }
+        }
+        let mut values = [0.0; LANES];
+        dispatch(Fill(&mut values));
+        assert_eq!(values[3], exp(3.0));
+    }
+}

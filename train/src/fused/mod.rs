@@ -1,0 +1,236 @@
+//! The fast way to a step's gradient on a processor: network, splines and their analytic derivatives in one pass, without a
+//! tensor library.
+//!
+//! All matrices are `[features, columns]`, row-major, so that samples lie in SIMD lanes. What depends on the condition alone
+//! (encoder, first layers, in autoregressive mode the whole elevation network) has one column per condition. A group of
+//! conditions at a time goes through networks and splines and back; only the products of matrices are left to a library. The result is
+//! that of [`crate::injection`] to rounding.
+
+mod conditions;
+mod matrix;
+mod perceptron;
+mod samples;
+mod spline;
+
+use headtail_model::{EncoderConfig, Head, HeadConfig, Mode};
+use headtail_render::simd::{self, Vectorized};
+use rayon::prelude::*;
+
+use crate::{GradientSource, Objective, StepGradient, target::Batch};
+
+use conditions::Conditions;
+use perceptron::Layer;
+use samples::Samples;
+
+/// Parts of a batch whose gradients are summed in order: a fixed number, so that the sum does not depend on the threads.
+const PARTS: usize = 8;
+
+/// Samples that go through the networks together, about: few enough for the second-level cache.
+const GROUP: usize = 256;
+
+/// The gradient of heads of one shape.
+pub struct FusedGradient {
+    layout: Layout,
+    parts: Vec<Part>,
+}
+
+/// Where the layers are in the flat list of weights, see [`Head::flat_weights`].
+#[derive(Clone, Debug)]
+struct Layout {
+    config: HeadConfig,
+    encoder: Vec<Layer>,
+    elevation: Vec<Layer>,
+    azimuth: Vec<Layer>,
+    selection: Vec<Layer>,
+    length: usize,
+}
+
+/// What one part of a batch works with, kept from step to step.
+#[derive(Default)]
+struct Part {
+    loss: f32,
+    gradient: Vec<f32>,
+    conditions: Conditions,
+    samples: Samples,
+}
+
+impl Layout {
+    fn new(config: HeadConfig) -> Self {
+        let mut length = 0;
+        let mut layers = |sizes: &[usize]| -> Vec<Layer> {
+            let layer = |pair: &[usize]| {
+                let layer = Layer { inputs: pair[0], outputs: pair[1], start: length };
+                length += layer.length();
+                layer
+            };
+            sizes.windows(2).map(layer).collect()
+        };
+        let condition = config.condition.length();
+        let encoder = config.encoder.map(|EncoderConfig { hidden, output }| layers(&[condition, hidden, output]));
+        let seen = config.network_condition();
+        let mut network = |features: usize| {
+            let hidden = std::iter::repeat_n(config.hidden, config.hidden_layers);
+            layers(&std::iter::once(seen + features).chain(hidden).chain([config.logits()]).collect::<Vec<_>>())
+        };
+        let elevation = network(if config.mode == Mode::Coupled { 2 } else { 0 });
+        let azimuth = network(1);
+        let selection =
+            if config.selection { layers(&[seen, headtail_model::head::SELECTION_HIDDEN, 1]) } else { Vec::new() };
+        Self { config, encoder: encoder.unwrap_or_default(), elevation, azimuth, selection, length }
+    }
+}
+
+impl FusedGradient {
+    /// For heads of the shape of `head`.
+    pub fn new(head: &Head) -> Self {
+        let layout = Layout::new(*head.config());
+        assert_eq!(layout.length, head.weight_count(), "the layout is that of the head's flat weights");
+        Self { layout, parts: (0..PARTS).map(|_| Part::default()).collect() }
+    }
+}
+
+impl GradientSource for FusedGradient {
+    fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Option<StepGradient> {
+        assert_eq!(weights.len(), self.layout.length, "one number for each weight");
+        let lit = batch.lit_count();
+        if lit == 0 {
+            return None;
+        }
+        let count = batch.condition_count();
+        let layout = &self.layout;
+        self.parts.par_iter_mut().enumerate().for_each(|(index, part)| {
+            let range = index * count / PARTS..(index + 1) * count / PARTS;
+            simd::dispatch(Work { part, layout, weights, objective, batch, range, scale: 1.0 / lit as f32 });
+        });
+        let (first, others) = self.parts.split_first().expect("there are parts");
+        let mut sum = StepGradient { loss: first.loss, by_weight: first.gradient.clone() };
+        for part in others {
+            sum.loss += part.loss;
+            for (sum, term) in sum.by_weight.iter_mut().zip(&part.gradient) {
+                *sum += term;
+            }
+        }
+        Some(sum)
+    }
+}
+
+/// One part of a batch.
+struct Work<'a> {
+    part: &'a mut Part,
+    layout: &'a Layout,
+    weights: &'a [f32],
+    objective: Objective,
+    batch: &'a Batch,
+    range: std::ops::Range<usize>,
+    /// What the sum of losses is multiplied with.
+    scale: f32,
+}
+
+impl Vectorized for Work<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { part, layout, weights, objective, batch, range, scale } = self;
+        part.loss = 0.0;
+        part.gradient.clear();
+        part.gradient.resize(layout.length, 0.0);
+        if range.is_empty() {
+            return;
+        }
+        part.conditions.forward(layout, weights, batch, range.clone());
+        let group = (GROUP / batch.samples).max(1);
+        let mut first = range.start;
+        while first < range.end {
+            let last = (first + group).min(range.end);
+            let place = samples::Place { first, count: last - first, column: first - range.start };
+            part.samples.forward(layout, weights, batch, &part.conditions, place);
+            part.loss += part.samples.evaluate_loss(objective, batch, &mut part.conditions, place, scale);
+            part.samples.backward(layout, weights, batch, &mut part.conditions, place, &mut part.gradient);
+            first = last;
+        }
+        part.conditions.backward(layout, weights, &mut part.gradient);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use headtail_model::Condition;
+    use headtail_render::random::Purpose;
+
+    use super::*;
+    use crate::{
+        Backend, CosineTarget, Loss, injection,
+        target::BatchShape,
+        test_support::{random_head, studio},
+    };
+
+    /// Conditions of any length; the first is empty, and the others have mixtures with BRDF sampling.
+    fn batch(condition: Condition) -> Batch {
+        let tail = studio();
+        let shape = BatchShape { conditions: 21, strata: 4, brdf_samples: 9 };
+        let mut batch = Batch::draw(&CosineTarget::new(&tail), shape, 0, Purpose::Test, 0).unwrap();
+        batch.densities[..25].fill(0.0);
+        let length = condition.length();
+        batch.conditions = (0..21 * length).map(|k| ((k * 7919) % 101) as f32 / 50.0 - 1.0).collect();
+        batch.condition_length = length;
+        for (k, brdf) in batch.brdf.iter_mut().enumerate() {
+            *brdf = (k % 5) as f32 * 0.7;
+        }
+        batch
+    }
+
+    #[test]
+    fn the_fused_gradient_is_that_of_the_graph() {
+        let device = Backend::Flex.device().unwrap().autodiff();
+        let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
+        for mode in [Mode::Coupled, Mode::Autoregressive] {
+            for (loss, config) in [
+                (Loss::ForwardKl, HeadConfig { mode, ..HeadConfig::COSINE }),
+                (Loss::LogChiSquare, HeadConfig { mode, encoder, bins: 8, selection: true, ..HeadConfig::COSINE }),
+                (Loss::LogChiSquare, HeadConfig { mode, hidden: 24, hidden_layers: 1, ..HeadConfig::MICROFACET }),
+                (Loss::ReverseKl, HeadConfig { mode, hidden_layers: 3, selection: true, ..HeadConfig::MICROFACET }),
+            ] {
+                // Bins of 1e-3 that large logits make would magnify the reference's own rounding beyond the bound.
+                let scale = if config.bins > 8 { 0.1 } else { 1.0 };
+                let head = random_head(config, &device);
+                let weights: Vec<f32> = head.flat_weights().iter().map(|weight| scale * weight).collect();
+                let head = head.with_flat_weights(&weights, &device);
+                let batch = batch(config.condition);
+                let objective = Objective { loss, entropic: 1e-2 };
+                let expected = injection::in_graph(&head, objective, &batch, &device).unwrap();
+                let mut fused = FusedGradient::new(&head);
+                // Twice, as buffers are used again.
+                for _ in 0..2 {
+                    let found = fused.gradient(&head.flat_weights(), objective, &batch).unwrap();
+                    assert!((expected.loss - found.loss).abs() < 1e-5 * expected.loss.abs().max(1.0));
+                    let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
+                    let size = norm(&mut expected.by_weight.iter().copied());
+                    let apart = expected.by_weight.iter().zip(&found.by_weight).map(|(a, b)| a - b);
+                    let error = norm(&mut apart.clone());
+                    assert!(error <= 1e-5 * size, "{config:?} {loss:?}: {error} of {size}");
+                    assert!(size > 1e-3);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn threads_do_not_change_a_bit() {
+        let head = random_head(HeadConfig::COSINE, &Backend::Flex.device().unwrap());
+        let objective = Objective { loss: Loss::LogChiSquare, entropic: 0.0 };
+        let gradient = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let batch = batch(Condition::Normal);
+            pool.install(|| FusedGradient::new(&head).gradient(&head.flat_weights(), objective, &batch))
+        };
+        assert_eq!(gradient(1), gradient(3));
+    }
+
+    #[test]
+    fn a_batch_without_light_has_no_gradient() {
+        let head = random_head(HeadConfig::COSINE, &Backend::Flex.device().unwrap());
+        let mut batch = batch(Condition::Normal);
+        batch.densities.fill(0.0);
+        let objective = Objective { loss: Loss::LogChiSquare, entropic: 0.0 };
+        assert_eq!(FusedGradient::new(&head).gradient(&head.flat_weights(), objective, &batch), None);
+    }
+}

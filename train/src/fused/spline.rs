@@ -1,0 +1,368 @@
+//! Splines of many samples in SIMD lanes: value, log-slope and the analytic gradients of both.
+//!
+//! The mathematics is that of [`headtail_model::spline::analytic`], which takes one spline at a time. Here every sample has a
+//! spline of its own, matrices are `[logits, samples]`, and [`LANES`] samples go through each operation together.
+
+use headtail_model::spline::{MIN_BIN, MIN_SLOPE, Topology, slope_offset};
+use headtail_render::simd::{self, LANES, Lanes};
+
+/// Splines of `samples` samples, a whole number of [`LANES`].
+pub(super) struct Splines<'a> {
+    pub topology: Topology,
+    pub bins: usize,
+    pub samples: usize,
+    /// Where each spline is evaluated: coordinates of the unit square.
+    pub points: &'a [f32],
+    /// `[3K + 1, samples]`; logits before, the derivatives of the log-slope by the logits after.
+    pub logits: &'a mut [f32],
+    /// `[3K + 1, samples]`, or empty where the value's derivatives by the logits are not wanted.
+    pub of_values: &'a mut [f32],
+    /// The splines' values.
+    pub values: &'a mut [f32],
+    /// Logarithms of the splines' slopes.
+    pub log_slopes: &'a mut [f32],
+    /// Exponentials of the logits of widths and heights.
+    pub scratch: &'a mut Vec<Lanes>,
+}
+
+/// Softmax of one axis, not normalised yet.
+struct Softmax {
+    /// What an exponential is multiplied with to give a bin's size above the floor.
+    scale: Lanes,
+}
+
+/// The bin that each sample falls into along one axis.
+struct Bin {
+    start: Lanes,
+    size: Lanes,
+}
+
+/// Derivatives by the constrained parameters of each sample's bin, see [`headtail_model::spline::analytic::Derivatives`].
+struct Derivatives {
+    left_slope: Lanes,
+    right_slope: Lanes,
+    width: Lanes,
+    height: Lanes,
+    left: Lanes,
+    bottom: Lanes,
+}
+
+impl Splines<'_> {
+    /// Evaluates all; to be inlined into a function that is compiled for the processor's SIMD instructions.
+    #[inline(always)]
+    pub fn evaluate(mut self) {
+        self.scratch.resize(2 * self.bins, [0.0; LANES]);
+        for first in (0..self.samples).step_by(LANES) {
+            self.strip(first);
+        }
+    }
+}
+
+impl Splines<'_> {
+    /// One strip of [`LANES`] samples.
+    #[inline(always)]
+    fn strip(&mut self, first: usize) {
+        let (bins, samples) = (self.bins, self.samples);
+        let x = self.positions(first);
+        let widths = self.softmax(first, 0);
+        let heights = self.softmax(first, bins);
+        let (index, across) = locate(&self.scratch[..bins], &widths, &x);
+        let up = pick(&self.scratch[bins..2 * bins], &heights, &index);
+        let (mut left_arguments, mut right_arguments) = ([0.0; LANES], [0.0; LANES]);
+        for l in 0..LANES {
+            let left = index[l] as usize;
+            let right = if self.topology == Topology::Circle && left + 1 == bins { 0 } else { left + 1 };
+            left_arguments[l] = self.logits[(2 * bins + left) * samples + first + l];
+            right_arguments[l] = self.logits[(2 * bins + right) * samples + first + l];
+        }
+        let (mut of_log_slope, mut of_value) = (Derivatives::zero(), Derivatives::zero());
+        let offset = slope_offset() as f32;
+        for l in 0..LANES {
+            let (left_argument, right_argument) = (left_arguments[l] + offset, right_arguments[l] + offset);
+            let d0 = MIN_SLOPE as f32 + simd::softplus(left_argument);
+            let d1 = MIN_SLOPE as f32 + simd::softplus(right_argument);
+            let (width, height) = (across.size[l], up.size[l]);
+            let t = (x[l] - across.start[l]) / width;
+            let t = if t < 0.0 { 0.0 } else { t };
+            let t = if t > 1.0 { 1.0 } else { t };
+            let o = 1.0 - t;
+            let s = height / width;
+            // Both are sums of non-negative terms of which one is positive.
+            let n = d1 * t * t + 2.0 * s * t * o + d0 * o * o;
+            let d = s * (1.0 - 2.0 * t * o) + (d0 + d1) * t * o;
+            let (by_n, by_d, by_width) = (1.0 / n, 1.0 / d, 1.0 / width);
+            let value = (s * t + d0 * o) * t * by_d;
+            let z = up.start[l] + height * value;
+            let z = if z > 1.0 { 1.0 } else { z };
+            self.values[first + l] = z;
+            self.log_slopes[first + l] = 2.0 * simd::ln(s) + simd::ln(n) - 2.0 * simd::ln(d);
+            let (of_d0, of_d1) = (simd::sigmoid(left_argument), simd::sigmoid(right_argument));
+
+            let by_secant = 2.0 / s + 2.0 * t * o * by_n - 2.0 * (1.0 - 2.0 * t * o) * by_d;
+            let by_position = 2.0 * (d1 * t + s * (1.0 - 2.0 * t) - d0 * o) * by_n
+                - 2.0 * (d0 + d1 - 2.0 * s) * (1.0 - 2.0 * t) * by_d;
+            of_log_slope.left_slope[l] = of_d0 * (o * o * by_n - 2.0 * t * o * by_d);
+            of_log_slope.right_slope[l] = of_d1 * (t * t * by_n - 2.0 * t * o * by_d);
+            of_log_slope.width[l] = -(by_secant * s + by_position * t) * by_width;
+            of_log_slope.height[l] = by_secant * by_width;
+            of_log_slope.left[l] = -by_position * by_width;
+
+            let by_secant = (t * t - value * (1.0 - 2.0 * t * o)) * by_d;
+            let by_position = s * n * by_d * by_d;
+            of_value.left_slope[l] = height * of_d0 * (t * o * (1.0 - value) * by_d);
+            of_value.right_slope[l] = -height * of_d1 * (t * o * value * by_d);
+            of_value.width[l] = -height * (by_secant * s + by_position * t) * by_width;
+            of_value.height[l] = height * by_secant * by_width + value;
+            of_value.left[l] = -height * by_position * by_width;
+            of_value.bottom[l] = 1.0;
+        }
+        let (width_at, height_at) = (&self.scratch[..bins], &self.scratch[bins..2 * bins]);
+        let rows = Rows { topology: self.topology, bins, samples, first, index: &index };
+        for (out, derivatives) in [(&mut *self.logits, &of_log_slope), (&mut *self.of_values, &of_value)] {
+            if !out.is_empty() {
+                rows.softmax(out, 0, width_at, &widths, &across, (&derivatives.width, &derivatives.left));
+                rows.softmax(out, bins, height_at, &heights, &up, (&derivatives.height, &derivatives.bottom));
+                rows.slopes(out, derivatives);
+            }
+        }
+    }
+
+    /// Where each sample lies on the width axis, in `[0, 1]`.
+    #[inline(always)]
+    fn positions(&self, first: usize) -> Lanes {
+        let mut x = [0.0; LANES];
+        for l in 0..LANES {
+            let y = self.points[first + l];
+            x[l] = match self.topology {
+                Topology::Interval => y.clamp(0.0, 1.0),
+                Topology::Circle => {
+                    let turns = self.logits[3 * self.bins * self.samples + first + l];
+                    wrap(wrap(y) + (turns - turns.round()))
+                }
+            };
+        }
+        x
+    }
+
+    /// Exponentials of `K` rows of logits from `row` on, into the scratch rows from `row` on.
+    #[inline(always)]
+    fn softmax(&mut self, first: usize, row: usize) -> Softmax {
+        let bins = self.bins;
+        let mut largest = [f32::NEG_INFINITY; LANES];
+        for k in row..row + bins {
+            let logits = lanes(self.logits, k * self.samples + first);
+            for l in 0..LANES {
+                largest[l] = if logits[l] > largest[l] { logits[l] } else { largest[l] };
+            }
+        }
+        let mut total = [0.0; LANES];
+        for k in row..row + bins {
+            let logits = lanes(self.logits, k * self.samples + first);
+            let out = &mut self.scratch[k];
+            for l in 0..LANES {
+                let e = simd::exp(logits[l] - largest[l]);
+                out[l] = e;
+                total[l] += e;
+            }
+        }
+        let free = free_fraction(bins);
+        let mut scale = [0.0; LANES];
+        for l in 0..LANES {
+            scale[l] = free / total[l];
+        }
+        Softmax { scale }
+    }
+}
+
+/// The bin of each `x`: its index and place.
+#[inline(always)]
+fn locate(exponentials: &[Lanes], softmax: &Softmax, x: &Lanes) -> ([u32; LANES], Bin) {
+    let mut left = [0.0; LANES];
+    let mut index = [0_u32; LANES];
+    let (mut start, mut size) = ([0.0; LANES], [0.0; LANES]);
+    for (k, e) in exponentials.iter().enumerate() {
+        for l in 0..LANES {
+            let width = MIN_BIN as f32 + softmax.scale[l] * e[l];
+            // The first bin takes every `x`, and each later one those that have reached it.
+            let inside = x[l] >= left[l];
+            index[l] = if inside { k as u32 } else { index[l] };
+            start[l] = if inside { left[l] } else { start[l] };
+            size[l] = if inside { width } else { size[l] };
+            left[l] += width;
+        }
+    }
+    (index, Bin { start, size })
+}
+
+/// The place of the bin of a given index along the other axis.
+#[inline(always)]
+fn pick(exponentials: &[Lanes], softmax: &Softmax, index: &[u32; LANES]) -> Bin {
+    let mut bottom = [0.0; LANES];
+    let (mut start, mut size) = ([0.0; LANES], [0.0; LANES]);
+    for (k, e) in exponentials.iter().enumerate() {
+        for l in 0..LANES {
+            let height = MIN_BIN as f32 + softmax.scale[l] * e[l];
+            let here = index[l] == k as u32;
+            start[l] = if here { bottom[l] } else { start[l] };
+            size[l] = if here { height } else { size[l] };
+            bottom[l] += height;
+        }
+    }
+    Bin { start, size }
+}
+
+/// Where a strip's derivatives go.
+struct Rows<'a> {
+    topology: Topology,
+    bins: usize,
+    samples: usize,
+    first: usize,
+    index: &'a [u32; LANES],
+}
+
+impl Rows<'_> {
+    /// Through floor and softmax: `dL/du_k = free p_k (g_k - sum_j p_j g_j)`, where `g` is `by_size` in the sample's bin, `by_start`
+    /// in those before it and 0 after.
+    #[inline(always)]
+    fn softmax(
+        &self,
+        out: &mut [f32],
+        row: usize,
+        exponentials: &[Lanes],
+        softmax: &Softmax,
+        bin: &Bin,
+        (by_size, by_start): (&Lanes, &Lanes),
+    ) {
+        let by_free = 1.0 / free_fraction(self.bins);
+        let mut mean = [0.0; LANES];
+        for l in 0..LANES {
+            let own = (bin.size[l] - MIN_BIN as f32) * by_free;
+            let before = (bin.start[l] - self.index[l] as f32 * MIN_BIN as f32) * by_free;
+            mean[l] = own * by_size[l] + before * by_start[l];
+        }
+        for (k, e) in exponentials.iter().enumerate() {
+            let out = lanes_mut(out, (row + k) * self.samples + self.first);
+            for l in 0..LANES {
+                let k = k as u32;
+                let g = if k < self.index[l] { by_start[l] } else { 0.0 };
+                let g = if k == self.index[l] { by_size[l] } else { g };
+                out[l] = softmax.scale[l] * e[l] * (g - mean[l]);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn slopes(&self, out: &mut [f32], derivatives: &Derivatives) {
+        let bins = self.bins;
+        for row in 2 * bins..=3 * bins {
+            *lanes_mut(out, row * self.samples + self.first) = [0.0; LANES];
+        }
+        for l in 0..LANES {
+            let left = self.index[l] as usize;
+            let circle = self.topology == Topology::Circle;
+            let right = if circle && left + 1 == bins { 0 } else { left + 1 };
+            out[(2 * bins + left) * self.samples + self.first + l] += derivatives.left_slope[l];
+            out[(2 * bins + right) * self.samples + self.first + l] += derivatives.right_slope[l];
+            if circle {
+                // The shift moves the point, and with it the knot the other way.
+                out[3 * bins * self.samples + self.first + l] = -derivatives.left[l];
+            }
+        }
+    }
+}
+
+impl Derivatives {
+    #[inline(always)]
+    fn zero() -> Self {
+        let zero = [0.0; LANES];
+        Self { left_slope: zero, right_slope: zero, width: zero, height: zero, left: zero, bottom: zero }
+    }
+}
+
+/// What the floors of all bins leave.
+#[inline(always)]
+fn free_fraction(bins: usize) -> f32 {
+    (1.0 - bins as f64 * MIN_BIN) as f32
+}
+
+/// `x` modulo 1, in `[0, 1)`.
+#[inline(always)]
+fn wrap(x: f32) -> f32 {
+    let fraction = x - x.floor();
+    if fraction >= 1.0 { 0.0 } else { fraction }
+}
+
+#[inline(always)]
+fn lanes(values: &[f32], at: usize) -> &Lanes {
+    values[at..at + LANES].try_into().expect("a slice of LANES numbers")
+}
+
+#[inline(always)]
+fn lanes_mut(values: &mut [f32], at: usize) -> &mut Lanes {
+    (&mut values[at..at + LANES]).try_into().expect("a slice of LANES numbers")
+}
+
+#[cfg(test)]
+mod tests {
+    use headtail_model::spline::{
+        analytic::{AnalyticSpline, LogitGradient},
+        logit_count,
+    };
+    use headtail_render::random::{Purpose, Stream};
+
+    use super::*;
+
+    #[test]
+    fn lanes_agree_with_one_spline_at_a_time() {
+        let samples = 4 * LANES;
+        for topology in [Topology::Interval, Topology::Circle] {
+            for bins in [2, 4, 8, 32] {
+                let count = logit_count(bins);
+                let mut random = Stream::new(7, Purpose::Test, bins as u64);
+                let logits: Vec<f32> = (0..count * samples).map(|_| 3.0 * random.uniform() - 1.5).collect();
+                let mut points: Vec<f32> = (0..samples).map(|_| random.uniform()).collect();
+                points[..3].copy_from_slice(&[0.0, 1.0, 0.5]);
+                let (mut of_log, mut of_values) = (logits.clone(), vec![0.0; count * samples]);
+                let (mut values, mut log_slopes) = (vec![0.0; samples], vec![0.0; samples]);
+                Splines {
+                    topology,
+                    bins,
+                    samples,
+                    points: &points,
+                    logits: &mut of_log,
+                    of_values: &mut of_values,
+                    values: &mut values,
+                    log_slopes: &mut log_slopes,
+                    scratch: &mut Vec::new(),
+                }
+                .evaluate();
+                let (mut spline, mut sums) = (AnalyticSpline::new(topology, bins), LogitGradient::new(bins));
+                for sample in 0..samples {
+                    let column =
+                        |matrix: &[f32]| -> Vec<f32> { (0..count).map(|k| matrix[k * samples + sample]).collect() };
+                    spline.prepare(&column(&logits));
+                    let at = spline.evaluate(points[sample]);
+                    // A position is known to some 1e-7, which the slope magnifies.
+                    let bound = 5e-7 * (1.0 + at.log_slope.exp());
+                    assert!((at.z - values[sample]).abs() < bound, "{} {}", at.z, values[sample]);
+                    assert!(
+                        (at.log_slope - log_slopes[sample]).abs() < 2e-5 * bins as f32,
+                        "{} {}",
+                        at.log_slope,
+                        log_slopes[sample]
+                    );
+                    for (derivatives, found) in [(&at.of_log_slope, &of_log), (&at.of_z, &of_values)] {
+                        let mut expected = vec![0.0; count];
+                        sums.add(derivatives, 1.0);
+                        sums.finish(&spline, &mut expected);
+                        let size = expected.iter().map(|g| g * g).sum::<f32>().sqrt();
+                        // Positions inside a bin of width 1e-2 are known to 1e-5.
+                        for (expected, found) in expected.iter().zip(column(found)) {
+                            assert!((expected - found).abs() < 5e-4 * (1.0 + size), "{topology:?} {expected} {found}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
