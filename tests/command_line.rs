@@ -418,7 +418,7 @@ fn values_out_of_range_are_refused() {
     for (arguments, named) in [
         ("", "Usage"),
         ("paint", "paint"),
-        ("fit --env studio --material ggx --out a", "lambert"),
+        ("fit --env studio --material ggx --out a", "ggx:alpha=0.4"),
         ("fit --env studio --material lambert --steps 0 --out a", "--steps"),
         ("fit --env studio --material lambert --seed -1 --out a", "-1"),
         ("bake --out a", "--direct"),

@@ -13,6 +13,7 @@ use headtail_model::{
     spline::{self, Topology},
 };
 use headtail_render::random::{Purpose, Stream};
+use headtail_train::{Batch, Loss, Objective, injection::injected};
 
 const MIN: f64 = 1e-4;
 
@@ -103,12 +104,24 @@ impl Reference {
         self.affine(&format!("layer{layer}.linear{}", self.config.hidden_layers), &x)
     }
 
-    fn log_density(&self, y: [f64; 2], c: &[f64]) -> f64 {
+    /// The condition and the encoder's output.
+    fn encode(&self, c: &[f64]) -> Vec<f64> {
         let mut condition = c.to_vec();
         if self.config.encoder.is_some() {
             let hidden = self.leaky(self.affine("encoder.linear0", c));
             condition.extend(self.leaky(self.affine("encoder.linear1", &hidden)));
         }
+        condition
+    }
+
+    /// The probability to draw from the head.
+    fn selection(&self, c: &[f64]) -> f64 {
+        let hidden = self.leaky(self.affine("selection.linear0", &self.encode(c)));
+        0.02 + 0.96 / (1.0 + (-self.affine("selection.linear1", &hidden)[0]).exp())
+    }
+
+    fn log_density(&self, y: [f64; 2], c: &[f64]) -> f64 {
+        let condition = self.encode(c);
         let angle = std::f64::consts::TAU * y[0];
         let (features, coupled) = match self.config.mode {
             Mode::Coupled => (vec![angle.cos(), angle.sin()], true),
@@ -283,5 +296,93 @@ fn gradients_agree_with_central_differences() {
         }
         assert!(largest > 0.05, "a gradient of {largest} tests nothing");
         assert_eq!(head.num_params(), before.iter().map(|w| w.values.len()).sum::<usize>());
+    }
+}
+
+/// The losses by their definitions, in f64. `q` is the density that samples have.
+fn loss(kind: Loss, entropic: f64, batch: &Batch, condition: usize, q: &[f64]) -> f64 {
+    let at = batch.condition(condition);
+    let (g, v, tails) = (widen(at.densities), widen(at.weights), widen(at.tails));
+    let n = q.len() as f64;
+    let total: f64 = g.iter().zip(&v).map(|(g, v)| g * v).sum();
+    let covered: f64 = q.iter().zip(&v).map(|(q, v)| q * v).sum();
+    let (mut sum, mut regularisation) = (0.0, 0.0);
+    for i in 0..q.len() {
+        let (w, p, u) = (v[i] * g[i] / total, n * g[i] / total, v[i] * q[i] / covered);
+        sum += match kind {
+            Loss::ForwardKl if w > 0.0 => w * (p / q[i]).ln(),
+            Loss::ForwardKl => 0.0,
+            Loss::LogChiSquare => w * p / q[i],
+            // Where the target is (almost) zero it counts as 1e-4 of its mean.
+            Loss::ReverseKl => u * (u / (p.max(1e-4) * v[i] / n)).ln(),
+        };
+        regularisation += w * (q[i] * tails[i]) * (q[i] * tails[i]).ln();
+    }
+    (if kind == Loss::LogChiSquare { sum.ln() } else { sum }) + entropic * regularisation
+}
+
+/// Every weight's derivative of every loss of a mixture with BRDF sampling, through the step that training takes.
+#[test]
+fn gradients_of_mixture_losses_agree_with_central_differences() {
+    let device = Device::flex().autodiff();
+    let mut stream = Stream::new(0, Purpose::Test, 5);
+    let (conditions, samples) = (3, 8);
+    let mut draw = |count: usize, low: f32, high: f32| -> Vec<f32> {
+        (0..count).map(|_| low + (high - low) * stream.uniform()).collect()
+    };
+    let count = conditions * samples;
+    let batch = Batch {
+        condition_length: 3,
+        samples,
+        conditions: draw(3 * conditions, -1.0, 1.0),
+        points: draw(2 * count, 0.0, 1.0),
+        densities: draw(count, -0.3, 1.0).into_iter().map(|g| g.max(0.0)).collect(),
+        weights: draw(count, 0.2, 2.0),
+        brdf: draw(count, 0.0, 3.0),
+        tails: draw(count, 0.1, 4.0),
+    };
+    for config in configurations().into_iter().filter(|config| config.encoder.is_some()) {
+        let config = HeadConfig { hidden: 6, selection: true, ..config };
+        let head = random_head(config, &device);
+        let mut reference = Reference::new(config, &head.weights());
+        for kind in Loss::ALL {
+            let objective = Objective { loss: kind, entropic: 0.05 };
+            let found = injected(&head, objective, &batch, &device).unwrap();
+            let mean = |reference: &Reference| {
+                let of_condition = |index: usize| {
+                    let c = widen(&batch.conditions[3 * index..3 * index + 3]);
+                    let p = reference.selection(&c);
+                    let q: Vec<f64> = (0..samples)
+                        .map(|i| {
+                            let point = index * samples + i;
+                            let y = [f64::from(batch.points[2 * point]), f64::from(batch.points[2 * point + 1])];
+                            p * reference.log_density(y, &c).exp() + (1.0 - p) * f64::from(batch.brdf[point])
+                        })
+                        .collect();
+                    loss(kind, f64::from(objective.entropic), &batch, index, &q)
+                };
+                (0..conditions).map(of_condition).sum::<f64>() / conditions as f64
+            };
+            assert!((f64::from(found.loss) - mean(&reference)).abs() < 1e-5, "{kind}");
+            let mut by_weight = found.by_weight.iter().map(|&g| f64::from(g));
+            for tensor in 0..reference.weights.len() {
+                for value in 0..reference.weights[tensor].2.len() {
+                    let (centre, h) = (reference.weights[tensor].2[value], 1e-5);
+                    let mut at = |step: f64| {
+                        reference.weights[tensor].2[value] = centre + step;
+                        mean(&reference)
+                    };
+                    let expected = (at(h) - at(-h)) / (2.0 * h);
+                    reference.weights[tensor].2[value] = centre;
+                    let gradient = by_weight.next().unwrap();
+                    let name = &reference.weights[tensor].0;
+                    assert!(
+                        (gradient - expected).abs() < 1e-4 * expected.abs().max(0.1),
+                        "{kind} {name}[{value}]: {gradient} {expected}"
+                    );
+                }
+            }
+            assert!(by_weight.next().is_none());
+        }
     }
 }

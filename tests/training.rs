@@ -113,7 +113,12 @@ fn every_kind_of_target_is_trained() {
         ("--preset paper-ggx --no-export --set strata=6 --set brdf_samples=9", true),
     ] {
         let small = if kind.contains("--steps") { small.replace("--steps 25", "") } else { small.into() };
-        let (said, _) = succeed(path, &format!("fit {small} {kind}"));
+        let (said, _) = succeed(path, &format!("fit {small} {kind} --pictures pictures"));
+        for picture in 0..4 {
+            let picture = path.join(format!("pictures/condition-{picture}.png"));
+            assert!(fs::read(&picture).unwrap().starts_with(b"\x89PNG"), "{kind}");
+            fs::remove_file(picture).unwrap();
+        }
         let rows = metrics(&path.join("out"));
         let kl = |row: &serde_json::Value| row["kl"].as_f64().unwrap();
         let (first, last) = (kl(&rows[0]), kl(&rows[rows.len() - 1]));

@@ -80,6 +80,9 @@ pub struct Arguments {
     /// Write event files for TensorBoard into this folder.
     #[arg(long, value_name = "DIR")]
     pub tensorboard: Option<PathBuf>,
+    /// Draw target and learned density for four conditions into this folder, in the end.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
     /// Leave the training time out of the file, so that the same command writes the same bytes.
     #[arg(long)]
     pub reproducible: bool,

@@ -2,13 +2,13 @@
 
 mod arguments;
 
-use std::{sync::Arc, sync::atomic::AtomicBool, time::Instant};
+use std::{path::PathBuf, sync::Arc, sync::atomic::AtomicBool, time::Instant};
 
 use anyhow::{Result, bail, ensure};
 use headtail_render::{environment::Environment, scene::Scene, tail::Tail};
 use headtail_train::{
     CheckpointFolder, FitConfig, Fitted, MetricsFile, Progress, Run, TensorBoard, Viewpoints, build_target,
-    check_exportable, exported_sampler, fit_with,
+    check_exportable, density_pictures, exported_sampler, fit_with,
 };
 
 pub use arguments::Arguments;
@@ -38,13 +38,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         checkpoints: arguments.checkpoints(describe_target(arguments, &environment)),
         metrics: Some(MetricsFile::new(&out.join("metrics.jsonl"), config.seed)),
         tensorboard: arguments.tensorboard.as_deref().map(TensorBoard::create).transpose()?,
+        pictures: arguments.pictures.clone(),
     };
     let fitted = train(&environment, &config, outputs, &*progress::stop_flag()?)?;
     let (summary, before, after) = (&fitted.summary, fitted.summary.initial, fitted.summary.divergence);
+    let untrained = if config.naive || config.head.selection { "untrained" } else { "tail alone" };
     println!(
-        "KL {:.4} nats ({} {:.4}), relative variance {:.4} ({1} {:.3}), {} steps{}",
+        "KL {:.4} nats ({untrained} {:.4}), relative variance {:.4} ({untrained} {:.3}), {} steps{}",
         after.kl,
-        if config.naive { "untrained" } else { "tail alone" },
         before.kl,
         after.relative_variance,
         before.relative_variance,
@@ -61,17 +62,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// Conditions of `--pictures`.
+const PICTURES: u64 = 4;
+
 /// Where conditions come from, and what is written while a head is trained.
 pub struct Outputs {
     viewpoints: Viewpoints,
     checkpoints: Option<CheckpointFolder>,
     metrics: Option<MetricsFile>,
     tensorboard: Option<TensorBoard>,
+    pictures: Option<PathBuf>,
 }
 
 impl Outputs {
     /// Conditions from everywhere, no files.
-    pub const NONE: Self = Self { viewpoints: Viewpoints::Sphere, checkpoints: None, metrics: None, tensorboard: None };
+    pub const NONE: Self =
+        Self { viewpoints: Viewpoints::Sphere, checkpoints: None, metrics: None, tensorboard: None, pictures: None };
 
     fn add(&mut self, progress: &Progress) -> headtail_train::Result<()> {
         if let Some(metrics) = &mut self.metrics {
@@ -93,7 +99,7 @@ pub fn train(
 ) -> Result<Fitted> {
     let tail = Tail::new(config.tail, environment.width(), environment.height(), &environment.luminance())?;
     let target = build_target(config, &tail, outputs.viewpoints.clone());
-    let checkpoints = outputs.checkpoints.take();
+    let (checkpoints, pictures) = (outputs.checkpoints.take(), outputs.pictures.take());
     let bar = progress::bar(config.steps as u64, "training");
     let mut kl = f64::NAN;
     let mut show = |progress: &Progress| {
@@ -114,6 +120,9 @@ pub fn train(
     };
     let fitted = fit_with(config, &*target, run)?;
     bar.finish_and_clear();
+    if let Some(folder) = pictures {
+        density_pictures(&fitted.head, config, &*target, PICTURES, &folder)?;
+    }
     Ok(fitted)
 }
 

@@ -101,13 +101,14 @@ pub struct Run<'a> {
 /// # Errors
 /// As [`fit()`], and those of [`CheckpointFolder`] and of `run.progress`.
 pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result<Fitted> {
+    let Run { progress, interrupt, checkpoints, warn } = run;
     config.validate()?;
     check_target(config, target)?;
     let device = config.backend.device()?;
     let blank = Head::new(config.head, config.seed, &device)?;
     let mut state = TrainingState::new(config, blank.flat_weights());
-    let saved = match run.checkpoints {
-        Some(checkpoints) => checkpoints.open(config, blank.weight_count(), run.warn)?,
+    let saved = match checkpoints {
+        Some(checkpoints) => checkpoints.open(config, blank.weight_count(), warn)?,
         None => None,
     };
     let start = Instant::now();
@@ -132,7 +133,7 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
         seconds: earlier_seconds + start.elapsed().as_secs_f64(),
         skipped: state.skipped,
     };
-    let save = |state: &TrainingState| match run.checkpoints {
+    let save = |state: &TrainingState| match checkpoints {
         Some(checkpoints) => {
             let seconds = earlier_seconds + start.elapsed().as_secs_f64();
             checkpoints.save(config, &SavedRun { state: state.save(), seconds })
@@ -140,11 +141,11 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
         None => Ok(()),
     };
 
-    (run.progress)(&report(&state, (first_step == 0).then_some(initial)))?;
+    progress(&report(&state, (first_step == 0).then_some(initial)))?;
     let mut source = BurnGradient::new(blank.clone(), config.backend, &device);
     let mut interrupted = false;
     while state.step < config.steps {
-        interrupted = run.interrupt.load(Ordering::Relaxed);
+        interrupted = interrupt.load(Ordering::Relaxed);
         if interrupted {
             break;
         }
@@ -155,13 +156,13 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
         // Never due where `validate_every` is 0: no step is a multiple of it.
         let due = state.step.is_multiple_of(config.validate_every);
         // Before the checkpoint: a run that goes on from it has been told of everything up to it.
-        (run.progress)(&report(&state, due.then(|| divergence(&state))))?;
-        if run.checkpoints.is_some_and(|checkpoints| checkpoints.is_due(state.step)) {
+        progress(&report(&state, due.then(|| divergence(&state))))?;
+        if checkpoints.is_some_and(|checkpoints| checkpoints.is_due(state.step)) {
             save(&state)?;
         }
     }
     let last = divergence(&state);
-    (run.progress)(&report(&state, Some(last)))?;
+    progress(&report(&state, Some(last)))?;
     save(&state)?;
 
     let summary = Summary {

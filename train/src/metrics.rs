@@ -43,12 +43,14 @@ pub struct MetricsFile {
     seed: u64,
     /// Opened with the first step, which says where the run goes on.
     file: Option<File>,
+    /// The step of the last line; a run that is resumed at its end measures that step again.
+    last: Option<u64>,
 }
 
 impl MetricsFile {
     /// Lines go to `path`. A run that begins replaces the file, one that is resumed keeps the lines up to its step.
     pub fn new(path: &Path, seed: u64) -> Self {
-        Self { path: path.to_owned(), seed, file: None }
+        Self { path: path.to_owned(), seed, file: None, last: None }
     }
 
     /// Adds a line if there was a validation.
@@ -59,9 +61,16 @@ impl MetricsFile {
         let failed = |reason: std::io::Error| Error::Output { path: self.path.clone(), reason: reason.to_string() };
         let file = match &mut self.file {
             Some(file) => file,
-            closed => closed.insert(open(&self.path, progress.step).map_err(failed)?),
+            closed => {
+                let (file, last) = open(&self.path, progress.step).map_err(failed)?;
+                self.last = last;
+                closed.insert(file)
+            }
         };
         let Some(divergence) = progress.divergence else { return Ok(()) };
+        if self.last.replace(progress.step as u64) == Some(progress.step as u64) {
+            return Ok(());
+        }
         let row = MetricsRow {
             step: progress.step,
             loss: progress.loss,
@@ -80,19 +89,21 @@ impl MetricsFile {
     }
 }
 
-/// Opens the file for more lines, without those of steps beyond `step` and those that a kill has cut.
-fn open(path: &Path, step: usize) -> std::io::Result<File> {
-    let mut kept = String::new();
+/// Opens the file for more lines, without those of steps beyond `step` and those that a kill has cut; and the last line's step.
+fn open(path: &Path, step: usize) -> std::io::Result<(File, Option<u64>)> {
+    let (mut kept, mut last) = (String::new(), None);
     if step > 0 && path.exists() {
         for line in fs::read_to_string(path)?.split_inclusive('\n') {
             let row: serde_json::Value = serde_json::from_str(line).unwrap_or_default();
-            if row["step"].as_u64().is_some_and(|other| other <= step as u64) && line.ends_with('\n') {
+            let known = row["step"].as_u64().filter(|&other| other <= step as u64 && line.ends_with('\n'));
+            if known.is_some() {
                 kept += line;
+                last = known;
             }
         }
     }
     fs::write(path, kept)?;
-    OpenOptions::new().append(true).open(path)
+    Ok((OpenOptions::new().append(true).open(path)?, last))
 }
 
 #[cfg(test)]
@@ -134,6 +145,11 @@ mod tests {
         fs::write(&path, text.clone() + &text[..40]).unwrap();
         let mut file = MetricsFile::new(&path, 3);
         file.add(&progress(15, false)).unwrap();
+        file.add(&progress(20, true)).unwrap();
+        assert_eq!(steps(&path), [0, 10, 20]);
+        // Resumed at its end.
+        let mut file = MetricsFile::new(&path, 3);
+        file.add(&progress(20, false)).unwrap();
         file.add(&progress(20, true)).unwrap();
         assert_eq!(steps(&path), [0, 10, 20]);
         MetricsFile::new(&path, 3).add(&progress(0, true)).unwrap();

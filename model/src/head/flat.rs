@@ -2,21 +2,21 @@
 //!
 //! The order is that of [`Head::weights`]: row-major `[out, in]` weight, then bias, layer by layer.
 
-use burn::{nn::Linear, optim::GradientsParams, prelude::Device};
+use burn::{module::Param, nn::Linear, optim::GradientsParams, prelude::Device};
 
-use super::Head;
+use super::{Head, SelectionNetwork};
 use crate::linear;
 
 impl Head {
     /// The layers in the order of [`weights`](Self::weights).
     fn linears(&self) -> impl Iterator<Item = &Linear> {
         let layers = self.layers.iter().flat_map(|layer| layer.network().linears());
-        self.encoder.iter().chain(layers).chain(self.selection.iter().flat_map(|network| network.linears()))
+        self.encoder.iter().chain(layers).chain(self.selection.iter().flat_map(SelectionNetwork::linears))
     }
 
     fn linears_mut(&mut self) -> impl Iterator<Item = &mut Linear> {
         let layers = self.layers.iter_mut().flat_map(|layer| layer.network_mut().linears_mut());
-        let selection = self.selection.iter_mut().flat_map(|network| network.linears_mut());
+        let selection = self.selection.iter_mut().flat_map(SelectionNetwork::linears_mut);
         self.encoder.iter_mut().chain(layers).chain(selection)
     }
 
@@ -29,7 +29,7 @@ impl Head {
     pub fn flat_weights(&self) -> Vec<f32> {
         let mut flat = Vec::with_capacity(self.weight_count());
         for layer in self.linears() {
-            linear::flatten(layer.weight.val(), layer.bias.as_ref().map(|bias| bias.val()), &mut flat);
+            linear::flatten(layer.weight.val(), layer.bias.as_ref().map(Param::val), &mut flat);
         }
         flat
     }

@@ -111,7 +111,7 @@ fn a_checkpoint_of_another_run_is_an_error() {
     here.save(&config, &run(10)).unwrap();
     for (key, other) in [
         ("learning_rate", FitConfig { learning_rate: 1e-3, ..config.clone() }),
-        ("head.bins", FitConfig { head: headtail_model::HeadConfig { bins: 5, ..config.head }, ..config.clone() }),
+        ("head.bins", FitConfig { head: headtail_model::HeadConfig { bins: 5, ..config.head }, ..config }),
     ] {
         let error = resume(&here, &other).0.unwrap_err().to_string();
         assert!(error.contains(&format!("`{key}`")) && error.contains("step-000000010"), "{error}");

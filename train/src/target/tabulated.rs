@@ -163,4 +163,25 @@ mod tests {
             }
         }
     }
+
+    /// The table's density over Y is the normalised target, but for the size of its cells.
+    #[test]
+    fn its_densities_are_those_of_the_target() {
+        let tail = studio();
+        let tabulated = TabulatedTarget::new(Lambert::default(), &tail);
+        let exact = CosineTarget::new(&tail);
+        for index in 0..3 {
+            let shape = BatchShape { conditions: 1, strata: 32, brdf_samples: 0 };
+            let drawn = Batch::draw(&tabulated, shape, 0, Purpose::Test, index).unwrap();
+            let even = Batch::draw(&exact, shape, 0, Purpose::Test, index).unwrap();
+            let mean = even.densities.iter().sum::<f32>() / 1024.0;
+            let close = drawn.points.chunks_exact(2).zip(&drawn.densities).filter(|(y, density)| {
+                let expected = exact.at(&drawn.conditions, [y[0], y[1]]).target / mean;
+                (**density / expected - 1.0).abs() < 0.1
+            });
+            // At the edges of lights a cell and the map disagree.
+            let close = close.count();
+            assert!(close > 850, "{close} of 1024");
+        }
+    }
 }
