@@ -1,6 +1,7 @@
 //! headtail: neural product importance sampling by warp composition. The command line.
 
 mod arguments;
+mod backends;
 mod bake;
 mod compare;
 mod demo;
@@ -30,6 +31,7 @@ enum Command {
     Render(render::Arguments),
     Compare(compare::Arguments),
     Inspect(inspect::Arguments),
+    Backends(backends::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -40,6 +42,7 @@ fn main() -> ExitCode {
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Backends(arguments) => backends::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

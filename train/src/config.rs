@@ -4,7 +4,7 @@ use headtail_model::{Condition, HeadConfig};
 use headtail_render::tail::TailKind;
 use serde::{Deserialize, Serialize};
 
-use crate::{Backend, Error, Loss, Material, Objective, Preset, Result, target::BatchShape};
+use crate::{Backend, Error, GradientForm, Loss, Material, Objective, Preset, Result, target::BatchShape};
 
 /// A training run. Missing keys of a file take the defaults, unknown keys are errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,6 +20,8 @@ pub struct FitConfig {
     pub naive: bool,
     /// Where tensors live.
     pub backend: Backend,
+    /// How gradients are computed.
+    pub gradient: GradientForm,
     /// Seed of weights, batches and validation.
     pub seed: u64,
     /// Optimiser steps.

@@ -9,8 +9,8 @@ use headtail_model::Head;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    CheckpointFolder, Divergence, Error, FitConfig, Result, Target, checkpoint::SavedRun, gradient::BurnGradient,
-    state::TrainingState, validation::Validation,
+    CheckpointFolder, Divergence, Error, FitConfig, Result, Target, checkpoint::SavedRun, state::TrainingState,
+    validation::Validation,
 };
 
 /// What is known after a step.
@@ -142,14 +142,14 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
     };
 
     progress(&report(&state, (first_step == 0).then_some(initial)))?;
-    let mut source = BurnGradient::new(blank.clone(), config.backend, &device);
+    let mut source = config.gradient.source(&blank, config.backend, &device);
     let mut interrupted = false;
     while state.step < config.steps {
         interrupted = interrupt.load(Ordering::Relaxed);
         if interrupted {
             break;
         }
-        state.advance(config, target, &mut source)?;
+        state.advance(config, target, &mut *source)?;
         if state.step == config.steps {
             break;
         }

@@ -1,8 +1,11 @@
 //! Where a step's gradient comes from: the seam between the training loop and whatever computes it.
 
-use headtail_model::{Head, burn::prelude::Device};
+use std::fmt;
 
-use crate::{Backend, Objective, injection, target::Batch};
+use headtail_model::{Head, burn::prelude::Device};
+use serde::{Deserialize, Serialize};
+
+use crate::{Backend, Objective, fused::FusedGradient, injection, target::Batch};
 
 /// Loss and gradient of one step.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,21 +23,64 @@ pub trait GradientSource: Send {
     fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Option<StepGradient>;
 }
 
+/// How a step's gradient is computed. All forms give the same to rounding.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GradientForm {
+    /// The fastest form for the backend: fused on the host, in the graph elsewhere.
+    #[default]
+    Auto,
+    /// Networks, splines and their derivatives in one pass over SIMD lanes, see [`crate::fused`]. Always on the host.
+    Fused,
+    /// Networks in the tensor library's graph, splines and loss beside it, see [`crate::injection`].
+    Injected,
+    /// Everything in the tensor library's graph: the reference, and the form that a GPU runs.
+    InGraph,
+}
+
+impl GradientForm {
+    /// Every form that is one.
+    pub const FORMS: [Self; 3] = [Self::Fused, Self::Injected, Self::InGraph];
+
+    /// The form that a backend runs.
+    pub const fn on(self, backend: Backend) -> Self {
+        match self {
+            Self::Auto if backend.is_host() => Self::Fused,
+            Self::Auto => Self::InGraph,
+            form => form,
+        }
+    }
+
+    /// The source of gradients of heads of the shape of `head`, which lives on `device`.
+    pub fn source(self, head: &Head, backend: Backend, device: &Device) -> Box<dyn GradientSource> {
+        let burn =
+            |injected| Box::new(BurnGradient { head: head.clone(), device: device.clone().autodiff(), injected });
+        match self.on(backend) {
+            Self::Fused | Self::Auto => Box::new(FusedGradient::new(head)),
+            Self::Injected => burn(true),
+            Self::InGraph => burn(false),
+        }
+    }
+}
+
+impl fmt::Display for GradientForm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Auto => "auto",
+            Self::Fused => "fused",
+            Self::Injected => "injected",
+            Self::InGraph => "in-graph",
+        })
+    }
+}
+
 /// Gradients by burn, on any backend.
-pub struct BurnGradient {
+struct BurnGradient {
     head: Head,
     /// With autodiff.
     device: Device,
     /// Whether splines and loss stay out of the graph.
     injected: bool,
-}
-
-impl BurnGradient {
-    /// For heads of the shape of `head`. Reading logits back is cheap on the host and a synchronisation elsewhere, so the
-    /// splines leave the graph on the host's backends only.
-    pub fn new(head: Head, backend: Backend, device: &Device) -> Self {
-        Self { head, device: device.clone().autodiff(), injected: backend.is_host() }
-    }
 }
 
 impl GradientSource for BurnGradient {

@@ -4,6 +4,7 @@
 //! no environment factor is left (see [`target`]). [`fit()`] is the entry point.
 
 pub mod backend;
+pub mod backend_trial;
 pub mod bake;
 pub mod checkpoint;
 pub mod config;
@@ -18,8 +19,10 @@ pub mod loss;
 pub mod material;
 pub mod metrics;
 pub mod optimizer;
+pub mod peak_memory;
 pub mod picture;
 pub mod preset;
+pub mod reference;
 pub mod state;
 pub mod target;
 pub mod tensorboard;
@@ -28,6 +31,7 @@ mod test_support;
 pub mod validation;
 
 pub use backend::Backend;
+pub use backend_trial::{BackendTrial, TrialRow};
 pub use bake::learned_bake;
 pub use checkpoint::CheckpointFolder;
 pub use config::FitConfig;
@@ -35,7 +39,8 @@ pub use config_file::ConfigBuilder;
 pub use error::{Error, Result};
 pub use export::{check_exportable, exported_sampler, native_head};
 pub use fit::{Fitted, Progress, Run, Summary, fit, fit_with};
-pub use gradient::{GradientSource, StepGradient};
+pub use gradient::{GradientForm, GradientSource, StepGradient};
+pub use headtail_model::Mode;
 pub use loss::{Loss, Objective};
 pub use material::Material;
 pub use metrics::MetricsFile;

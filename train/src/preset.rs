@@ -5,7 +5,7 @@ use std::{fmt, str::FromStr};
 use headtail_model::{Condition, EncoderConfig, HeadConfig};
 use headtail_render::tail::TailKind;
 
-use crate::{Backend, FitConfig, Loss, Material, config::Points};
+use crate::{Backend, FitConfig, GradientForm, Loss, Material, config::Points};
 
 /// A configuration by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,6 +79,7 @@ const FAST_COSINE: FitConfig = FitConfig {
     points: Points::Strata,
     naive: false,
     backend: Backend::Flex,
+    gradient: GradientForm::Auto,
     seed: 0,
     steps: 1000,
     conditions: 64,

@@ -90,7 +90,15 @@ impl TrainingState {
     /// [`Error::BadTarget`] for a target that is no density, [`Error::Diverged`] after too many steps that were not finite.
     pub fn advance(&mut self, config: &FitConfig, target: &dyn Target, source: &mut dyn GradientSource) -> Result<()> {
         let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, self.step as u64)?;
-        let gradient = source.gradient(&self.weights, config.objective(), &batch);
+        self.advance_on(config, &batch, source)
+    }
+
+    /// [`Self::advance`] on a batch that has been drawn.
+    ///
+    /// # Errors
+    /// [`Error::Diverged`] after too many steps that were not finite.
+    pub fn advance_on(&mut self, config: &FitConfig, batch: &Batch, source: &mut dyn GradientSource) -> Result<()> {
+        let gradient = source.gradient(&self.weights, config.objective(), batch);
         if let Some(gradient) = gradient {
             self.loss = gradient.loss;
             let moved =

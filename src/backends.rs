@@ -1,0 +1,118 @@
+//! `headtail backends`: the same short training on every compiled backend, side by side.
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use headtail_render::{environment::Environment, tail::Tail};
+use headtail_train::{
+    Backend, BackendTrial, Error, FitConfig, GradientForm, Preset, TrialRow, Viewpoints, build_target,
+};
+
+/// Compare backends: speed, memory and agreement of a short training.
+#[derive(Args, Clone, Debug)]
+pub struct Arguments {
+    /// The configuration: paper-cosine, paper-ggx, fast-cosine or fast-ggx.
+    #[arg(long, default_value = "paper-ggx")]
+    preset: Preset,
+    /// How the coupling layers are joined: coupled or autoregressive. Default: the preset's.
+    #[arg(long, value_parser = parse::<headtail_train::Mode>)]
+    mode: Option<headtail_train::Mode>,
+    /// Conditions per step.
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    conditions: u32,
+    /// Points per condition; as many of them as make a square are strata, the others come from BRDF sampling.
+    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    samples: u32,
+    /// Steps; the first is not timed if there are more.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    steps: u32,
+    /// Only this backend: flex, ndarray or wgpu.
+    #[arg(long, value_parser = parse::<Backend>)]
+    backend: Option<Backend>,
+    /// How gradients are computed: auto, fused, injected or in-graph.
+    #[arg(long, default_value = "auto", value_parser = parse::<GradientForm>)]
+    gradient: GradientForm,
+    /// Print an array of JSON objects.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A value by the name that it has in configuration files.
+fn parse<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+    serde_json::from_value(text.into()).map_err(|error: serde_json::Error| error.to_string())
+}
+
+/// Runs the trials and prints them.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let environment = Environment::open("studio")?;
+    let mut config = arguments.preset.config();
+    config.conditions = arguments.conditions as usize;
+    let samples = arguments.samples as usize;
+    config.strata = samples.isqrt();
+    config.brdf_samples = samples - config.strata * config.strata;
+    ensure!(
+        config.brdf_samples == 0 || arguments.preset.config().brdf_samples > 0,
+        "--samples {samples} is no square, and the target of {} has no BRDF samples to fill up with",
+        arguments.preset
+    );
+    config.head.mode = arguments.mode.unwrap_or(config.head.mode);
+    config.gradient = arguments.gradient;
+    let tail = Tail::new(config.tail, environment.width(), environment.height(), &environment.luminance())?;
+    let target = build_target(&config, &tail, Viewpoints::Sphere);
+    let trial = BackendTrial { config, steps: arguments.steps as usize };
+    let (mut losses, mut rows) = (Vec::new(), Vec::new());
+    for backend in Backend::ALL {
+        if arguments.backend.is_some_and(|only| only != backend) {
+            continue;
+        }
+        match trial.run(backend, &*target, &mut losses) {
+            Ok(row) => rows.push(row),
+            // Left out of this build; asked for by name, it is an error.
+            Err(Error::BackendNotCompiled { .. }) if arguments.backend.is_none() => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&rows)?);
+    } else {
+        print_table(&trial.config, &rows);
+    }
+    Ok(())
+}
+
+fn print_table(config: &FitConfig, rows: &[TrialRow]) {
+    println!(
+        "{} conditions x {} points, K = {}, {} steps\n",
+        config.conditions,
+        config.batch_shape().samples(),
+        config.head.bins,
+        config.steps
+    );
+    println!(
+        "{:<8} {:<10} {:<15} {:<9} {:>12} {:>14} {:>9} {:>10} {:>11} {:>11}",
+        "backend",
+        "device",
+        "mode",
+        "gradient",
+        "M samples/s",
+        "with targets",
+        "peak MB",
+        "loss",
+        "loss diff",
+        "f64 diff"
+    );
+    for row in rows {
+        println!(
+            "{:<8} {:<10} {:<15} {:<9} {:>12.3} {:>14.3} {:>9} {:>10.5} {:>11.1e} {:>11.1e}",
+            row.backend.to_string(),
+            row.device,
+            format!("{:?}", row.mode).to_lowercase(),
+            row.gradient.to_string(),
+            row.samples_per_second / 1e6,
+            row.samples_per_second_with_targets / 1e6,
+            row.peak_memory_bytes.map_or("-".into(), |bytes| format!("{:.0}", bytes as f64 / 1e6)),
+            row.final_loss,
+            row.largest_loss_difference,
+            row.gradient_error,
+        );
+    }
+}

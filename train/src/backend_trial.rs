@@ -1,0 +1,146 @@
+//! The same short training on several backends: throughput, memory, and whether they agree.
+
+use std::time::Instant;
+
+use headtail_model::{Head, Mode};
+use headtail_render::random::Purpose;
+use serde::Serialize;
+
+use crate::{
+    Backend, FitConfig, GradientForm, Result, Target, peak_memory,
+    reference::gradient_error,
+    state::TrainingState,
+    target::{Batch, BatchShape},
+};
+
+/// A short training.
+#[derive(Clone, Debug)]
+pub struct BackendTrial {
+    /// The configuration; its backend and number of steps are not used.
+    pub config: FitConfig,
+    /// Steps to run, of which the first is not timed if there are more.
+    pub steps: usize,
+}
+
+/// What came of it on one backend.
+#[derive(Clone, Debug, Serialize)]
+pub struct TrialRow {
+    /// The backend.
+    pub backend: Backend,
+    /// What it ran on.
+    pub device: String,
+    /// How the coupling layers are joined.
+    pub mode: Mode,
+    /// How gradients were computed.
+    pub gradient: GradientForm,
+    /// Points per second through forward, backward and optimiser.
+    pub samples_per_second: f64,
+    /// The same with the time in which targets are drawn.
+    pub samples_per_second_with_targets: f64,
+    /// Most memory that the process has had resident during the trial; `None` where the system does not say.
+    pub peak_memory_bytes: Option<u64>,
+    /// The last step's loss.
+    pub final_loss: f32,
+    /// The largest difference to the first backend's loss at any step.
+    pub largest_loss_difference: f32,
+    /// The largest difference of the gradient along a few directions to central differences in f64, relative to the gradient's
+    /// norm, at weights that are not the initial ones.
+    pub gradient_error: f64,
+}
+
+impl BackendTrial {
+    /// Runs the trial on one backend. `losses` are the first backend's, or empty, and then take this one's.
+    ///
+    /// # Errors
+    /// If the backend is not in this build, the configuration is out of range, or the target is no density.
+    pub fn run(&self, backend: Backend, target: &dyn Target, losses: &mut Vec<f32>) -> Result<TrialRow> {
+        let config = FitConfig { backend, steps: self.steps, ..self.config.clone() };
+        config.validate()?;
+        let device = backend.device()?;
+        peak_memory::reset();
+        let head = Head::new(config.head, config.seed, &device)?;
+        let mut source = config.gradient.source(&head, backend, &device);
+        let mut state = TrainingState::new(&config, head.flat_weights());
+        let (mut own, mut drawing, mut stepping, mut timed) = (Vec::new(), 0.0, 0.0, 0_usize);
+        for step in 0..self.steps {
+            let start = Instant::now();
+            let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, step as u64)?;
+            let drawn = start.elapsed().as_secs_f64();
+            state.advance_on(&config, &batch, &mut *source)?;
+            if step > 0 || self.steps == 1 {
+                drawing += drawn;
+                stepping += start.elapsed().as_secs_f64() - drawn;
+                timed += batch.densities.len();
+            }
+            own.push(state.loss);
+        }
+        let peak_memory_bytes = peak_memory::bytes();
+        let apart = |(a, b): (&f32, &f32)| (a - b).abs();
+        let largest_loss_difference = own.iter().zip(&*losses).map(apart).fold(0.0, f32::max);
+        if losses.is_empty() {
+            losses.clone_from(&own);
+        }
+        Ok(TrialRow {
+            backend,
+            device: if backend.is_host() { "CPU".into() } else { format!("{device:?}") },
+            mode: config.head.mode,
+            gradient: config.gradient.on(backend),
+            samples_per_second: timed as f64 / stepping,
+            samples_per_second_with_targets: timed as f64 / (stepping + drawing),
+            peak_memory_bytes,
+            final_loss: state.loss,
+            largest_loss_difference,
+            gradient_error: self.parity(&config, target)?,
+        })
+    }
+
+    /// [`TrialRow::gradient_error`] on a small batch.
+    fn parity(&self, config: &FitConfig, target: &dyn Target) -> Result<f64> {
+        let device = config.backend.device()?;
+        let shape = BatchShape { conditions: 4, strata: 6, brdf_samples: config.brdf_samples.min(8) };
+        let batch = Batch::draw(target, shape, config.seed, Purpose::Validation, 1)?;
+        let head = Head::new(config.head, config.seed, &device)?;
+        // The last layers start at zero: moved, all weights matter.
+        let moved = |(k, weight): (usize, f32)| weight + 0.05 * ((k * 7919 % 101) as f32 / 50.0 - 1.0);
+        let weights: Vec<f32> = head.flat_weights().into_iter().enumerate().map(moved).collect();
+        let objective = crate::Loss::LogChiSquare.into();
+        let mut source = config.gradient.source(&head, config.backend, &device);
+        let gradient = source.gradient(&weights, objective, &batch);
+        Ok(gradient.map_or(f64::NAN, |found| gradient_error(&config.head, &weights, &batch, &found.by_weight)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{CosineTarget, Error, test_support::studio};
+
+    #[test]
+    fn every_backend_and_form_has_the_gradient_of_the_reference_and_the_losses_of_the_others() {
+        let tail = studio();
+        let target = CosineTarget::new(&tail);
+        let mut losses = Vec::new();
+        for backend in Backend::ALL {
+            for gradient in GradientForm::FORMS {
+                for mode in [Mode::Coupled, Mode::Autoregressive] {
+                    let mut config = FitConfig { gradient, conditions: 8, strata: 4, ..FitConfig::default() };
+                    config.head.mode = mode;
+                    if mode == Mode::Autoregressive || losses.len() > 3 {
+                        losses.clear();
+                    }
+                    let row = match (BackendTrial { config, steps: 3 }).run(backend, &target, &mut losses) {
+                        Ok(row) => row,
+                        Err(Error::BackendNotCompiled { .. }) => continue,
+                        Err(error) => panic!("{error}"),
+                    };
+                    // f32 rounding of sums of some thousand terms; 1e-4 is what is asked for.
+                    assert!(row.gradient_error < 1e-4, "{row:?}");
+                    assert!(row.largest_loss_difference < 1e-3 && row.final_loss.is_finite(), "{row:?}");
+                    if mode == Mode::Autoregressive {
+                        losses.clear();
+                    }
+                }
+            }
+        }
+    }
+}
