@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
-use headtail_render::{brdf, random::Stream};
+use headtail_render::{brdf, head, random::Stream};
 
 use super::{Surface, Viewpoints};
 
@@ -31,27 +31,17 @@ impl Ggx {
     }
 }
 
-/// Writes the vector of [`Condition::Ggx`], or of [`Condition::GgxRoughness`] if there is room for it.
-pub fn encode_condition([wo, n]: [Vec3A; 2], alpha: f32, condition: &mut [f32]) {
-    let cosine = n.dot(wo);
-    condition[..3].copy_from_slice(&wo.to_array());
-    condition[3..6].copy_from_slice(&n.to_array());
-    condition[6..9].copy_from_slice(&(2.0 * cosine * n - wo).to_array());
-    condition[9] = cosine;
-    if let [width, log] = &mut condition[10..] {
-        (*width, *log) = (alpha, alpha.ln());
-    }
-}
-
 impl Surface for Ggx {
     fn condition(&self) -> Condition {
         if self.low == self.high { Condition::Ggx } else { Condition::GgxRoughness }
     }
 
     fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
-        let directions = self.viewpoints.draw(stream);
+        let [wo, n] = self.viewpoints.draw(stream);
         let alpha = if self.low == self.high { self.low } else { self.low + (self.high - self.low) * stream.uniform() };
-        encode_condition(directions, alpha, condition);
+        // The shorter layout is the beginning of the longer one.
+        let encoded = head::Condition::GgxRoughness.encode(wo, n, alpha);
+        condition.copy_from_slice(&encoded[..condition.len()]);
     }
 
     fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {

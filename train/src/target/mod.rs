@@ -15,7 +15,7 @@ mod viewpoints;
 
 pub use batch::{Batch, BatchShape, ConditionPoints};
 pub use build::build_target;
-pub use ggx::{Ggx, encode_condition};
+pub use ggx::Ggx;
 pub use naive::NaiveTarget;
 pub use product::{CosineTarget, ProductTarget};
 pub use surface::{Lambert, Surface};
