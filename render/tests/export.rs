@@ -23,6 +23,11 @@ fn environment(name: &str, salt: usize) -> Arc<Environment> {
 }
 
 fn head(mode: Mode, encoder: bool) -> Head {
+    head_of(Condition::Normal, mode, encoder, false)
+}
+
+/// A head with random weights, of the size that its condition asks for.
+fn head_of(condition: Condition, mode: Mode, encoder: bool, selection: bool) -> Head {
     let mut random = Stream::new(5, Purpose::Weights, 0);
     let mut layers = |sizes: &[usize]| -> Vec<Linear> {
         let mut layer = |inputs: usize, outputs: usize| {
@@ -32,11 +37,12 @@ fn head(mode: Mode, encoder: bool) -> Head {
         };
         sizes.windows(2).map(|pair| layer(pair[0], pair[1])).collect()
     };
-    let encoder = if encoder { layers(&[3, 6, 5]) } else { Vec::new() };
-    let seen = 3 + encoder.last().map_or(0, Linear::outputs);
+    let encoder = if encoder { layers(&[condition.length(), 6, 5]) } else { Vec::new() };
+    let seen = condition.length() + encoder.last().map_or(0, Linear::outputs);
     let features = if mode == Mode::Coupled { 2 } else { 0 };
     let networks = [layers(&[seen + features, 8, 8, 13]), layers(&[seen + 1, 8, 8, 13])];
-    Head::new(Condition::Normal, mode, 0.01, encoder, networks).unwrap()
+    let selection = if selection { layers(&[seen, 4, 1]) } else { Vec::new() };
+    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_selection(selection).unwrap()
 }
 
 fn table() -> BakedTable {
@@ -105,6 +111,20 @@ fn draws(sampler: &ExportedSampler, count: u64) -> Vec<[u32; 5]> {
             of(&ProductSampler::new(light, table.clone()), count)
         }
     }
+}
+
+/// Heads for microfacet surfaces with their selection networks.
+fn microfacet_samplers() -> Vec<ExportedSampler> {
+    let map = environment("test map", 0);
+    let kinds = [
+        (Condition::Ggx, Mode::Coupled, TailKind::Hierarchical),
+        (Condition::GgxRoughness, Mode::Autoregressive, TailKind::RowColumn),
+    ];
+    let sampler = |(condition, mode, kind)| {
+        let head = head_of(condition, mode, true, true);
+        ExportedSampler::new(Intermediate::Head(head), kind, &map, Some(training())).unwrap()
+    };
+    kinds.map(sampler).into()
 }
 
 /// A folder of files that is removed in the end.
@@ -191,7 +211,7 @@ impl Parts {
 #[test]
 fn what_is_read_samples_like_what_was_written() {
     let folder = Folder::new();
-    for sampler in samplers() {
+    for sampler in samplers().into_iter().chain(microfacet_samplers()) {
         let bytes = folder.bytes_of(&sampler);
         let read = folder.read(&bytes).unwrap();
         assert_eq!(read.description(), sampler.description());
@@ -259,7 +279,9 @@ fn wrong_descriptions_are_refused_by_name() {
     expect(&refused(&|d| d["training"]["colour"] = json!(1)), &["colour"]);
     expect(&refused(&|d| d["intermediate"]["bins"] = json!(1)), &["bins"]);
     expect(&refused(&|d| d["tail"] = json!("flow")), &["flow"]);
-    expect(&refused(&|d| d["condition"] = json!("ggx")), &["ggx"]);
+    expect(&refused(&|d| d["condition"] = json!("visibility")), &["visibility"]);
+    // Another condition has another length.
+    expect(&refused(&|d| d["condition"] = json!("ggx")), &["encoder.linear0", "after 10"]);
     expect(&refused(&|d| d["intermediate"]["kind"] = json!("mixture")), &["mixture"]);
     expect(&refused(&|d| d["intermediate"]["mode"] = json!("both")), &["both"]);
     expect(&refused(&|d| d["intermediate"]["leaky_slope"] = json!(-0.5)), &["leaky_slope"]);
@@ -335,6 +357,58 @@ fn wrong_tensors_are_refused_by_name() {
     for length in [0, 1, 100_000_000_u64, u64::MAX] {
         expect(&[&length.to_le_bytes()[..], &head[8..]].concat(), &["header"]);
     }
+}
+
+#[test]
+fn a_wrong_selection_network_is_refused_by_name() {
+    let folder = Folder::new();
+    let expect = |bytes: &[u8], words: &[&str]| {
+        let error = folder.refused(bytes);
+        words.iter().for_each(|word| assert!(error.contains(word), "{error}"));
+    };
+    for sampler in microfacet_samplers() {
+        let bytes = folder.bytes_of(&sampler);
+        let shaped = |name: &str, shape: Value| Parts::of(&bytes).entry(name, |entry| entry["shape"] = shape);
+        // As many numbers in another shape: the condition, then the encoder's five outputs, to 4 and on to 1.
+        let seen = Parts::of(&bytes).header["selection.linear0.weight"]["shape"][1].as_u64().unwrap();
+        expect(&shaped("selection.linear0.weight", json!([seen, 4])), &["selection.linear0"]);
+        expect(&shaped("selection.linear0.weight", json!([2, 2 * seen])), &["selection.linear0"]);
+        expect(&shaped("selection.linear0.weight", json!([4 * seen])), &["selection.linear0.weight", "2 axes"]);
+        expect(&shaped("selection.linear1.weight", json!([4, 1])), &["selection.linear1"]);
+        expect(&shaped("selection.linear1.bias", json!([1, 1])), &["selection.linear1.bias", "1 axes"]);
+        expect(&Parts::of(&bytes).values("selection.linear0.weight", f32::NAN), &["selection.linear0", "not finite"]);
+
+        let layers =
+            |count: usize| Parts::of(&bytes).describe(|d| d["intermediate"]["selection_layers"] = json!(count));
+        expect(&layers(0), &["selection.linear", "not known"]);
+        expect(&layers(1), &["selection"]);
+        expect(&layers(3), &["selection.linear2.weight", "missing"]);
+        expect(&layers(usize::MAX), &["selection", "16"]);
+    }
+    // Layers that fit each other, but not the head: those of the shorter condition.
+    let [ggx, roughness] = [0, 1].map(|k| folder.bytes_of(&microfacet_samplers()[k]));
+    let mut parts = Parts::of(&roughness);
+    let other = Parts::of(&ggx);
+    let range = |parts: &Parts, name: &str| {
+        let offsets = &parts.header[name]["data_offsets"];
+        offsets[0].as_u64().unwrap() as usize..offsets[1].as_u64().unwrap() as usize
+    };
+    let values = other.body[range(&other, "selection.linear0.weight")].to_vec();
+    let own = range(&parts, "selection.linear0.weight");
+    let cut = own.len() - values.len();
+    parts.body.splice(own.clone(), values);
+    parts.header["selection.linear0.weight"] = json!({
+        "dtype": "F32", "shape": other.header["selection.linear0.weight"]["shape"],
+        "data_offsets": [own.start, own.end - cut],
+    });
+    for (name, entry) in parts.header.as_object_mut().unwrap() {
+        if name != "__metadata__" && entry["data_offsets"][0].as_u64().unwrap() as usize >= own.end {
+            for k in 0..2 {
+                entry["data_offsets"][k] = json!(entry["data_offsets"][k].as_u64().unwrap() as usize - cut);
+            }
+        }
+    }
+    expect(&parts.bytes(), &["selection", "17 numbers to one"]);
 }
 
 #[test]

@@ -8,11 +8,11 @@ use headtail_render::{
 use super::*;
 
 /// A glossy shading point with the truth about it.
-struct Glossy {
-    name: &'static str,
-    at: ShadingPoint,
+pub(super) struct Glossy {
+    pub(super) name: &'static str,
+    pub(super) at: ShadingPoint,
     /// Luminance reflected without shadows.
-    truth: f64,
+    pub(super) truth: f64,
 }
 
 impl Glossy {
@@ -47,7 +47,7 @@ impl Glossy {
     }
 
     /// Whether the mean of 30,000 estimates is near enough to normally distributed for a t-test.
-    fn suits(&self, world: &World, case: &Case) -> bool {
+    pub(super) fn suits(&self, world: &World, case: &Case) -> bool {
         // Half of the light in 1e-5 of the sphere, or half of the weight in a lobe that is not aimed at.
         let sun_by_chance = case.name == "cosine" && world.name.starts_with("sunset");
         let lobe_by_chance = case.through_tail && case.name != "oracle" && self.at.brdf.narrowest_lobe() < 0.3;
@@ -55,7 +55,7 @@ impl Glossy {
     }
 }
 
-static POINTS: LazyLock<Vec<Vec<Glossy>>> =
+pub(super) static POINTS: LazyLock<Vec<Vec<Glossy>>> =
     LazyLock::new(|| WORLDS.par_iter().enumerate().map(|(k, world)| Glossy::points(world, k)).collect());
 
 /// Runs a check for every sampler of every world at one of `step` glossy points: which ones changes from case to case.

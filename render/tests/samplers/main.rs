@@ -3,6 +3,7 @@
 //! Each property is a function that returns what is wrong, so that the last tests can hold deliberately broken samplers
 //! against the very same functions. All seeds are fixed; a pass is a pass on every machine of the same arithmetic.
 
+mod conditioned;
 mod glossy;
 
 use std::{
@@ -187,8 +188,14 @@ fn waves() -> BakedTable {
     .unwrap()
 }
 
-/// A head with random weights, of the size at which logits spread by about one.
+/// A head with random weights that is conditioned on the normal.
 fn random_head(mode: Mode, bins: usize, encoder: &[usize]) -> Head {
+    random_head_of(Condition::Normal, mode, bins, encoder, &[])
+}
+
+/// A head with random weights, of the size at which logits spread by about one. `encoder` and `selection` are the widths of
+/// their layers' outputs.
+fn random_head_of(condition: Condition, mode: Mode, bins: usize, encoder: &[usize], selection: &[usize]) -> Head {
     let mut random = Stream::new(5, Purpose::Weights, bins as u64);
     let mut network = |sizes: &[usize]| -> Vec<Linear> {
         let mut layer = |inputs: usize, outputs: usize| {
@@ -201,12 +208,12 @@ fn random_head(mode: Mode, bins: usize, encoder: &[usize]) -> Head {
         };
         sizes.windows(2).map(|pair| layer(pair[0], pair[1])).collect()
     };
-    let encoder_sizes = [&[3], encoder].concat();
-    let encoder = network(&encoder_sizes);
-    let seen = 3 + encoder.last().map_or(0, Linear::outputs);
+    let encoder = network(&[&[condition.length()], encoder].concat());
+    let seen = condition.length() + encoder.last().map_or(0, Linear::outputs);
     let features = if mode == Mode::Coupled { 2 } else { 0 };
     let networks = [network(&[seen + features, 16, 16, 3 * bins + 1]), network(&[seen + 1, 16, 16, 3 * bins + 1])];
-    Head::new(Condition::Normal, mode, 0.01, encoder, networks).unwrap()
+    let selection = network(&[&[seen], selection].concat());
+    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_selection(selection).unwrap()
 }
 
 fn shading_point(normal: Vec3A) -> ShadingPoint {

@@ -1,0 +1,150 @@
+//! The samplers that are measured, and what is trained for them.
+
+use std::{
+    sync::{Arc, atomic::AtomicBool},
+    time::Instant,
+};
+
+use glam::{Vec2, Vec3A};
+use headtail_render::{
+    bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
+    environment::Environment,
+    head::{Head, PreparedHead},
+    integrator::ResampledEstimator,
+    latlong,
+    sampler::{
+        BrdfSampler, CompensatedEmitterSampler, DirectionSample, DirectionSampler, EmitterSampler, EnvironmentLight,
+        OneSampleMis, Oracle, ProductSampler, Resampled, ShadingPoint,
+    },
+    tail::TailKind,
+};
+use headtail_train::{FitConfig, Material, Preset, Viewpoints, build_target, fit, learned_bake, native_head};
+
+use crate::{
+    Fallible,
+    measure::{Conditions, Quadrature, Quality, measure, measure_by_draws},
+};
+
+/// Samplers on one map, in the order of the tables' columns; the first is what the others are held against.
+pub type Qualities = Vec<(&'static str, Quality)>;
+
+/// Trains a head for a map; with the seconds that it took.
+pub fn train(config: &FitConfig, light: &EnvironmentLight) -> Fallible<(Head, f64)> {
+    let start = Instant::now();
+    let target = build_target(config, light.tail(), Viewpoints::Sphere);
+    let fitted = fit(config, &*target, &mut |_| {}, &AtomicBool::new(false))?;
+    Ok((native_head(&fitted.head)?, start.elapsed().as_secs_f64()))
+}
+
+/// Every sampler of a material on one map.
+pub fn measure_map(material: Material, environment: &Arc<Environment>) -> Fallible<Qualities> {
+    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+    let (head, seconds) = train(&Preset::fast_for(material).config().for_material(material), &light)?;
+    println!("{}: trained for {seconds:.1} s", environment.name());
+    if material == Material::Lambert { diffuse(&light, head) } else { glossy(material, &light, head) }
+}
+
+fn diffuse(light: &EnvironmentLight, head: Head) -> Fallible<Qualities> {
+    let environment = light.environment();
+    let row_column = EnvironmentLight::new(environment.clone(), TailKind::RowColumn)?;
+    let conditions = Conditions::of(Material::Lambert);
+    let (points, row_column_points) = (Quadrature::of(conditions, light), Quadrature::of(conditions, &row_column));
+    let emitter = EmitterSampler::new(light.clone());
+    let brdf = BrdfSampler::new(environment.clone());
+    let compensated = CompensatedEmitterSampler::new(light)?;
+    let baked = learned_bake(&head, light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
+    let by_draws = |candidates| -> Fallible<Quality> {
+        let resampled = Resampled::new(emitter.clone(), brdf.clone(), candidates)?;
+        Ok(measure_by_draws(conditions, &ResampledEstimator::new(resampled)))
+    };
+    macro_rules! by_quadrature {
+        ($sampler:expr) => {
+            measure(conditions, &points, &$sampler)
+        };
+    }
+    Ok(vec![
+        ("mis", by_quadrature!(OneSampleMis::new(emitter.clone(), brdf.clone()))),
+        ("cosine", by_quadrature!(brdf)),
+        ("emitter", by_quadrature!(emitter)),
+        ("mis-comp", by_quadrature!(OneSampleMis::new(compensated, brdf.clone()))),
+        ("ris:4", by_draws(4)?),
+        ("ris:16", by_draws(16)?),
+        ("head", by_quadrature!(ProductSampler::new(light.clone(), head))),
+        ("baked 32x32", by_quadrature!(ProductSampler::new(light.clone(), baked))),
+        ("direct 8x8", by_quadrature!(direct(light, 8)?)),
+        ("direct 32x32", by_quadrature!(direct(light, 32)?)),
+        ("direct 64x64", by_quadrature!(direct(light, 64)?)),
+        ("direct 32x32 row-column", measure(conditions, &row_column_points, &direct(&row_column, 32)?)),
+        ("oracle", by_quadrature!(ProductSampler::new(light.clone(), Oracle::new(light.tail())))),
+    ])
+}
+
+fn glossy(material: Material, light: &EnvironmentLight, head: Head) -> Fallible<Qualities> {
+    let conditions = Conditions::of(material);
+    let points = Quadrature::of(conditions, light);
+    let emitter = EmitterSampler::new(light.clone());
+    let brdf = BrdfSampler::new(light.environment().clone());
+    let compensated = CompensatedEmitterSampler::new(light)?;
+    let head = ProductSampler::new(light.clone(), head);
+    let table = direct(light, 32)?;
+    macro_rules! by_quadrature {
+        ($sampler:expr) => {
+            measure(conditions, &points, &$sampler)
+        };
+    }
+    macro_rules! resampled {
+        ($first:expr, $candidates:expr) => {
+            measure_by_draws(
+                conditions,
+                &ResampledEstimator::new(Resampled::new($first.clone(), brdf.clone(), $candidates)?),
+            )
+        };
+    }
+    Ok(vec![
+        ("mis", by_quadrature!(OneSampleMis::new(emitter.clone(), brdf.clone()))),
+        ("brdf", by_quadrature!(brdf)),
+        ("emitter", by_quadrature!(emitter)),
+        ("mis-comp", by_quadrature!(OneSampleMis::new(compensated, brdf.clone()))),
+        ("ris:4", resampled!(emitter, 4)),
+        ("ris:16", resampled!(emitter, 16)),
+        ("head", by_quadrature!(head)),
+        ("head+mis", by_quadrature!(OneSampleMis::new(head.clone(), brdf.clone()))),
+        ("ris:4:head", resampled!(head, 4)),
+        ("direct", by_quadrature!(table)),
+        ("direct+mis", by_quadrature!(OneSampleMis::new(table.clone(), brdf.clone()))),
+        ("ris:4:direct", resampled!(table, 4)),
+        ("oracle", by_quadrature!(ProductSampler::new(light.clone(), Oracle::new(light.tail())))),
+    ])
+}
+
+/// The cosine direct bake over 16 x 32 normals.
+fn direct(light: &EnvironmentLight, side: usize) -> Fallible<ProductSampler<BakedTable>> {
+    let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(side, side)?)?;
+    Ok(ProductSampler::new(light.clone(), table))
+}
+
+/// A head that was trained in X, without a tail.
+pub struct Naive {
+    pub head: Head,
+    pub environment: Arc<Environment>,
+}
+
+impl DirectionSampler for Naive {
+    type Prepared = PreparedHead;
+
+    fn prepare(&self, at: &ShadingPoint) -> PreparedHead {
+        let condition = self.head.condition();
+        self.head.prepare_condition(&condition.of(at)[..condition.length()])
+    }
+
+    fn sample(&self, prepared: &PreparedHead, _at: &ShadingPoint, u: Vec2) -> Option<DirectionSample> {
+        let (x, density) = self.head.sample_at(prepared, u);
+        let (wi, pdf) = (latlong::direction(x), density * latlong::solid_angle_factor(x.y));
+        pdf.is_finite().then(|| DirectionSample { wi, pdf, radiance: self.environment.radiance_at(x) })
+    }
+
+    fn pdf(&self, prepared: &PreparedHead, _at: &ShadingPoint, wi: Vec3A) -> f32 {
+        let x = latlong::square(wi);
+        self.head.inverse_at(prepared, x).1 * latlong::solid_angle_factor(x.y)
+    }
+}
