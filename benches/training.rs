@@ -55,19 +55,19 @@ fn injected(bencher: Bencher, mode: Mode) {
 
 #[divan::bench(args = MODES, sample_count = 10)]
 fn fused_paper_batch(bencher: Bencher, mode: Mode) {
-    bench_fused(bencher, mode, batch(256, 32));
+    bench_fused(bencher, mode, &batch(256, 32));
 }
 
 #[divan::bench(args = MODES, sample_count = 50)]
 fn fused_small_batch(bencher: Bencher, mode: Mode) {
-    bench_fused(bencher, mode, batch(64, 8));
+    bench_fused(bencher, mode, &batch(64, 8));
 }
 
-fn bench_fused(bencher: Bencher, mode: Mode, batch: Batch) {
+fn bench_fused(bencher: Bencher, mode: Mode, batch: &Batch) {
     let (head, _) = head(mode);
     let weights = head.flat_weights();
     let mut fused = FusedGradient::new(&head);
-    bencher.counter(ItemsCount::new(batch.densities.len())).bench_local(|| fused.gradient(&weights, OBJECTIVE, &batch));
+    bencher.counter(ItemsCount::new(batch.densities.len())).bench_local(|| fused.gradient(&weights, OBJECTIVE, batch));
 }
 
 fn main() {

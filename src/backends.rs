@@ -3,9 +3,7 @@
 use anyhow::{Result, ensure};
 use clap::Args;
 use headtail_render::{environment::Environment, tail::Tail};
-use headtail_train::{
-    Backend, BackendTrial, Error, FitConfig, GradientForm, Preset, TrialRow, Viewpoints, build_target,
-};
+use headtail_train::{Backend, BackendTrial, Error, GradientForm, Preset, TrialRow, Viewpoints, build_target};
 
 /// Compare backends: speed, memory and agreement of a short training.
 #[derive(Args, Clone, Debug)]
@@ -59,12 +57,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let tail = Tail::new(config.tail, environment.width(), environment.height(), &environment.luminance())?;
     let target = build_target(&config, &tail, Viewpoints::Sphere);
     let trial = BackendTrial { config, steps: arguments.steps as usize };
-    let (mut losses, mut rows) = (Vec::new(), Vec::new());
+    let mut rows: Vec<TrialRow> = Vec::new();
     for backend in Backend::ALL {
         if arguments.backend.is_some_and(|only| only != backend) {
             continue;
         }
-        match trial.run(backend, &*target, &mut losses) {
+        match trial.run(backend, &*target, rows.first().map_or(&[], |first| &first.losses)) {
             Ok(row) => rows.push(row),
             // Left out of this build; asked for by name, it is an error.
             Err(Error::BackendNotCompiled { .. }) if arguments.backend.is_none() => {}
@@ -74,18 +72,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&rows)?);
     } else {
-        print_table(&trial.config, &rows);
+        print_table(&trial, &rows);
     }
     Ok(())
 }
 
-fn print_table(config: &FitConfig, rows: &[TrialRow]) {
+fn print_table(trial: &BackendTrial, rows: &[TrialRow]) {
+    let config = &trial.config;
     println!(
         "{} conditions x {} points, K = {}, {} steps\n",
         config.conditions,
         config.batch_shape().samples(),
         config.head.bins,
-        config.steps
+        trial.steps
     );
     println!(
         "{:<8} {:<10} {:<15} {:<9} {:>12} {:>14} {:>9} {:>10} {:>11} {:>11}",

@@ -59,7 +59,7 @@ pub fn gradient_error(config: &HeadConfig, weights: &[f32], batch: &Batch, gradi
     let size = (weights.len() as f64).sqrt();
     let other = |k: usize| -> Vec<f64> {
         (0..weights.len())
-            .map(|i| if (i * (2 * k + 3) / 7 + i / 5) % 2 == 0 { 1.0 / size } else { -1.0 / size })
+            .map(|i| if (i * (2 * k + 3) / 7 + i / 5).is_multiple_of(2) { 1.0 / size } else { -1.0 / size })
             .collect()
     };
     (0..4).map(|k| along(&other(k))).fold(along(&own), f64::max)
@@ -90,13 +90,13 @@ impl Layer<'_> {
 impl<'a> Head<'a> {
     fn new(config: &'a HeadConfig, mut weights: &'a [f64], condition: &[f32]) -> Self {
         let mut layers = |sizes: &[usize]| -> Vec<Layer<'a>> {
-            let mut layer = |pair: &[usize]| {
+            let layer = |pair: &[usize]| {
                 let (weight, rest) = weights.split_at(pair[0] * pair[1]);
                 let (bias, rest) = rest.split_at(pair[1]);
                 weights = rest;
                 Layer { weight, bias }
             };
-            sizes.windows(2).map(|pair| layer(pair)).collect()
+            sizes.windows(2).map(layer).collect()
         };
         let mut seen: Vec<f64> = condition.iter().map(|&x| f64::from(x)).collect();
         if let Some(EncoderConfig { hidden, output }) = config.encoder {

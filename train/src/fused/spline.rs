@@ -135,9 +135,9 @@ impl Splines<'_> {
     #[inline(always)]
     fn positions(&self, first: usize) -> Lanes {
         let mut x = [0.0; LANES];
-        for l in 0..LANES {
+        for (l, x) in x.iter_mut().enumerate() {
             let y = self.points[first + l];
-            x[l] = match self.topology {
+            *x = match self.topology {
                 Topology::Interval => y.clamp(0.0, 1.0),
                 Topology::Circle => {
                     let turns = self.logits[3 * self.bins * self.samples + first + l];
