@@ -56,7 +56,7 @@ pub fn exp(x: f32) -> f32 {
     value * f32::from_bits(exponent)
 }
 
-/// `ln x` with an absolute error below 2e-7 (relative where |ln x| > 1) for normal positive `x`.
+/// `ln x` with an absolute error below 2e-7 (relative where |ln x| > 1) for normal positive `x`, NaN for what is not finite.
 #[inline(always)]
 pub fn ln(x: f32) -> f32 {
     const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
@@ -79,7 +79,8 @@ pub fn ln(x: f32) -> f32 {
     let p = p * m + 3.333_333e-1;
     let square = m * m;
     let tail = m * square * p + e * LN_2_LOW - 0.5 * square;
-    m + tail + e * LN_2_HIGH
+    // The last term is 0, or NaN.
+    m + tail + e * LN_2_HIGH + (x - x)
 }
 
 /// `ln(1 + e^x)`.
@@ -119,6 +120,9 @@ mod tests {
     fn arguments_out_of_range_stay_finite() {
         for x in [-1e30, -88.0, 89.0, 1e30] {
             assert!(exp(x).is_finite() && exp(x) > 0.0 && softplus(x).is_finite() && sigmoid(x).is_finite());
+        }
+        for function in [exp, ln, softplus, sigmoid] {
+            assert!(function(f32::NAN).is_nan());
         }
         for x in grid(-20.0, 20.0) {
             let expected = f64::from(x).exp().ln_1p();

@@ -192,9 +192,9 @@ fn locate(exponentials: &[Lanes], softmax: &Softmax, x: &Lanes, lefts: &mut [Lan
             left[l] += MIN_BIN as f32 + softmax.scale[l] * e[l];
         }
     }
-    // Every `x` has reached the first knot, which is 0.
+    // Every `x` has reached the first knot, which is 0, except what is not a number: that is for the loss to find.
     for reached in &mut reached {
-        *reached -= 1;
+        *reached = reached.saturating_sub(1);
     }
     reached
 }
