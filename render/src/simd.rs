@@ -4,7 +4,8 @@
 //! every processor, with the same result on each. Code that uses them is run through [`dispatch`]. It must be made of plain loops and
 //! `#[inline(always)]` functions: closures are not compiled for the processor that is found.
 
-use pulp::{Arch, Simd, WithSimd};
+pub use pulp::Simd;
+use pulp::{Arch, WithSimd};
 
 /// Numbers that are worked on side by side: one AVX-512 register, or two AVX2 registers.
 pub const LANES: usize = 16;
@@ -15,7 +16,7 @@ pub type Lanes = [f32; LANES];
 /// Work that is compiled for every instruction set.
 pub trait Vectorized {
     /// Does the work; implementations are `#[inline(always)]`.
-    fn run(self);
+    fn run<S: Simd>(self, simd: S);
 }
 
 /// Runs work with the best instructions that the processor has.
@@ -25,8 +26,8 @@ pub fn dispatch(work: impl Vectorized) {
         type Output = ();
 
         #[inline(always)]
-        fn with_simd<S: Simd>(self, _simd: S) {
-            self.0.run();
+        fn with_simd<S: Simd>(self, simd: S) {
+            self.0.run(simd);
         }
     }
     Arch::new().dispatch(Op(work));
@@ -96,6 +97,32 @@ pub fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + exp(-x))
 }
 
+/// Cosine and sine of `turns` whole turns, with an absolute error below 2e-7 for `|turns| < 1000`.
+#[inline(always)]
+pub fn cos_sin_turns(turns: f32) -> (f32, f32) {
+    /// Adding it rounds to an integer, which is then in the low bits.
+    const ROUND: f32 = 12_582_912.0;
+    let shifted = 4.0 * turns + ROUND;
+    let quadrant = shifted.to_bits();
+    // Within an eighth of a turn of the nearest quadrant; the difference is exact.
+    let x = (turns - 0.25 * (shifted - ROUND)) * std::f32::consts::TAU;
+    let square = x * x;
+    // Cephes, sinf and cosf.
+    let p = -1.951_529_6e-4;
+    let p = p * square + 8.332_161e-3;
+    let p = p * square - 1.666_665_5e-1;
+    let sin = p * square * x + x;
+    let p = 2.443_315_7e-5;
+    let p = p * square - 1.388_731_6e-3;
+    let p = p * square + 4.166_664_6e-2;
+    let cos = p * square * square - 0.5 * square + 1.0;
+    let odd = quadrant & 1 != 0;
+    let (c, s) = (if odd { sin } else { cos }, if odd { cos } else { sin });
+    let cos_sign = quadrant.wrapping_add(1) & 2;
+    let sin_sign = quadrant & 2;
+    (f32::from_bits(c.to_bits() ^ (cos_sign << 30)), f32::from_bits(s.to_bits() ^ (sin_sign << 30)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -132,11 +159,21 @@ mod tests {
     }
 
     #[test]
+    fn cosine_and_sine_are_those_of_the_library() {
+        for turns in grid(-2.0, 2.0).chain([0.25, 0.5, 0.75, 1.0, 999.9]) {
+            let (cos, sin) = cos_sin_turns(turns);
+            let (expected_sin, expected_cos) = (f64::from(turns) * std::f64::consts::TAU).sin_cos();
+            assert!((f64::from(cos) - expected_cos).abs() < 2e-7, "{turns}: {cos} {expected_cos}");
+            assert!((f64::from(sin) - expected_sin).abs() < 2e-7, "{turns}: {sin} {expected_sin}");
+        }
+    }
+
+    #[test]
     fn dispatched_work_is_done() {
         struct Fill<'a>(&'a mut Lanes);
         impl Vectorized for Fill<'_> {
             #[inline(always)]
-            fn run(self) {
+            fn run<S: Simd>(self, _simd: S) {
                 for (k, x) in self.0.iter_mut().enumerate() {
                     *x = exp(k as f32);
                 }

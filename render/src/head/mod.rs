@@ -1,5 +1,6 @@
-//! Native inference of an exported head warp h: Z -> Y, one point at a time.
+//! Native inference of an exported head warp h: Z -> Y, for one point and for many at a time.
 
+mod abreast;
 mod condition;
 mod network;
 mod spline;
@@ -17,6 +18,8 @@ use crate::{
     error::{Error, Result},
     sampler::{IntermediateDensity, ShadingPoint},
 };
+use abreast::{HeadAbreast, Job};
+use network::MAX_LOGITS;
 
 /// Widest hidden layer: activations live on the stack.
 pub const MAX_HIDDEN: usize = 256;
@@ -48,17 +51,18 @@ pub struct Head {
     azimuth: SplineNetwork,
     /// Empty, or two layers that end in the logit of the share of samples that the head gives beside BRDF sampling.
     selection: Vec<Linear>,
+    /// The same networks for many samples.
+    abreast: HeadAbreast,
 }
 
 /// What the head computes once per condition.
 #[derive(Clone, Debug)]
 pub struct PreparedHead {
-    /// The condition's part of the first hidden layer of the elevation network.
+    /// The condition's part of the first hidden layer of the elevation network (coupled), or the logits of the elevation
+    /// spline, which depend on nothing else (autoregressive).
     elevation: [f32; MAX_HIDDEN],
-    /// The same of the azimuth network.
+    /// The condition's part of the first hidden layer of the azimuth network.
     azimuth: [f32; MAX_HIDDEN],
-    /// The elevation spline, where it depends on the condition alone.
-    elevation_spline: Option<Spline>,
     /// Share of samples that the head gives in a mixture with BRDF sampling.
     share_beside_brdf: f32,
 }
@@ -90,7 +94,8 @@ impl Head {
         let features = if mode == Mode::Coupled { 2 } else { 0 };
         let elevation = SplineNetwork::new("layer0", Topology::Interval, seen, features, elevation)?;
         let azimuth = SplineNetwork::new("layer1", Topology::Circle, seen, 1, azimuth)?;
-        Ok(Self { condition, mode, leaky_slope, encoder, elevation, azimuth, selection: Vec::new() })
+        let abreast = HeadAbreast::new((condition, mode, leaky_slope), &encoder, [&elevation, &azimuth]);
+        Ok(Self { condition, mode, leaky_slope, encoder, elevation, azimuth, selection: Vec::new(), abreast })
     }
 
     /// Adds the network of the learned selection probability: two layers from what the spline networks see to one logit, or none.
@@ -110,6 +115,7 @@ impl Head {
         if !fits {
             return Err(Error::argument("selection", format!("is not two layers from {seen} numbers to one")));
         }
+        self.abreast = self.abreast.with_selection(&selection);
         self.selection = selection;
         Ok(self)
     }
@@ -179,13 +185,13 @@ impl Head {
         let mut prepared = PreparedHead {
             elevation: [0.0; MAX_HIDDEN],
             azimuth: [0.0; MAX_HIDDEN],
-            elevation_spline: None,
             share_beside_brdf: self.share_beside_brdf(&seen[..length]),
         };
         self.elevation.prepare(&seen[..length], &mut prepared.elevation);
         self.azimuth.prepare(&seen[..length], &mut prepared.azimuth);
         if self.mode == Mode::Autoregressive {
-            prepared.elevation_spline = Some(self.elevation.spline(&prepared.elevation, &[], self.leaky_slope));
+            let logits = self.elevation.logits(&prepared.elevation, &[], self.leaky_slope);
+            prepared.elevation[..MAX_LOGITS].copy_from_slice(&logits);
         }
         prepared
     }
@@ -203,32 +209,21 @@ impl Head {
 
     /// Carries a uniform `z` to `(y, density over Y)`.
     pub fn sample_at(&self, prepared: &PreparedHead, z: Vec2) -> (Vec2, f32) {
-        match &prepared.elevation_spline {
-            Some(elevation) => {
-                let (v, log_v) = elevation.forward(z.y);
-                let (u, log_u) = self.azimuth_spline(prepared, v).forward(z.x);
-                (Vec2::new(u, v), (log_u + log_v).exp())
-            }
-            None => {
-                let (u, log_u) = self.azimuth_spline(prepared, z.y).forward(z.x);
-                let (v, log_v) = self.elevation_spline(prepared, u).forward(z.y);
-                (Vec2::new(u, v), (log_u + log_v).exp())
-            }
+        let ((u, log_u), (v, log_v));
+        if self.mode == Mode::Autoregressive {
+            (v, log_v) = self.elevation_spline(prepared, 0.0).forward(z.y);
+            (u, log_u) = self.azimuth_spline(prepared, v).forward(z.x);
+        } else {
+            (u, log_u) = self.azimuth_spline(prepared, z.y).forward(z.x);
+            (v, log_v) = self.elevation_spline(prepared, u).forward(z.y);
         }
+        (Vec2::new(u, v), (log_u + log_v).exp())
     }
 
     /// The density direction `y -> (z, density over Y)`.
     pub fn inverse_at(&self, prepared: &PreparedHead, y: Vec2) -> (Vec2, f32) {
-        let (z_v, log_v, seen) = match &prepared.elevation_spline {
-            Some(elevation) => {
-                let (z_v, log_v) = elevation.inverse(y.y);
-                (z_v, log_v, y.y)
-            }
-            None => {
-                let (z_v, log_v) = self.elevation_spline(prepared, y.x).inverse(y.y);
-                (z_v, log_v, z_v)
-            }
-        };
+        let (z_v, log_v) = self.elevation_spline(prepared, y.x).inverse(y.y);
+        let seen = if self.mode == Mode::Coupled { z_v } else { y.y };
         let (z_u, log_u) = self.azimuth_spline(prepared, seen).inverse(y.x);
         (Vec2::new(z_u, z_v), (log_u + log_v).exp())
     }
@@ -238,6 +233,9 @@ impl Head {
     }
 
     fn elevation_spline(&self, prepared: &PreparedHead, azimuth: f32) -> Spline {
+        if self.mode == Mode::Autoregressive {
+            return self.elevation.spline_of(&prepared.elevation);
+        }
         let (sin, cos) = (TAU * azimuth).sin_cos();
         self.elevation.spline(&prepared.elevation, &[cos, sin], self.leaky_slope)
     }
@@ -260,5 +258,23 @@ impl IntermediateDensity for Head {
 
     fn density(&self, prepared: &PreparedHead, y: Vec2) -> f32 {
         self.inverse_at(prepared, y).1
+    }
+
+    fn prepare_batch(&self, at: &[ShadingPoint]) -> Vec<PreparedHead> {
+        let mut out = Vec::with_capacity(at.len());
+        self.abreast.run(Job::Prepare { at, out: &mut out });
+        out
+    }
+
+    fn sample_batch(&self, at: &[ShadingPoint], z: &[Vec2], y: &mut [Vec2], q: &mut [f32]) {
+        self.abreast.run(Job::Sample { at, z, y, q });
+    }
+
+    fn sample_prepared(&self, prepared: &[&PreparedHead], z: &[Vec2], y: &mut [Vec2], q: &mut [f32]) {
+        self.abreast.run(Job::SamplePrepared { prepared, z, y, q });
+    }
+
+    fn density_prepared(&self, prepared: &[&PreparedHead], y: &[Vec2], q: &mut [f32]) {
+        self.abreast.run(Job::Density { prepared, y, q });
     }
 }

@@ -7,7 +7,7 @@ use super::{
 use crate::error::{Error, Result};
 
 /// Most logits of a spline.
-const MAX_LOGITS: usize = 3 * MAX_BINS + 1;
+pub(super) const MAX_LOGITS: usize = 3 * MAX_BINS + 1;
 
 /// `y = W x + b`.
 #[derive(Clone, Debug, PartialEq)]
@@ -124,6 +124,16 @@ impl SplineNetwork {
         &self.layers
     }
 
+    /// What the spline's two ends are to each other.
+    pub(super) fn topology(&self) -> Topology {
+        self.topology
+    }
+
+    /// How many of the inputs are the condition.
+    pub(super) fn condition(&self) -> usize {
+        self.condition
+    }
+
     /// The condition's part of the first hidden layer, before its activation.
     pub(super) fn prepare(&self, condition: &[f32], out: &mut [f32; MAX_HIDDEN]) {
         let first = &self.layers[0];
@@ -133,6 +143,17 @@ impl SplineNetwork {
 
     /// The spline for the other coordinate's features.
     pub(super) fn spline(&self, prepared: &[f32; MAX_HIDDEN], features: &[f32], slope: f32) -> Spline {
+        self.spline_of(&self.logits(prepared, features, slope))
+    }
+
+    /// The spline of logits, which may be followed by other numbers.
+    pub(super) fn spline_of(&self, logits: &[f32]) -> Spline {
+        let outputs = self.layers.last().expect("checked on construction").outputs;
+        Spline::new(self.topology, &logits[..outputs])
+    }
+
+    /// The spline's logits for the other coordinate's features, then zeros.
+    pub(super) fn logits(&self, prepared: &[f32; MAX_HIDDEN], features: &[f32], slope: f32) -> [f32; MAX_LOGITS] {
         let mut hidden = [0.0; MAX_HIDDEN];
         let mut next = [0.0; MAX_HIDDEN];
         let mut width = self.layers[0].outputs;
@@ -148,7 +169,7 @@ impl SplineNetwork {
         }
         let mut logits = [0.0; MAX_LOGITS];
         last.forward(&hidden[..width], &mut logits);
-        Spline::new(self.topology, &logits[..last.outputs])
+        logits
     }
 }
 

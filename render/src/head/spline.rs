@@ -3,13 +3,13 @@
 use super::MAX_BINS;
 
 /// Floor of a bin's width and height.
-const MIN_BIN: f32 = 1e-4;
+pub(super) const MIN_BIN: f32 = 1e-4;
 /// Floor of a slope.
-const MIN_SLOPE: f32 = 1e-4;
+pub(super) const MIN_SLOPE: f32 = 1e-4;
 /// `ln(e^(1 - MIN_SLOPE) - 1)`: makes a zero logit the slope 1.
-const SLOPE_OFFSET: f32 = 0.541_166_65;
+pub(super) const SLOPE_OFFSET: f32 = 0.541_166_65;
 /// The largest f32 below 1.
-const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+pub(super) const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
 /// What a coordinate's two ends are to each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

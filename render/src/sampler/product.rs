@@ -27,6 +27,25 @@ pub trait IntermediateDensity: Send + Sync {
         }
     }
 
+    /// [`Self::prepare`] for many conditions.
+    fn prepare_batch(&self, at: &[ShadingPoint]) -> Vec<Self::Prepared> {
+        at.iter().map(|at| self.prepare(at)).collect()
+    }
+
+    /// [`Self::sample`] for many prepared conditions; all slices have equal length.
+    fn sample_prepared(&self, prepared: &[&Self::Prepared], z: &[Vec2], y: &mut [Vec2], q: &mut [f32]) {
+        for (((prepared, &z), y), q) in prepared.iter().zip(z).zip(y).zip(q) {
+            (*y, *q) = self.sample(prepared, z);
+        }
+    }
+
+    /// [`Self::density`] for many prepared conditions; all slices have equal length.
+    fn density_prepared(&self, prepared: &[&Self::Prepared], y: &[Vec2], q: &mut [f32]) {
+        for ((prepared, &y), q) in prepared.iter().zip(y).zip(q) {
+            *q = self.density(prepared, y);
+        }
+    }
+
     /// Which share of samples to draw from here in a mixture with BRDF sampling, in (0, 1).
     fn share_beside_brdf(&self, _prepared: &Self::Prepared) -> f32 {
         0.5

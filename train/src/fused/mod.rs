@@ -13,7 +13,7 @@ mod samples;
 mod spline;
 
 use headtail_model::{EncoderConfig, Head, HeadConfig, Mode};
-use headtail_render::simd::{self, Vectorized};
+use headtail_render::simd::{self, Simd, Vectorized};
 use rayon::prelude::*;
 
 use crate::{GradientSource, Objective, StepGradient, target::Batch};
@@ -129,7 +129,7 @@ struct Work<'a> {
 
 impl Vectorized for Work<'_> {
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _simd: S) {
         let Self { part, layout, weights, objective, batch, range, scale } = self;
         part.loss = 0.0;
         part.gradient.clear();

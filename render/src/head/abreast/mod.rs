@@ -1,0 +1,342 @@
+//! Inference for many samples: [`LANES`] go through networks and splines abreast.
+//!
+//! The results are those of [`Head`](super::Head)'s functions of one point, to rounding; those are the oracle in tests. Networks are
+//! bound by multiply-adds: all weights of a head fit the second-level cache and are read once per strip of [`LANES`] samples.
+
+mod linear;
+mod spline;
+#[cfg(test)]
+mod tests;
+
+use glam::Vec2;
+
+use super::{Condition, MAX_CONDITION, MAX_HIDDEN, Mode, PreparedHead, SELECTION_FLOOR, SplineNetwork, Topology};
+use crate::{
+    head::{Linear, network::MAX_LOGITS},
+    sampler::ShadingPoint,
+    simd::{self, LANES, Lanes, Simd, Vectorized},
+};
+use linear::{LinearAbreast, Start};
+use spline::Direction;
+
+/// A head's networks in the order in which strips read their weights.
+#[derive(Clone, Debug)]
+pub(super) struct HeadAbreast {
+    condition: Condition,
+    mode: Mode,
+    slope: f32,
+    encoder: Vec<LinearAbreast>,
+    elevation: NetworkAbreast,
+    azimuth: NetworkAbreast,
+    selection: Vec<LinearAbreast>,
+}
+
+/// A spline network; its first layer is split into what the condition gives and what the other coordinate gives.
+#[derive(Clone, Debug)]
+struct NetworkAbreast {
+    topology: Topology,
+    of_condition: LinearAbreast,
+    of_features: LinearAbreast,
+    later: Vec<LinearAbreast>,
+}
+
+/// Numbers of one strip between layers.
+struct Strip {
+    /// Condition, then the encoder's output.
+    seen: Vec<Lanes>,
+    /// What depends on the condition alone, see [`PreparedHead`].
+    elevation: Vec<Lanes>,
+    azimuth: Vec<Lanes>,
+    share: Lanes,
+    hidden: [Vec<Lanes>; 2],
+    logits: Vec<Lanes>,
+}
+
+/// What is asked of a head for many samples. All slices have equal length.
+pub(super) enum Job<'a> {
+    /// Prepares shading points.
+    Prepare { at: &'a [ShadingPoint], out: &'a mut Vec<PreparedHead> },
+    /// Prepares shading points and carries a point `z` to `(y, density over Y)` for each.
+    Sample { at: &'a [ShadingPoint], z: &'a [Vec2], y: &'a mut [Vec2], q: &'a mut [f32] },
+    /// The same for points that have been prepared.
+    SamplePrepared { prepared: &'a [&'a PreparedHead], z: &'a [Vec2], y: &'a mut [Vec2], q: &'a mut [f32] },
+    /// The densities over Y at given points.
+    Density { prepared: &'a [&'a PreparedHead], y: &'a [Vec2], q: &'a mut [f32] },
+}
+
+impl HeadAbreast {
+    pub fn new(
+        (condition, mode, slope): (Condition, Mode, f32),
+        encoder: &[Linear],
+        [elevation, azimuth]: [&SplineNetwork; 2],
+    ) -> Self {
+        Self {
+            condition,
+            mode,
+            slope,
+            encoder: encoder.iter().map(LinearAbreast::new).collect(),
+            elevation: NetworkAbreast::new(elevation),
+            azimuth: NetworkAbreast::new(azimuth),
+            selection: Vec::new(),
+        }
+    }
+
+    /// With the network of the learned selection probability.
+    pub fn with_selection(self, selection: &[Linear]) -> Self {
+        Self { selection: selection.iter().map(LinearAbreast::new).collect(), ..self }
+    }
+
+    /// Does a job with the best instructions that the processor has.
+    pub fn run(&self, job: Job<'_>) {
+        simd::dispatch(Work { head: self, job });
+    }
+
+    /// From the condition in `strip.seen` to what depends on it alone.
+    #[inline(always)]
+    fn prepare<S: Simd>(&self, simd: S, strip: &mut Strip) {
+        let Strip { seen, elevation, azimuth, share, hidden, logits } = strip;
+        let length = self.condition.length();
+        if let Some((last, inner)) = self.encoder.split_last() {
+            let [mut from, mut to] = hidden.each_mut();
+            from[..length].copy_from_slice(&seen[..length]);
+            for layer in inner {
+                layer.forward(simd, Start::Bias, from, to, Some(self.slope));
+                std::mem::swap(&mut from, &mut to);
+            }
+            last.forward(simd, Start::Bias, from, &mut seen[length..], Some(self.slope));
+        }
+        if let [first, second] = &self.selection[..] {
+            first.forward(simd, Start::Bias, seen, &mut hidden[0], Some(self.slope));
+            second.forward(simd, Start::Bias, &hidden[0], logits, None);
+            for l in 0..LANES {
+                share[l] = SELECTION_FLOOR + (1.0 - 2.0 * SELECTION_FLOOR) * simd::sigmoid(logits[0][l]);
+            }
+        }
+        self.azimuth.of_condition.forward(simd, Start::Bias, seen, azimuth, None);
+        self.elevation.of_condition.forward(simd, Start::Bias, seen, elevation, None);
+        if self.mode == Mode::Autoregressive {
+            self.elevation.logits(simd, self.slope, elevation, &[], hidden, logits);
+            elevation[..logits.len()].copy_from_slice(logits);
+        }
+    }
+
+    /// Both splines in one direction: images of `(u, v)`, and the densities over Y.
+    #[inline(always)]
+    fn warp<S: Simd>(&self, simd: S, direction: Direction, strip: &mut Strip, u: &Lanes, v: &Lanes) -> [Lanes; 3] {
+        let (image_u, image_v, by_u, by_v);
+        // Coupled: F0(y_v; y_u), then F1(y_u; z_v). Sampling undoes F1 first.
+        if direction == Direction::Forward && self.mode == Mode::Coupled {
+            (image_u, by_u) = self.of_azimuth(simd, direction, strip, u, v);
+            (image_v, by_v) = self.of_elevation(simd, direction, strip, v, &image_u);
+        } else {
+            (image_v, by_v) = self.of_elevation(simd, direction, strip, v, u);
+            let y_v = if direction == Direction::Forward { &image_v } else { v };
+            let seen = if self.mode == Mode::Coupled { &image_v } else { y_v };
+            (image_u, by_u) = self.of_azimuth(simd, direction, strip, u, seen);
+        }
+        let mut density = [0.0; LANES];
+        for l in 0..LANES {
+            density[l] = by_u[l] * by_v[l];
+        }
+        [image_u, image_v, density]
+    }
+
+    #[inline(always)]
+    fn of_azimuth<S: Simd>(
+        &self,
+        simd: S,
+        direction: Direction,
+        strip: &mut Strip,
+        u: &Lanes,
+        seen: &Lanes,
+    ) -> (Lanes, Lanes) {
+        let Strip { azimuth, hidden, logits, .. } = strip;
+        self.azimuth.logits(simd, self.slope, azimuth, &[*seen], hidden, logits);
+        spline::evaluate(self.azimuth.topology, direction, logits, u)
+    }
+
+    #[inline(always)]
+    fn of_elevation<S: Simd>(
+        &self,
+        simd: S,
+        direction: Direction,
+        strip: &mut Strip,
+        v: &Lanes,
+        seen: &Lanes,
+    ) -> (Lanes, Lanes) {
+        let Strip { elevation, hidden, logits, .. } = strip;
+        if self.mode == Mode::Autoregressive {
+            logits.copy_from_slice(&elevation[..self.elevation.outputs()]);
+        } else {
+            let (mut cos, mut sin) = ([0.0; LANES], [0.0; LANES]);
+            for l in 0..LANES {
+                (cos[l], sin[l]) = simd::cos_sin_turns(seen[l]);
+            }
+            self.elevation.logits(simd, self.slope, elevation, &[cos, sin], hidden, logits);
+        }
+        spline::evaluate(self.elevation.topology, direction, logits, v)
+    }
+
+    fn strip(&self) -> Strip {
+        let lanes = |count: usize| vec![[0.0; LANES]; count];
+        Strip {
+            seen: lanes(MAX_CONDITION + MAX_HIDDEN),
+            elevation: lanes(MAX_HIDDEN),
+            azimuth: lanes(MAX_HIDDEN),
+            share: [0.5; LANES],
+            hidden: [lanes(MAX_HIDDEN), lanes(MAX_HIDDEN)],
+            logits: lanes(self.azimuth.outputs()),
+        }
+    }
+}
+
+impl NetworkAbreast {
+    fn new(network: &SplineNetwork) -> Self {
+        let (first, later) = network.layers().split_first().expect("a network has layers");
+        let seen = network.condition();
+        Self {
+            topology: network.topology(),
+            of_condition: LinearAbreast::part(first, 0, seen),
+            of_features: LinearAbreast::part(first, seen, first.inputs() - seen),
+            later: later.iter().map(LinearAbreast::new).collect(),
+        }
+    }
+
+    fn outputs(&self) -> usize {
+        self.later.last().map_or(0, LinearAbreast::outputs)
+    }
+
+    /// Logits from the condition's part of the first layer and the other coordinate's features.
+    #[inline(always)]
+    fn logits<S: Simd>(
+        &self,
+        simd: S,
+        slope: f32,
+        prepared: &[Lanes],
+        features: &[Lanes],
+        hidden: &mut [Vec<Lanes>; 2],
+        logits: &mut [Lanes],
+    ) {
+        let [mut from, mut to] = hidden.each_mut();
+        self.of_features.forward(simd, Start::Of(prepared), features, from, Some(slope));
+        let (last, inner) = self.later.split_last().expect("a network has at least two layers");
+        for layer in inner {
+            layer.forward(simd, Start::Bias, from, to, Some(slope));
+            std::mem::swap(&mut from, &mut to);
+        }
+        last.forward(simd, Start::Bias, from, logits, None);
+    }
+}
+
+struct Work<'a> {
+    head: &'a HeadAbreast,
+    job: Job<'a>,
+}
+
+impl Vectorized for Work<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let head = self.head;
+        let mut strip = head.strip();
+        match self.job {
+            Job::Prepare { at, out } => {
+                for at in at.chunks(LANES) {
+                    load_conditions(head.condition, at, &mut strip.seen);
+                    head.prepare(simd, &mut strip);
+                    for lane in 0..at.len() {
+                        out.push(prepared(&strip, lane));
+                    }
+                }
+            }
+            Job::Sample { at, z, y, q } => {
+                let chunks = at.chunks(LANES).zip(z.chunks(LANES));
+                for (((at, z), y), q) in chunks.zip(y.chunks_mut(LANES)).zip(q.chunks_mut(LANES)) {
+                    load_conditions(head.condition, at, &mut strip.seen);
+                    head.prepare(simd, &mut strip);
+                    warp_chunk(simd, head, Direction::Forward, &mut strip, z, Some(y), q);
+                }
+            }
+            Job::SamplePrepared { prepared, z, y, q } => {
+                let chunks = prepared.chunks(LANES).zip(z.chunks(LANES));
+                for (((prepared, z), y), q) in chunks.zip(y.chunks_mut(LANES)).zip(q.chunks_mut(LANES)) {
+                    load_prepared(head, prepared, &mut strip);
+                    warp_chunk(simd, head, Direction::Forward, &mut strip, z, Some(y), q);
+                }
+            }
+            Job::Density { prepared, y, q } => {
+                let chunks = prepared.chunks(LANES).zip(y.chunks(LANES));
+                for ((prepared, y), q) in chunks.zip(q.chunks_mut(LANES)) {
+                    load_prepared(head, prepared, &mut strip);
+                    warp_chunk(simd, head, Direction::Inverse, &mut strip, y, None, q);
+                }
+            }
+        }
+    }
+}
+
+/// Conditions of at most [`LANES`] points; lanes without a point keep what they had, which nobody reads.
+#[inline(always)]
+fn load_conditions(condition: Condition, at: &[ShadingPoint], seen: &mut [Lanes]) {
+    for (lane, at) in at.iter().enumerate() {
+        let numbers = condition.of(at);
+        for (seen, number) in seen[..condition.length()].iter_mut().zip(numbers) {
+            seen[lane] = number;
+        }
+    }
+}
+
+#[inline(always)]
+fn load_prepared(head: &HeadAbreast, prepared: &[&PreparedHead], strip: &mut Strip) {
+    let of_elevation = match head.mode {
+        Mode::Coupled => head.elevation.of_condition.outputs(),
+        Mode::Autoregressive => head.elevation.outputs(),
+    };
+    let of_azimuth = head.azimuth.of_condition.outputs();
+    for (lane, prepared) in prepared.iter().enumerate() {
+        for (lanes, &number) in strip.elevation[..of_elevation].iter_mut().zip(&prepared.elevation) {
+            lanes[lane] = number;
+        }
+        for (lanes, &number) in strip.azimuth[..of_azimuth].iter_mut().zip(&prepared.azimuth) {
+            lanes[lane] = number;
+        }
+    }
+}
+
+/// One lane of a prepared strip.
+#[inline(always)]
+fn prepared(strip: &Strip, lane: usize) -> PreparedHead {
+    let mut prepared =
+        PreparedHead { elevation: [0.0; MAX_HIDDEN], azimuth: [0.0; MAX_HIDDEN], share_beside_brdf: strip.share[lane] };
+    for (number, lanes) in prepared.elevation.iter_mut().zip(&strip.elevation) {
+        *number = lanes[lane];
+    }
+    for (number, lanes) in prepared.azimuth.iter_mut().zip(&strip.azimuth) {
+        *number = lanes[lane];
+    }
+    prepared
+}
+
+/// At most [`LANES`] points through a prepared strip.
+#[inline(always)]
+fn warp_chunk<S: Simd>(
+    simd: S,
+    head: &HeadAbreast,
+    direction: Direction,
+    strip: &mut Strip,
+    at: &[Vec2],
+    images: Option<&mut [Vec2]>,
+    q: &mut [f32],
+) {
+    let (mut u, mut v) = ([0.0; LANES], [0.0; LANES]);
+    for (lane, at) in at.iter().enumerate() {
+        (u[lane], v[lane]) = (at.x, at.y);
+    }
+    let [image_u, image_v, density] = head.warp(simd, direction, strip, &u, &v);
+    for (lane, image) in images.into_iter().flatten().enumerate() {
+        *image = Vec2::new(image_u[lane], image_v[lane]);
+    }
+    q.copy_from_slice(&density[..q.len()]);
+}
+
+/// Logits of the autoregressive elevation spline take the place of its first layer.
+const _: () = assert!(MAX_LOGITS <= MAX_HIDDEN);
