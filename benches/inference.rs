@@ -69,9 +69,7 @@ fn density_prepared(bencher: Bencher, name: (Preset, Mode)) {
     let prepared = head.prepare_batch(&at);
     let prepared: Vec<_> = prepared.iter().collect();
     let mut q = vec![0.0; SAMPLES];
-    bencher
-        .counter(ItemsCount::new(SAMPLES))
-        .bench_local(|| head.density_prepared(black_box(&prepared), &y, &mut q));
+    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| head.density_prepared(black_box(&prepared), &y, &mut q));
 }
 
 #[divan::bench(args = HEADS)]

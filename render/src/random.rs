@@ -55,3 +55,41 @@ impl Stream {
         glam::Vec3A::new(r * cos, r * sin, z).normalize()
     }
 }
+
+/// The streams of a batch: element `k` draws from the stream `of[k]`. Every stream gives its numbers in the order in which its
+/// elements ask.
+#[derive(Debug)]
+pub struct Streams<'a> {
+    all: &'a mut [Stream],
+    of: &'a [usize],
+}
+
+impl<'a> Streams<'a> {
+    /// A batch of `of.len()` elements.
+    ///
+    /// # Panics
+    /// On first use, if an index is out of range.
+    pub fn new(all: &'a mut [Stream], of: &'a [usize]) -> Self {
+        Self { all, of }
+    }
+
+    /// How many elements there are.
+    pub fn len(&self) -> usize {
+        self.of.len()
+    }
+
+    /// Whether there is no element.
+    pub fn is_empty(&self) -> bool {
+        self.of.is_empty()
+    }
+
+    /// The stream of element `k`.
+    pub fn of(&mut self, k: usize) -> &mut Stream {
+        &mut self.all[self.of[k]]
+    }
+
+    /// A uniform point of `[0, 1)^2` for each element.
+    pub fn uniform2(&mut self) -> Vec<Vec2> {
+        (0..self.len()).map(|k| self.of(k).uniform2()).collect()
+    }
+}

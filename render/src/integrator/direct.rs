@@ -12,7 +12,7 @@ use super::estimator::{DirectEstimator, Unshadowed, Visibility};
 use crate::{
     environment::Environment,
     image::Image,
-    random::{Purpose, Stream},
+    random::{Purpose, Stream, Streams},
     scene::{Camera, Scene},
 };
 
@@ -140,7 +140,7 @@ fn add_pass(view: &View<'_>, estimator: &dyn DirectEstimator, seed: u64, pass: u
     };
     let done: Vec<Vec<Pixel>> = (0..tiles)
         .into_par_iter()
-        .map(|tile| places(tile).map(|(x, y)| sample_pixel(view, estimator, seed, pass, count, x, y)).collect())
+        .map(|tile| sample_tile(view, estimator, seed, pass, count, &places(tile).collect::<Vec<_>>()))
         .collect();
     for (tile, sums) in done.into_iter().enumerate() {
         for ((x, y), sum) in places(tile).zip(sums) {
@@ -154,33 +154,45 @@ fn add_pass(view: &View<'_>, estimator: &dyn DirectEstimator, seed: u64, pass: u
     }
 }
 
-fn sample_pixel(
+/// `count` samples of each pixel of a tile, one sample of all pixels at a time: samplers get batches of shading points.
+fn sample_tile(
     view: &View<'_>,
     estimator: &dyn DirectEstimator,
     seed: u64,
     pass: u64,
     count: u32,
-    x: usize,
-    y: usize,
-) -> Pixel {
-    let index = pass * (view.width * view.height) as u64 + (y * view.width + x) as u64;
-    let mut random = Stream::new(seed, Purpose::Pixel, index);
+    places: &[(usize, usize)],
+) -> Vec<Pixel> {
+    let stream = |&(x, y): &(usize, usize)| {
+        Stream::new(seed, Purpose::Pixel, pass * (view.width * view.height) as u64 + (y * view.width + x) as u64)
+    };
+    let mut streams: Vec<Stream> = places.iter().map(stream).collect();
     let visibility: &dyn Visibility = if view.unshadowed { &Unshadowed } else { view.scene };
-    let mut pixel = Pixel::default();
+    let mut pixels = vec![Pixel::default(); places.len()];
+    let (mut hits, mut of) = (Vec::with_capacity(places.len()), Vec::with_capacity(places.len()));
     for _ in 0..count {
-        let jitter = random.uniform2();
-        let ray = view.camera.ray(x as f32 + jitter.x, y as f32 + jitter.y, view.width, view.height);
-        if let Some(at) = view.scene.intersect(&ray) {
-            let estimate = estimator.estimate(&at, visibility, &mut random);
+        hits.clear();
+        of.clear();
+        for (index, ((x, y), random)) in places.iter().zip(&mut streams).enumerate() {
+            let jitter = random.uniform2();
+            let ray = view.camera.ray(*x as f32 + jitter.x, *y as f32 + jitter.y, view.width, view.height);
+            if let Some(at) = view.scene.intersect(&ray) {
+                hits.push(at);
+                of.push(index);
+            } else {
+                pixels[index].background += view.environment.radiance(ray.direction).as_dvec3();
+            }
+        }
+        let estimates = estimator.estimate_batch(&hits, visibility, &mut Streams::new(&mut streams, &of));
+        for (&index, estimate) in of.iter().zip(estimates) {
+            let pixel = &mut pixels[index];
             pixel.surfaces += estimate.radiance.as_dvec3();
             pixel.estimates += 1;
             pixel.rays += u64::from(estimate.rays);
             pixel.max_weight = pixel.max_weight.max(estimate.max_weight);
-        } else {
-            pixel.background += view.environment.radiance(ray.direction).as_dvec3();
         }
     }
-    pixel
+    pixels
 }
 
 fn develop(view: &View<'_>, pixels: &[Pixel], spp: u32, seconds: f64) -> Rendering {

@@ -4,8 +4,8 @@ use glam::Vec3A;
 
 use crate::{
     color::luminance,
-    random::Stream,
-    sampler::{CoversIntegrand, DirectionSample, DirectionSampler, ResampledSampler, ShadingPoint},
+    random::{Stream, Streams},
+    sampler::{CoversIntegrand, DirectionSample, DirectionSampler, ResampledDirection, ResampledSampler, ShadingPoint},
 };
 
 /// Answers shadow rays.
@@ -53,6 +53,17 @@ impl Estimate {
 pub trait DirectEstimator: Send + Sync {
     /// Estimates the reflected radiance at `at`; all randomness comes from `random`.
     fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate;
+
+    /// [`Self::estimate`] for many shading points, each with its stream: the wavefront form, in which samplers work on
+    /// many points at once.
+    fn estimate_batch(
+        &self,
+        at: &[ShadingPoint],
+        visibility: &dyn Visibility,
+        random: &mut Streams<'_>,
+    ) -> Vec<Estimate> {
+        at.iter().enumerate().map(|(k, at)| self.estimate(at, visibility, random.of(k))).collect()
+    }
 }
 
 /// One direction from one sampler: `f cos L V / pdf`.
@@ -74,6 +85,24 @@ impl<S: CoversIntegrand> DirectEstimator for SingleSample<S> {
             estimate.add(at, visibility, wi, at.brdf_cosine(wi) * radiance / pdf);
         }
         estimate
+    }
+
+    fn estimate_batch(
+        &self,
+        at: &[ShadingPoint],
+        visibility: &dyn Visibility,
+        random: &mut Streams<'_>,
+    ) -> Vec<Estimate> {
+        let mut samples = vec![None; at.len()];
+        self.0.sample_batch(at, &random.uniform2(), &mut samples);
+        let estimate = |(at, sample): (&ShadingPoint, Option<DirectionSample>)| {
+            let mut estimate = Estimate::default();
+            if let Some(DirectionSample { wi, pdf, radiance }) = sample {
+                estimate.add(at, visibility, wi, at.brdf_cosine(wi) * radiance / pdf);
+            }
+            estimate
+        };
+        at.iter().zip(samples).map(estimate).collect()
     }
 }
 
@@ -106,6 +135,40 @@ impl<A: DirectionSampler, B: CoversIntegrand> DirectEstimator for TwoSampleMis<A
         add(self.second.sample(&second, at, random.uniform2()), &|wi| self.first.pdf(&first, at, wi));
         estimate
     }
+
+    fn estimate_batch(
+        &self,
+        at: &[ShadingPoint],
+        visibility: &dyn Visibility,
+        random: &mut Streams<'_>,
+    ) -> Vec<Estimate> {
+        let (first, second) = (self.first.prepare_batch(at), self.second.prepare_batch(at));
+        let at: Vec<&ShadingPoint> = at.iter().collect();
+        let (first, second): (Vec<_>, Vec<_>) = (first.iter().collect(), second.iter().collect());
+        let mut samples = vec![None; at.len()];
+        let mut others = vec![0.0; at.len()];
+        let mut estimates = vec![Estimate::default(); at.len()];
+        let mut add = |samples: &[Option<DirectionSample>], others: &[f32]| {
+            for ((at, estimate), (sample, other)) in at.iter().zip(&mut estimates).zip(samples.iter().zip(others)) {
+                let Some(DirectionSample { wi, pdf, radiance }) = *sample else { continue };
+                let ratio = other / pdf;
+                let contribution = at.brdf_cosine(wi) * radiance / (pdf * (1.0 + ratio * ratio));
+                estimate.add(at, visibility, wi, contribution);
+            }
+        };
+        self.first.sample_prepared(&first, &at, &random.uniform2(), &mut samples);
+        self.second.pdf_prepared(&second, &at, &directions(&samples), &mut others);
+        add(&samples, &others);
+        self.second.sample_prepared(&second, &at, &random.uniform2(), &mut samples);
+        self.first.pdf_prepared(&first, &at, &directions(&samples), &mut others);
+        add(&samples, &others);
+        estimates
+    }
+}
+
+/// The samples' directions; where there is no sample, any direction.
+fn directions(samples: &[Option<DirectionSample>]) -> Vec<Vec3A> {
+    samples.iter().map(|sample| sample.map_or(Vec3A::Z, |sample| sample.wi)).collect()
 }
 
 /// One direction from a resampled sampler: `f cos L V W`.
@@ -127,5 +190,22 @@ impl<S: ResampledSampler> DirectEstimator for ResampledEstimator<S> {
             estimate.add(at, visibility, drawn.wi, contribution);
         }
         estimate
+    }
+
+    fn estimate_batch(
+        &self,
+        at: &[ShadingPoint],
+        visibility: &dyn Visibility,
+        random: &mut Streams<'_>,
+    ) -> Vec<Estimate> {
+        let estimate = |(at, drawn): (&ShadingPoint, Option<ResampledDirection>)| {
+            let mut estimate = Estimate::default();
+            if let Some(drawn) = drawn {
+                let contribution = at.brdf_cosine(drawn.wi) * drawn.radiance * drawn.contribution_weight;
+                estimate.add(at, visibility, drawn.wi, contribution);
+            }
+            estimate
+        };
+        at.iter().zip(self.0.sample_batch(at, random)).map(estimate).collect()
     }
 }

@@ -38,6 +38,10 @@ impl DirectionSampler for EmitterSampler {
             self.light.sample_batch_through_tail(u, &[1.0; BATCH][..u.len()], out);
         }
     }
+
+    fn sample_prepared(&self, _: &[&()], _: &[&ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
+        self.sample_batch(&[], u, out);
+    }
 }
 
 impl CoversIntegrand for EmitterSampler {}
@@ -90,5 +94,13 @@ impl DirectionSampler for CompensatedEmitterSampler {
 
     fn pdf(&self, prepared: &(), at: &ShadingPoint, wi: Vec3A) -> f32 {
         self.0.pdf(prepared, at, wi)
+    }
+
+    fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
+        self.0.sample_batch(at, u, out);
+    }
+
+    fn sample_prepared(&self, prepared: &[&()], at: &[&ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
+        self.0.sample_prepared(prepared, at, u, out);
     }
 }

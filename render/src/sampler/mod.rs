@@ -78,10 +78,35 @@ pub trait DirectionSampler: Send + Sync {
     }
 
     /// Draws one direction for each of many shading points: `at`, `u` and `out` have equal length.
-    /// The wavefront form; networks override it.
+    /// The wavefront form; networks and tables override it.
     fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
         for ((at, &u), out) in at.iter().zip(u).zip(out) {
             *out = self.sample(&self.prepare(at), at, u);
+        }
+    }
+
+    /// [`Self::prepare`] for many shading points.
+    fn prepare_batch(&self, at: &[ShadingPoint]) -> Vec<Self::Prepared> {
+        at.iter().map(|at| self.prepare(at)).collect()
+    }
+
+    /// [`Self::sample`] for many prepared shading points; all slices have equal length.
+    fn sample_prepared(
+        &self,
+        prepared: &[&Self::Prepared],
+        at: &[&ShadingPoint],
+        u: &[Vec2],
+        out: &mut [Option<DirectionSample>],
+    ) {
+        for (((prepared, at), &u), out) in prepared.iter().zip(at).zip(u).zip(out) {
+            *out = self.sample(prepared, at, u);
+        }
+    }
+
+    /// [`Self::pdf`] for many prepared shading points; all slices have equal length.
+    fn pdf_prepared(&self, prepared: &[&Self::Prepared], at: &[&ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
+        for (((prepared, at), &wi), out) in prepared.iter().zip(at).zip(wi).zip(out) {
+            *out = self.pdf(prepared, at, wi);
         }
     }
 }

@@ -47,10 +47,95 @@ impl<A: DirectionSampler, B: DirectionSampler> DirectionSampler for OneSampleMis
         }
     }
 
+    fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
+        let prepared = self.prepare_batch(at);
+        let (prepared, at): (Vec<_>, Vec<_>) = prepared.iter().zip(at).unzip();
+        self.sample_prepared(&prepared, &at, u, out);
+    }
+
+    fn prepare_batch(&self, at: &[ShadingPoint]) -> Vec<Self::Prepared> {
+        self.first.prepare_batch(at).into_iter().zip(self.second.prepare_batch(at)).collect()
+    }
+
+    fn sample_prepared(
+        &self,
+        prepared: &[&Self::Prepared],
+        at: &[&ShadingPoint],
+        u: &[Vec2],
+        out: &mut [Option<DirectionSample>],
+    ) {
+        let shares: Vec<f32> = prepared.iter().map(|(first, _)| self.first.share_beside_brdf(first)).collect();
+        let (of_first, of_second): (Vec<usize>, Vec<usize>) = (0..u.len()).partition(|&k| u[k].x < shares[k]);
+        let stretch = |k: usize| {
+            let x = if u[k].x < shares[k] { u[k].x / shares[k] } else { (u[k].x - shares[k]) / (1.0 - shares[k]) };
+            Vec2::new(x.min(BELOW_ONE), u[k].y)
+        };
+        let (firsts, seconds): (Vec<_>, Vec<_>) = prepared.iter().map(|(first, second)| (first, second)).unzip();
+        let mixed = |k: usize, first: f32, second: f32| shares[k] * first + (1.0 - shares[k]) * second;
+        draw(&self.first, &firsts, at, &of_first, &stretch, out);
+        let pdfs = pdfs_of(&self.second, &seconds, at, &of_first, out);
+        for (&k, second) in of_first.iter().zip(pdfs) {
+            if let Some(sample) = &mut out[k] {
+                sample.pdf = mixed(k, sample.pdf, second);
+            }
+        }
+        draw(&self.second, &seconds, at, &of_second, &stretch, out);
+        let pdfs = pdfs_of(&self.first, &firsts, at, &of_second, out);
+        for (&k, first) in of_second.iter().zip(pdfs) {
+            if let Some(sample) = &mut out[k] {
+                sample.pdf = mixed(k, first, sample.pdf);
+            }
+        }
+    }
+
+    fn pdf_prepared(&self, prepared: &[&Self::Prepared], at: &[&ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
+        let (firsts, seconds): (Vec<_>, Vec<_>) = prepared.iter().map(|(first, second)| (first, second)).unzip();
+        let mut of_second = vec![0.0; out.len()];
+        self.first.pdf_prepared(&firsts, at, wi, out);
+        self.second.pdf_prepared(&seconds, at, wi, &mut of_second);
+        for ((out, second), first) in out.iter_mut().zip(of_second).zip(firsts) {
+            let share = self.first.share_beside_brdf(first);
+            *out = share * *out + (1.0 - share) * second;
+        }
+    }
+
     fn pdf(&self, (first, second): &Self::Prepared, at: &ShadingPoint, wi: Vec3A) -> f32 {
         let share = self.first.share_beside_brdf(first);
         share * self.first.pdf(first, at, wi) + (1.0 - share) * self.second.pdf(second, at, wi)
     }
+}
+
+/// Draws for the points of a batch whose indices are in `which`.
+fn draw<S: DirectionSampler>(
+    sampler: &S,
+    prepared: &[&S::Prepared],
+    at: &[&ShadingPoint],
+    which: &[usize],
+    u: &dyn Fn(usize) -> Vec2,
+    out: &mut [Option<DirectionSample>],
+) {
+    let (prepared, at): (Vec<_>, Vec<_>) = which.iter().map(|&k| (prepared[k], at[k])).unzip();
+    let u: Vec<Vec2> = which.iter().map(|&k| u(k)).collect();
+    let mut samples = vec![None; which.len()];
+    sampler.sample_prepared(&prepared, &at, &u, &mut samples);
+    for (&k, sample) in which.iter().zip(samples) {
+        out[k] = sample;
+    }
+}
+
+/// The pdfs with which a sampler draws the directions of the samples of `which`; where there is no sample, any number.
+fn pdfs_of<S: DirectionSampler>(
+    sampler: &S,
+    prepared: &[&S::Prepared],
+    at: &[&ShadingPoint],
+    which: &[usize],
+    samples: &[Option<DirectionSample>],
+) -> Vec<f32> {
+    let (prepared, at): (Vec<_>, Vec<_>) = which.iter().map(|&k| (prepared[k], at[k])).unzip();
+    let wi: Vec<Vec3A> = which.iter().map(|&k| samples[k].map_or(Vec3A::Z, |sample| sample.wi)).collect();
+    let mut pdfs = vec![0.0; which.len()];
+    sampler.pdf_prepared(&prepared, &at, &wi, &mut pdfs);
+    pdfs
 }
 
 impl<A: DirectionSampler, B: CoversIntegrand> CoversIntegrand for OneSampleMis<A, B> {}

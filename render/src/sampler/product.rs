@@ -104,6 +104,30 @@ impl<I: IntermediateDensity> DirectionSampler for ProductSampler<I> {
             self.light.sample_batch_through_tail(y, q, out);
         }
     }
+
+    fn prepare_batch(&self, at: &[ShadingPoint]) -> Vec<Self::Prepared> {
+        self.intermediate.prepare_batch(at)
+    }
+
+    fn sample_prepared(
+        &self,
+        prepared: &[&Self::Prepared],
+        _at: &[&ShadingPoint],
+        u: &[Vec2],
+        out: &mut [Option<DirectionSample>],
+    ) {
+        let (mut y, mut q) = (vec![Vec2::ZERO; u.len()], vec![0.0; u.len()]);
+        self.intermediate.sample_prepared(prepared, u, &mut y, &mut q);
+        self.light.sample_batch_through_tail(&y, &q, out);
+    }
+
+    fn pdf_prepared(&self, prepared: &[&Self::Prepared], _at: &[&ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
+        let (y, pdfs): (Vec<Vec2>, Vec<f32>) = wi.iter().map(|&wi| self.light.pull_back(wi)).unzip();
+        self.intermediate.density_prepared(prepared, &y, out);
+        for (out, pdf) in out.iter_mut().zip(pdfs) {
+            *out = if pdf > 0.0 { *out * pdf } else { 0.0 };
+        }
+    }
 }
 
 impl<I: IntermediateDensity> CoversIntegrand for ProductSampler<I> {}

@@ -6,7 +6,7 @@ use super::{
 };
 
 /// Heads with random weights, and with a random selection network.
-static HEADS: LazyLock<[(&str, Head); 4]> = LazyLock::new(|| {
+pub static HEADS: LazyLock<[(&str, Head); 4]> = LazyLock::new(|| {
     let head = |condition, mode, bins, encoder: &[usize]| random_head_of(condition, mode, bins, encoder, &[16, 1]);
     [
         ("ggx, coupled", head(Condition::Ggx, Mode::Coupled, 8, &[16, 12])),
@@ -17,7 +17,7 @@ static HEADS: LazyLock<[(&str, Head); 4]> = LazyLock::new(|| {
 });
 
 /// A head under a light.
-fn product(world: &World, head: &Head) -> ProductSampler<Head> {
+pub fn product(world: &World, head: &Head) -> ProductSampler<Head> {
     ProductSampler::new(world.light.clone(), head.clone())
 }
 

@@ -3,6 +3,7 @@
 //! Each property is a function that returns what is wrong, so that the last tests can hold deliberately broken samplers
 //! against the very same functions. All seeds are fixed; a pass is a pass on every machine of the same arithmetic.
 
+mod batches;
 mod conditioned;
 mod glossy;
 
@@ -41,7 +42,6 @@ struct Bound<'a> {
 /// Any [`DirectionSampler`]; that trait has an associated type and cannot be a trait object.
 trait Subject: Send + Sync {
     fn bind<'a>(&'a self, at: &'a ShadingPoint) -> Bound<'a>;
-    fn batch(&self, at: &[ShadingPoint], u: &[Vec2]) -> Vec<Option<DirectionSample>>;
 }
 
 impl<S: DirectionSampler> Subject for S {
@@ -52,12 +52,6 @@ impl<S: DirectionSampler> Subject for S {
             sample: Box::new(move |u| self.sample(&prepared, at, u)),
             pdf: Box::new(move |wi| self.pdf(&same, at, wi)),
         }
-    }
-
-    fn batch(&self, at: &[ShadingPoint], u: &[Vec2]) -> Vec<Option<DirectionSample>> {
-        let mut out = vec![None; at.len()];
-        self.sample_batch(at, u, &mut out);
-        out
     }
 }
 
@@ -533,23 +527,6 @@ fn resampling_and_two_sample_mis_estimate_it_too() {
         })
         .collect();
     assert!(failures.is_empty(), "{} failed:\n{}", failures.len(), failures.join("\n"));
-}
-
-#[test]
-fn a_batch_is_a_loop() {
-    for world in WORLDS.iter().filter(|world| world.name.starts_with("window")) {
-        let at: Vec<_> = world.normals().into_iter().map(shading_point).collect();
-        let mut random = Stream::new(7, Purpose::Test, 5);
-        let u: Vec<_> = at.iter().map(|_| random.uniform2()).collect();
-        for case in &world.cases {
-            let batch = case.subject.batch(&at, &u);
-            for ((at, &u), together) in at.iter().zip(&u).zip(batch) {
-                let alone = (case.subject.bind(at).sample)(u);
-                let numbers = |s: DirectionSample| (s.wi.to_array(), s.pdf, s.radiance.to_array());
-                assert_eq!(together.map(numbers), alone.map(numbers), "{} / {}", world.name, case.name);
-            }
-        }
-    }
 }
 
 /// A right sampler with a fault.
