@@ -19,18 +19,26 @@ pub trait Vectorized {
     fn run<S: Simd>(self, simd: S);
 }
 
+struct Op<W>(W);
+
+impl<W: Vectorized> WithSimd for Op<W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.0.run(simd);
+    }
+}
+
 /// Runs work with the best instructions that the processor has.
 pub fn dispatch(work: impl Vectorized) {
-    struct Op<W>(W);
-    impl<W: Vectorized> WithSimd for Op<W> {
-        type Output = ();
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, simd: S) {
-            self.0.run(simd);
-        }
-    }
     Arch::new().dispatch(Op(work));
+}
+
+/// Runs work that is part of other work as a function of its own, compiled once for each instruction set.
+#[inline(always)]
+pub fn call<S: Simd>(simd: S, work: impl Vectorized) {
+    simd.vectorize(Op(work));
 }
 
 /// `e^x` with a relative error below 2e-7 for `x` in `[-87, 88]`; arguments beyond are moved there.

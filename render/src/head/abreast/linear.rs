@@ -2,7 +2,7 @@
 
 use crate::{
     head::Linear,
-    simd::{LANES, Lanes, Simd},
+    simd::{self, LANES, Lanes, Simd, Vectorized},
 };
 
 /// Most outputs of a block. With two registers of [`LANES`] samples each, as AVX2 has, six outputs keep twelve sums in
@@ -59,19 +59,36 @@ impl LinearAbreast {
     /// `out = start + W x`, and then the leaky ReLU of that slope if there is one. `x` and `out` may be longer than the layer's sizes.
     #[inline(always)]
     pub fn forward<S: Simd>(&self, simd: S, start: Start<'_>, x: &[Lanes], out: &mut [Lanes], slope: Option<f32>) {
-        let x = &x[..self.inputs];
-        let mut out = &mut out[..self.outputs()];
+        simd::call(simd, Forward { layer: self, start, x, out, slope });
+    }
+}
+
+/// One layer.
+struct Forward<'a> {
+    layer: &'a LinearAbreast,
+    start: Start<'a>,
+    x: &'a [Lanes],
+    out: &'a mut [Lanes],
+    slope: Option<f32>,
+}
+
+impl Vectorized for Forward<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let Self { layer, start, x, out, slope } = self;
+        let x = &x[..layer.inputs];
+        let mut out = &mut out[..layer.outputs()];
         match start {
             Start::Bias => {
-                for (out, &bias) in out.iter_mut().zip(&self.bias) {
+                for (out, &bias) in out.iter_mut().zip(&layer.bias) {
                     *out = [bias; LANES];
                 }
             }
-            Start::Of(start) => out.copy_from_slice(&start[..self.outputs()]),
+            Start::Of(start) => out.copy_from_slice(&start[..layer.outputs()]),
         }
-        let mut weights = &self.weights[..];
-        for &block in &self.blocks {
-            let (own, rest) = weights.split_at(block * self.inputs);
+        let mut weights = &layer.weights[..];
+        for &block in &layer.blocks {
+            let (own, rest) = weights.split_at(block * layer.inputs);
             let (rows, later) = out.split_at_mut(block);
             match block {
                 1 => rows_of::<S, 1>(simd, own, x, rows, slope),

@@ -115,6 +115,7 @@ impl HeadAbreast {
         self.azimuth.of_condition.forward(simd, Start::Bias, seen, azimuth, None);
         self.elevation.of_condition.forward(simd, Start::Bias, seen, elevation, None);
         if self.mode == Mode::Autoregressive {
+            let logits = &mut logits[..self.elevation.outputs()];
             self.elevation.logits(simd, self.slope, elevation, &[], hidden, logits);
             elevation[..logits.len()].copy_from_slice(logits);
         }
@@ -151,8 +152,9 @@ impl HeadAbreast {
         seen: &Lanes,
     ) -> (Lanes, Lanes) {
         let Strip { azimuth, hidden, logits, .. } = strip;
+        let logits = &mut logits[..self.azimuth.outputs()];
         self.azimuth.logits(simd, self.slope, azimuth, &[*seen], hidden, logits);
-        spline::evaluate(self.azimuth.topology, direction, logits, u)
+        spline::evaluate(simd, self.azimuth.topology, direction, logits, u)
     }
 
     #[inline(always)]
@@ -165,6 +167,7 @@ impl HeadAbreast {
         seen: &Lanes,
     ) -> (Lanes, Lanes) {
         let Strip { elevation, hidden, logits, .. } = strip;
+        let logits = &mut logits[..self.elevation.outputs()];
         if self.mode == Mode::Autoregressive {
             logits.copy_from_slice(&elevation[..self.elevation.outputs()]);
         } else {
@@ -174,18 +177,22 @@ impl HeadAbreast {
             }
             self.elevation.logits(simd, self.slope, elevation, &[cos, sin], hidden, logits);
         }
-        spline::evaluate(self.elevation.topology, direction, logits, v)
+        spline::evaluate(simd, self.elevation.topology, direction, logits, v)
     }
 
     fn strip(&self) -> Strip {
         let lanes = |count: usize| vec![[0.0; LANES]; count];
+        let networks = [&self.elevation, &self.azimuth];
+        let layers = networks.into_iter().flat_map(NetworkAbreast::layers).chain(&self.encoder).chain(&self.selection);
+        let widest = layers.map(LinearAbreast::outputs).max().unwrap_or(0).max(MAX_CONDITION);
         Strip {
-            seen: lanes(MAX_CONDITION + MAX_HIDDEN),
-            elevation: lanes(MAX_HIDDEN),
-            azimuth: lanes(MAX_HIDDEN),
+            seen: lanes(MAX_CONDITION + widest),
+            elevation: lanes(widest),
+            azimuth: lanes(widest),
             share: [0.5; LANES],
-            hidden: [lanes(MAX_HIDDEN), lanes(MAX_HIDDEN)],
-            logits: lanes(self.azimuth.outputs()),
+            hidden: [lanes(widest), lanes(widest)],
+            // The two splines may have different numbers of bins.
+            logits: lanes(self.azimuth.outputs().max(self.elevation.outputs())),
         }
     }
 }
@@ -200,6 +207,10 @@ impl NetworkAbreast {
             of_features: LinearAbreast::part(first, seen, first.inputs() - seen),
             later: later.iter().map(LinearAbreast::new).collect(),
         }
+    }
+
+    fn layers(&self) -> impl Iterator<Item = &LinearAbreast> {
+        [&self.of_condition, &self.of_features].into_iter().chain(&self.later)
     }
 
     fn outputs(&self) -> usize {

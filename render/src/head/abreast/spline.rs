@@ -6,7 +6,7 @@ use crate::{
         Topology,
         spline::{BELOW_ONE, MIN_BIN, MIN_SLOPE, SLOPE_OFFSET},
     },
-    simd::{self, LANES, Lanes},
+    simd::{self, LANES, Lanes, Simd, Vectorized},
 };
 
 /// Which way a spline is read.
@@ -30,7 +30,35 @@ struct Bins {
 /// Carries `at` through the splines of the logits (`[3K + 1, LANES]`, which are overwritten); gives the images, and
 /// `|dz/dy|` there.
 #[inline(always)]
-pub(super) fn evaluate(topology: Topology, direction: Direction, logits: &mut [Lanes], at: &Lanes) -> (Lanes, Lanes) {
+pub(super) fn evaluate<S: Simd>(
+    simd: S,
+    topology: Topology,
+    direction: Direction,
+    logits: &mut [Lanes],
+    at: &Lanes,
+) -> (Lanes, Lanes) {
+    let mut out = ([0.0; LANES], [0.0; LANES]);
+    simd::call(simd, Evaluate { topology, direction, logits, at, out: &mut out });
+    out
+}
+
+struct Evaluate<'a> {
+    topology: Topology,
+    direction: Direction,
+    logits: &'a mut [Lanes],
+    at: &'a Lanes,
+    out: &'a mut (Lanes, Lanes),
+}
+
+impl Vectorized for Evaluate<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, _simd: S) {
+        *self.out = warp(self.topology, self.direction, self.logits, self.at);
+    }
+}
+
+#[inline(always)]
+fn warp(topology: Topology, direction: Direction, logits: &mut [Lanes], at: &Lanes) -> (Lanes, Lanes) {
     let bins = (logits.len() - 1) / 3;
     let mut shift = [0.0; LANES];
     let mut at = *at;

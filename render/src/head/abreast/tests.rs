@@ -24,8 +24,9 @@ fn head(random: &mut Stream, mode: Mode, condition: Condition, bins: usize, enco
     let (encoder, seen) =
         if encoder { (layers(random, &[length, 16, 20], 1.7), length + 20) } else { (Vec::new(), length) };
     let features = if mode == Mode::Coupled { 2 } else { 0 };
-    let mut network = |features: usize| layers(random, &[seen + features, 33, 24, 3 * bins + 1], 1.7);
-    let networks = [network(features), network(1)];
+    let mut network = |features: usize, bins: usize| layers(random, &[seen + features, 33, 24, 3 * bins + 1], 1.7);
+    // A file may give the two splines different numbers of bins.
+    let networks = [network(features, bins + 1), network(1, bins)];
     let selection = layers(random, &[seen, 9, 1], 1.0);
     Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_selection(selection).unwrap()
 }
