@@ -52,13 +52,19 @@ struct Evaluate<'a> {
 
 impl Vectorized for Evaluate<'_> {
     #[inline(always)]
-    fn run<S: Simd>(self, _simd: S) {
-        *self.out = warp(self.topology, self.direction, self.logits, self.at);
+    fn run<S: Simd>(self, simd: S) {
+        *self.out = warp(simd, self.topology, self.direction, self.logits, self.at);
     }
 }
 
 #[inline(always)]
-fn warp(topology: Topology, direction: Direction, logits: &mut [Lanes], at: &Lanes) -> (Lanes, Lanes) {
+fn warp<S: Simd>(
+    simd: S,
+    topology: Topology,
+    direction: Direction,
+    logits: &mut [Lanes],
+    at: &Lanes,
+) -> (Lanes, Lanes) {
     let bins = (logits.len() - 1) / 3;
     let mut shift = [0.0; LANES];
     let mut at = *at;
@@ -81,9 +87,11 @@ fn warp(topology: Topology, direction: Direction, logits: &mut [Lanes], at: &Lan
     let (widths, rest) = logits.split_at_mut(bins);
     let (heights, slopes) = rest.split_at_mut(bins);
     let (width_scale, height_scale) = (softmax(widths), softmax(heights));
+    let across = Axis { exponentials: widths, scale: &width_scale };
+    let up = Axis { exponentials: heights, scale: &height_scale };
     let bin = match direction {
-        Direction::Forward => locate((heights, &height_scale), (widths, &width_scale), slopes, &at).swapped(),
-        Direction::Inverse => locate((widths, &width_scale), (heights, &height_scale), slopes, &at),
+        Direction::Forward => locate(simd, up, across, slopes, &at).swapped(),
+        Direction::Inverse => locate(simd, across, up, slopes, &at),
     };
     match direction {
         Direction::Forward => bin.forward(topology, &at, &shift),
@@ -179,29 +187,58 @@ fn softmax(logits: &mut [Lanes]) -> Lanes {
     scale
 }
 
+/// Exponentials of an axis's logits, and what makes them sizes above the floor.
+#[derive(Clone, Copy)]
+struct Axis<'a> {
+    exponentials: &'a [Lanes],
+    scale: &'a Lanes,
+}
+
 /// The bin in which `at` lies along the first axis: the last one whose start it has reached.
 #[inline(always)]
-fn locate(first: (&[Lanes], &Lanes), second: (&[Lanes], &Lanes), slopes: &[Lanes], at: &Lanes) -> Bins {
+fn locate<S: Simd>(simd: S, first: Axis<'_>, second: Axis<'_>, slopes: &[Lanes], at: &Lanes) -> Bins {
     let zero = [0.0; LANES];
-    let mut bin = Bins { left: zero, bottom: zero, width: zero, height: zero, slopes: [zero; 2] };
-    let (mut left, mut bottom) = (zero, zero);
-    let knots = slopes.iter().zip(&slopes[1..]);
-    for ((first_e, second_e), (slope, next)) in first.0.iter().zip(second.0).zip(knots) {
-        for l in 0..LANES {
-            let width = MIN_BIN + first_e[l] * first.1[l];
-            let height = MIN_BIN + second_e[l] * second.1[l];
-            let reached = at[l] >= left[l];
-            bin.left[l] = if reached { left[l] } else { bin.left[l] };
-            bin.bottom[l] = if reached { bottom[l] } else { bin.bottom[l] };
-            bin.width[l] = if reached { width } else { bin.width[l] };
-            bin.height[l] = if reached { height } else { bin.height[l] };
-            bin.slopes[0][l] = if reached { slope[l] } else { bin.slopes[0][l] };
-            bin.slopes[1][l] = if reached { next[l] } else { bin.slopes[1][l] };
-            left[l] += width;
-            bottom[l] += height;
-        }
+    let mut bins = Bins { left: zero, bottom: zero, width: zero, height: zero, slopes: [zero; 2] };
+    for register in 0..LANES / S::F32_LANES {
+        locate_in_register(simd, register, (first, second), slopes, at, &mut bins);
     }
-    bin
+    bins
+}
+
+/// [`locate`] for the lanes of one register. Written with explicit instructions: compilers make a choice between seven pairs of arrays a
+/// branch for each lane.
+#[inline(always)]
+fn locate_in_register<S: Simd>(
+    simd: S,
+    register: usize,
+    (first, second): (Axis<'_>, Axis<'_>),
+    slopes: &[Lanes],
+    at: &Lanes,
+    out: &mut Bins,
+) {
+    let load = |lanes: &Lanes| S::as_simd_f32s(lanes).0[register];
+    let zero = simd.splat_f32s(0.0);
+    let least = simd.splat_f32s(MIN_BIN);
+    let (at, first_scale, second_scale) = (load(at), load(first.scale), load(second.scale));
+    let (mut left, mut bottom) = (zero, zero);
+    let mut bin = [zero; 6];
+    let knots = slopes.iter().zip(&slopes[1..]);
+    for ((of_first, of_second), (slope, next)) in first.exponentials.iter().zip(second.exponentials).zip(knots) {
+        let width = simd.mul_add_e_f32s(load(of_first), first_scale, least);
+        let height = simd.mul_add_e_f32s(load(of_second), second_scale, least);
+        let reached = simd.greater_than_or_equal_f32s(at, left);
+        let here = [left, bottom, width, height, load(slope), load(next)];
+        for k in 0..6 {
+            bin[k] = simd.select_f32s(reached, here[k], bin[k]);
+        }
+        left = simd.add_f32s(left, width);
+        bottom = simd.add_f32s(bottom, height);
+    }
+    let [d0, d1] = &mut out.slopes;
+    for (lanes, found) in [&mut out.left, &mut out.bottom, &mut out.width, &mut out.height, d0, d1].into_iter().zip(bin)
+    {
+        S::as_mut_simd_f32s(lanes).0[register] = found;
+    }
 }
 
 /// Softplus with a floor, 1 for a zero logit.
