@@ -27,7 +27,8 @@ impl Backend {
     /// The backend's device, without autodiff.
     ///
     /// # Errors
-    /// [`Error::BackendNotCompiled`] if the build lacks the feature of the backend's name.
+    /// [`Error::BackendNotCompiled`] if the build lacks the feature of the backend's name; [`Error::NoAdapter`] if it has it and
+    /// the machine has no graphics adapter.
     pub fn device(self) -> Result<Device> {
         match self {
             #[cfg(feature = "flex")]
@@ -37,7 +38,7 @@ impl Backend {
             #[allow(deprecated)]
             Self::Ndarray => Ok(Device::ndarray()),
             #[cfg(feature = "wgpu")]
-            Self::Wgpu => Ok(Device::wgpu(headtail_model::burn::prelude::DeviceKind::DefaultDevice)),
+            Self::Wgpu => wgpu_device(),
             #[allow(unreachable_patterns)]
             backend => Err(Error::BackendNotCompiled { backend }),
         }
@@ -47,6 +48,17 @@ impl Backend {
     pub const fn is_host(self) -> bool {
         matches!(self, Self::Flex | Self::Ndarray)
     }
+}
+
+/// A graphics processor if there is one, else a software adapter, which the library never takes by itself.
+#[cfg(feature = "wgpu")]
+fn wgpu_device() -> Result<Device> {
+    use headtail_model::burn::{prelude::DeviceKind, tensor::DeviceType};
+
+    let software = Device::wgpu(DeviceKind::Cpu);
+    let adapters = Device::enumerate(DeviceType::Wgpu);
+    let processor = adapters.iter().find(|&adapter| *adapter != software);
+    processor.or(adapters.first()).cloned().ok_or(Error::NoAdapter)
 }
 
 impl fmt::Display for Backend {

@@ -11,6 +11,12 @@ pub enum Error {
         /// The backend asked for.
         backend: Backend,
     },
+    /// The machine has no graphics adapter for the backend wgpu.
+    #[error(
+        "the backend `wgpu` finds no graphics adapter: install a Vulkan, Metal or DX12 driver (mesa-vulkan-drivers has one in \
+         software), or choose `flex`"
+    )]
+    NoAdapter,
     /// A field of the training configuration is out of range.
     #[error("training configuration: {field} = {value}, but it must be {requirement}")]
     Config {

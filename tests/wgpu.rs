@@ -1,0 +1,46 @@
+//! The backend wgpu against the f64 reference and the host: `cargo test --release --workspace --features wgpu --test wgpu`.
+//!
+//! Where the machine has no graphics adapter, not even one in software, the tests say so and count as ignored.
+
+use std::sync::Arc;
+
+use headtail_render::{
+    environment::Environment,
+    tail::{Tail, TailKind},
+};
+use headtail_train::{Backend, BackendTrial, CosineTarget, FitConfig, GradientForm, Mode};
+use libtest_mimic::{Arguments, Failed, Trial};
+
+/// A few steps on the host and on wgpu.
+fn agrees(gradient: GradientForm, mode: Mode) -> Result<(), Failed> {
+    let environment = Environment::open("studio")?;
+    let (width, height) = (environment.width(), environment.height());
+    let tail = Arc::new(Tail::new(TailKind::Hierarchical, width, height, &environment.luminance())?);
+    let target = CosineTarget::new(&tail);
+    // The paper's rate: Adam's first moves have the gradient's sign whatever its size, so at high rates rounding grows.
+    let mut config = FitConfig { gradient, conditions: 8, strata: 4, learning_rate: 1e-3, ..FitConfig::default() };
+    config.head.mode = mode;
+    let trial = BackendTrial { config, steps: 3 };
+    let host = trial.run(Backend::Flex, &target, &[])?;
+    let row = trial.run(Backend::Wgpu, &target, &host.losses)?;
+    // Sums of some thousand f32 terms; 1e-4 is what is asked of every gradient.
+    if row.gradient_error >= 1e-4 || row.largest_loss_difference >= 1e-3 || !row.final_loss.is_finite() {
+        return Err(format!("{row:?}").into());
+    }
+    Ok(())
+}
+
+fn main() {
+    let arguments = Arguments { test_threads: Some(1), ..Arguments::from_args() };
+    let adapter = Backend::Wgpu.device();
+    if let Err(reason) = &adapter {
+        eprintln!("skipped: {reason}");
+    }
+    let forms = [GradientForm::InGraph, GradientForm::Injected];
+    let trial = |gradient: GradientForm, mode: Mode| {
+        let name = format!("gradient_and_losses_are_the_hosts::{gradient}::{}", format!("{mode:?}").to_lowercase());
+        Trial::test(name, move || agrees(gradient, mode)).with_ignored_flag(adapter.is_err())
+    };
+    let trials = forms.into_iter().flat_map(|form| [Mode::Coupled, Mode::Autoregressive].map(|mode| trial(form, mode)));
+    libtest_mimic::run(&arguments, trials.collect()).exit();
+}
