@@ -80,6 +80,8 @@ impl Splines<'_> {
             right_arguments[l] = self.logits[(2 * bins + right) * samples + first + l];
         }
         let (mut of_log_slope, mut of_value) = (Derivatives::zero(), Derivatives::zero());
+        // Not written to memory in the loop: an index that could be out of range would keep it from being one over SIMD lanes.
+        let (mut values, mut log_slopes) = ([0.0; LANES], [0.0; LANES]);
         let offset = slope_offset() as f32;
         for l in 0..LANES {
             let (left_argument, right_argument) = (left_arguments[l] + offset, right_arguments[l] + offset);
@@ -98,8 +100,8 @@ impl Splines<'_> {
             let value = (s * t + d0 * o) * t * by_d;
             let z = up.start[l] + height * value;
             let z = if z > 1.0 { 1.0 } else { z };
-            self.values[first + l] = z;
-            self.log_slopes[first + l] = 2.0 * simd::ln(s) + simd::ln(n) - 2.0 * simd::ln(d);
+            values[l] = z;
+            log_slopes[l] = 2.0 * simd::ln(s) + simd::ln(n) - 2.0 * simd::ln(d);
             let (of_d0, of_d1) = (simd::sigmoid(left_argument), simd::sigmoid(right_argument));
 
             let by_secant = 2.0 / s + 2.0 * t * o * by_n - 2.0 * (1.0 - 2.0 * t * o) * by_d;
@@ -120,6 +122,8 @@ impl Splines<'_> {
             of_value.left[l] = -height * by_position * by_width;
             of_value.bottom[l] = 1.0;
         }
+        *lanes_mut(self.values, first) = values;
+        *lanes_mut(self.log_slopes, first) = log_slopes;
         let (width_at, height_at) = (&self.scratch[..bins], &self.scratch[bins..2 * bins]);
         let rows = Rows { topology: self.topology, bins, samples, first, index: &index };
         for (out, derivatives) in [(&mut *self.logits, &of_log_slope), (&mut *self.of_values, &of_value)] {
@@ -134,16 +138,16 @@ impl Splines<'_> {
     /// Where each sample lies on the width axis, in `[0, 1]`.
     #[inline(always)]
     fn positions(&self, first: usize) -> Lanes {
-        let mut x = [0.0; LANES];
-        for (l, x) in x.iter_mut().enumerate() {
-            let y = self.points[first + l];
-            *x = match self.topology {
-                Topology::Interval => y.clamp(0.0, 1.0),
-                Topology::Circle => {
-                    let turns = self.logits[3 * self.bins * self.samples + first + l];
-                    wrap(wrap(y) + (turns - turns.round()))
-                }
-            };
+        let mut x = *lanes(self.points, first);
+        if self.topology == Topology::Interval {
+            for x in &mut x {
+                *x = x.clamp(0.0, 1.0);
+            }
+        } else {
+            let turns = lanes(self.logits, 3 * self.bins * self.samples + first);
+            for l in 0..LANES {
+                x[l] = wrap(wrap(x[l]) + (turns[l] - turns[l].round_ties_even()));
+            }
         }
         x
     }
