@@ -16,7 +16,7 @@ use crate::{
     samplers::{Naive, Qualities, train},
 };
 
-/// The variants, each with what it adds to the one before it (the last one changes the mode of the fourth).
+/// The variants, each with what it adds to the one before it (the last one changes the mode of the third).
 ///
 /// All are trained alike: the fast preset's batches and steps, forward KL, no selection network, K = 32 bins, and a learning rate that suits
 /// the larger networks (at the preset's 1.6e-2 the one with an encoder ended at three times the KL of its neighbours).
@@ -27,13 +27,13 @@ fn variants(material: Material) -> [(&'static str, FitConfig); 5] {
     let encoder = Some(EncoderConfig { hidden: 64, output: 64 });
     let encoded = FitConfig { head: HeadConfig { encoder, ..plain }, ..tail };
     let entropic = FitConfig { entropic: 1e-4, ..encoded };
-    let autoregressive = FitConfig { head: HeadConfig { mode: Mode::Autoregressive, ..entropic.head }, ..entropic };
+    let autoregressive = FitConfig { head: HeadConfig { mode: Mode::Autoregressive, ..encoded.head }, ..encoded };
     [
         ("naive", FitConfig { naive: true, ..tail }),
         ("with tail", tail),
         ("+ encoder", encoded),
         ("+ entropic", entropic),
-        ("+ entropic, autoregressive", autoregressive),
+        ("+ encoder, autoregressive", autoregressive),
     ]
 }
 

@@ -9,7 +9,7 @@ pub use condition::{Condition, MAX_CONDITION};
 pub use network::{Linear, SplineNetwork};
 pub use spline::{Spline, Topology};
 
-use std::f32::consts::TAU;
+use std::{f32::consts::TAU, sync::Arc};
 
 use glam::{Vec2, Vec3A};
 use serde::{Deserialize, Serialize};
@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     error::{Error, Result},
     sampler::{IntermediateDensity, ShadingPoint},
+    simd::LANES,
 };
 use abreast::{HeadAbreast, Job};
 use network::MAX_LOGITS;
@@ -55,16 +56,28 @@ pub struct Head {
     abreast: HeadAbreast,
 }
 
-/// What the head computes once per condition.
+/// What the head computes once per condition: a column of a matrix that all conditions of a batch share.
 #[derive(Clone, Debug)]
 pub struct PreparedHead {
-    /// The condition's part of the first hidden layer of the elevation network (coupled), or the logits of the elevation
-    /// spline, which depend on nothing else (autoregressive).
-    elevation: [f32; MAX_HIDDEN],
-    /// The condition's part of the first hidden layer of the azimuth network.
-    azimuth: [f32; MAX_HIDDEN],
+    /// For each batch of conditions: rows of the elevation network, then rows of the azimuth network.
+    ///
+    /// The former are the condition's part of the first hidden layer (coupled), or the logits of the elevation spline, which depend on nothing
+    /// else (autoregressive); the latter are the condition's part of the first hidden layer.
+    values: Arc<Vec<f32>>,
+    /// Where the column begins, and from one row to the next.
+    start: usize,
+    stride: usize,
     /// Share of samples that the head gives in a mixture with BRDF sampling.
     share_beside_brdf: f32,
+}
+
+impl PreparedHead {
+    /// Rows from `first` on.
+    fn rows(&self, first: usize, out: &mut [f32]) {
+        for (row, out) in out.iter_mut().enumerate() {
+            *out = self.values[self.start + (first + row) * self.stride];
+        }
+    }
 }
 
 impl Head {
@@ -182,18 +195,26 @@ impl Head {
             seen[length..length + width].copy_from_slice(&latent[..width]);
             length += width;
         }
-        let mut prepared = PreparedHead {
-            elevation: [0.0; MAX_HIDDEN],
-            azimuth: [0.0; MAX_HIDDEN],
-            share_beside_brdf: self.share_beside_brdf(&seen[..length]),
-        };
-        self.elevation.prepare(&seen[..length], &mut prepared.elevation);
-        self.azimuth.prepare(&seen[..length], &mut prepared.azimuth);
+        let mut values = vec![0.0; self.elevation_rows() + self.azimuth.first_outputs()];
+        let (elevation, azimuth) = values.split_at_mut(self.elevation_rows());
+        self.azimuth.prepare(&seen[..length], azimuth);
+        let mut first = [0.0; MAX_HIDDEN];
+        self.elevation.prepare(&seen[..length], &mut first);
         if self.mode == Mode::Autoregressive {
-            let logits = self.elevation.logits(&prepared.elevation, &[], self.leaky_slope);
-            prepared.elevation[..MAX_LOGITS].copy_from_slice(&logits);
+            let logits = self.elevation.logits(&first, &[], self.leaky_slope);
+            first[..MAX_LOGITS].copy_from_slice(&logits);
         }
-        prepared
+        elevation.copy_from_slice(&first[..elevation.len()]);
+        let share_beside_brdf = self.share_beside_brdf(&seen[..length]);
+        PreparedHead { values: Arc::new(values), start: 0, stride: 1, share_beside_brdf }
+    }
+
+    /// Rows of a prepared condition that belong to the elevation network.
+    fn elevation_rows(&self) -> usize {
+        match self.mode {
+            Mode::Coupled => self.elevation.first_outputs(),
+            Mode::Autoregressive => self.elevation.outputs(),
+        }
     }
 
     /// `0.02 + 0.96 sigmoid(logit)`; 1/2 where nothing was learned.
@@ -229,15 +250,19 @@ impl Head {
     }
 
     fn azimuth_spline(&self, prepared: &PreparedHead, seen: f32) -> Spline {
-        self.azimuth.spline(&prepared.azimuth, &[seen], self.leaky_slope)
+        let mut first = [0.0; MAX_HIDDEN];
+        prepared.rows(self.elevation_rows(), &mut first[..self.azimuth.first_outputs()]);
+        self.azimuth.spline(&first, &[seen], self.leaky_slope)
     }
 
     fn elevation_spline(&self, prepared: &PreparedHead, azimuth: f32) -> Spline {
+        let mut rows = [0.0; MAX_HIDDEN];
+        prepared.rows(0, &mut rows[..self.elevation_rows()]);
         if self.mode == Mode::Autoregressive {
-            return self.elevation.spline_of(&prepared.elevation);
+            return self.elevation.spline_of(&rows);
         }
         let (sin, cos) = (TAU * azimuth).sin_cos();
-        self.elevation.spline(&prepared.elevation, &[cos, sin], self.leaky_slope)
+        self.elevation.spline(&rows, &[cos, sin], self.leaky_slope)
     }
 }
 
@@ -261,9 +286,16 @@ impl IntermediateDensity for Head {
     }
 
     fn prepare_batch(&self, at: &[ShadingPoint]) -> Vec<PreparedHead> {
-        let mut out = Vec::with_capacity(at.len());
-        self.abreast.run(Job::Prepare { at, out: &mut out });
-        out
+        let (mut values, mut shares) = (Vec::new(), Vec::with_capacity(at.len()));
+        self.abreast.run(Job::Prepare { at, values: &mut values, shares: &mut shares });
+        let (values, rows) = (Arc::new(values), self.elevation_rows() + self.azimuth.first_outputs());
+        let column = |(index, share_beside_brdf): (usize, f32)| PreparedHead {
+            values: values.clone(),
+            start: index / LANES * rows * LANES + index % LANES,
+            stride: LANES,
+            share_beside_brdf,
+        };
+        shares.into_iter().enumerate().map(column).collect()
     }
 
     fn sample_batch(&self, at: &[ShadingPoint], z: &[Vec2], y: &mut [Vec2], q: &mut [f32]) {

@@ -129,13 +129,23 @@ impl SplineNetwork {
         self.topology
     }
 
+    /// Length of the first hidden layer.
+    pub(super) fn first_outputs(&self) -> usize {
+        self.layers[0].outputs
+    }
+
+    /// How many logits.
+    pub(super) fn outputs(&self) -> usize {
+        self.layers.last().expect("checked on construction").outputs
+    }
+
     /// How many of the inputs are the condition.
     pub(super) fn condition(&self) -> usize {
         self.condition
     }
 
     /// The condition's part of the first hidden layer, before its activation.
-    pub(super) fn prepare(&self, condition: &[f32], out: &mut [f32; MAX_HIDDEN]) {
+    pub(super) fn prepare(&self, condition: &[f32], out: &mut [f32]) {
         let first = &self.layers[0];
         out[..first.outputs].copy_from_slice(&first.bias);
         first.add_columns(0, condition, &mut out[..first.outputs]);
@@ -148,8 +158,7 @@ impl SplineNetwork {
 
     /// The spline of logits, which may be followed by other numbers.
     pub(super) fn spline_of(&self, logits: &[f32]) -> Spline {
-        let outputs = self.layers.last().expect("checked on construction").outputs;
-        Spline::new(self.topology, &logits[..outputs])
+        Spline::new(self.topology, &logits[..self.outputs()])
     }
 
     /// The spline's logits for the other coordinate's features, then zeros.

@@ -54,8 +54,8 @@ struct Strip {
 
 /// What is asked of a head for many samples. All slices have equal length.
 pub(super) enum Job<'a> {
-    /// Prepares shading points.
-    Prepare { at: &'a [ShadingPoint], out: &'a mut Vec<PreparedHead> },
+    /// Prepares shading points: the matrices of [`PreparedHead`], one for each strip, and the shares. Not of equal length.
+    Prepare { at: &'a [ShadingPoint], values: &'a mut Vec<f32>, shares: &'a mut Vec<f32> },
     /// Prepares shading points and carries a point `z` to `(y, density over Y)` for each.
     Sample { at: &'a [ShadingPoint], z: &'a [Vec2], y: &'a mut [Vec2], q: &'a mut [f32] },
     /// The same for points that have been prepared.
@@ -180,6 +180,15 @@ impl HeadAbreast {
         spline::evaluate(simd, self.elevation.topology, direction, logits, v)
     }
 
+    /// Rows of [`PreparedHead`] that belong to the elevation and to the azimuth.
+    fn rows(&self) -> (usize, usize) {
+        let of_elevation = match self.mode {
+            Mode::Coupled => self.elevation.of_condition.outputs(),
+            Mode::Autoregressive => self.elevation.outputs(),
+        };
+        (of_elevation, self.azimuth.of_condition.outputs())
+    }
+
     fn strip(&self) -> Strip {
         let lanes = |count: usize| vec![[0.0; LANES]; count];
         let networks = [&self.elevation, &self.azimuth];
@@ -250,13 +259,14 @@ impl Vectorized for Work<'_> {
         let head = self.head;
         let mut strip = head.strip();
         match self.job {
-            Job::Prepare { at, out } => {
+            Job::Prepare { at, values, shares } => {
                 for at in at.chunks(LANES) {
                     load_conditions(head.condition, at, &mut strip.seen);
                     head.prepare(simd, &mut strip);
-                    for lane in 0..at.len() {
-                        out.push(prepared(&strip, lane));
-                    }
+                    let (of_elevation, of_azimuth) = head.rows();
+                    values.extend_from_slice(strip.elevation[..of_elevation].as_flattened());
+                    values.extend_from_slice(strip.azimuth[..of_azimuth].as_flattened());
+                    shares.extend_from_slice(&strip.share[..at.len()]);
                 }
             }
             Job::Sample { at, z, y, q } => {
@@ -296,35 +306,28 @@ fn load_conditions(condition: Condition, at: &[ShadingPoint], seen: &mut [Lanes]
     }
 }
 
+/// Columns of at most [`LANES`] prepared points; lanes without a point keep what they had, which nobody reads.
 #[inline(always)]
 fn load_prepared(head: &HeadAbreast, prepared: &[&PreparedHead], strip: &mut Strip) {
-    let of_elevation = match head.mode {
-        Mode::Coupled => head.elevation.of_condition.outputs(),
-        Mode::Autoregressive => head.elevation.outputs(),
+    let (of_elevation, of_azimuth) = head.rows();
+    let (elevation, azimuth) = (&mut strip.elevation[..of_elevation], &mut strip.azimuth[..of_azimuth]);
+    let first = prepared[0];
+    let is_next = |(lane, p): (usize, &&PreparedHead)| {
+        std::sync::Arc::ptr_eq(&p.values, &first.values) && p.start == first.start + lane && p.stride == LANES
     };
-    let of_azimuth = head.azimuth.of_condition.outputs();
+    // A strip as it was prepared. Its first column begins at a whole strip.
+    if first.start % LANES == 0 && prepared.iter().enumerate().all(is_next) {
+        let (strips, _) = first.values[first.start..].as_chunks::<LANES>();
+        elevation.copy_from_slice(&strips[..of_elevation]);
+        azimuth.copy_from_slice(&strips[of_elevation..of_elevation + of_azimuth]);
+        return;
+    }
     for (lane, prepared) in prepared.iter().enumerate() {
-        for (lanes, &number) in strip.elevation[..of_elevation].iter_mut().zip(&prepared.elevation) {
+        let column = prepared.values[prepared.start..].iter().step_by(prepared.stride);
+        for (lanes, &number) in elevation.iter_mut().chain(&mut *azimuth).zip(column) {
             lanes[lane] = number;
         }
-        for (lanes, &number) in strip.azimuth[..of_azimuth].iter_mut().zip(&prepared.azimuth) {
-            lanes[lane] = number;
-        }
     }
-}
-
-/// One lane of a prepared strip.
-#[inline(always)]
-fn prepared(strip: &Strip, lane: usize) -> PreparedHead {
-    let mut prepared =
-        PreparedHead { elevation: [0.0; MAX_HIDDEN], azimuth: [0.0; MAX_HIDDEN], share_beside_brdf: strip.share[lane] };
-    for (number, lanes) in prepared.elevation.iter_mut().zip(&strip.elevation) {
-        *number = lanes[lane];
-    }
-    for (number, lanes) in prepared.azimuth.iter_mut().zip(&strip.azimuth) {
-        *number = lanes[lane];
-    }
-    prepared
 }
 
 /// At most [`LANES`] points through a prepared strip.
