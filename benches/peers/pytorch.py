@@ -37,7 +37,8 @@ class Step:
         hidden = F.leaky_relu(self.linear(part + "1", hidden), problem.LEAKY)
         return self.linear(part + "2", hidden)
 
-    def forward(self, c, y, target):
+    def log_density(self, c, y):
+        """ln q(y | c), [C, S]."""
         latent = F.leaky_relu(self.linear("encoder0", c), problem.LEAKY)
         latent = F.leaky_relu(self.linear("encoder1", latent), problem.LEAKY)
         seen = torch.cat([c, latent], 1)
@@ -50,7 +51,10 @@ class Step:
             _, log_v = spline(logits.expand(-1, v.shape[1], -1), v, circle=False)
             elevation = v
         _, log_u = spline(self.network("azimuth", seen, elevation[..., None]), u, circle=True)
-        log_q = log_u + log_v
+        return log_u + log_v
+
+    def forward(self, c, y, target):
+        log_q = self.log_density(c, y)
         # log-chi-square: log sum_i w_i g_i / q_i, the same in all peers.
         log_w = torch.log(target) - torch.log(target.sum(1, keepdim=True))
         return torch.logsumexp(log_w + torch.log(target) - log_q, 1).mean()
