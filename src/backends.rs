@@ -7,6 +7,14 @@ use headtail_train::{Backend, BackendTrial, Error, GradientForm, Preset, TrialRo
 
 /// Compare backends: speed, memory and agreement of a short training.
 #[derive(Args, Clone, Debug)]
+#[command(after_help = "Examples:
+  headtail backends
+  headtail backends --preset paper-cosine --mode autoregressive --backend flex --json
+  headtail backends --gradient in-graph --conditions 16 --samples 64
+
+Each row is one backend: points per second through forward, backward and optimiser, and with the time in which targets are drawn; the \
+process's peak memory; the last loss; the largest difference of a step's loss to the first row's; and the gradient's difference to \
+central differences in f64, relative to its norm.")]
 pub struct Arguments {
     /// The configuration: paper-cosine, paper-ggx, fast-cosine or fast-ggx.
     #[arg(long, default_value = "paper-ggx")]

@@ -2,16 +2,21 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 use clap::Args;
 use glam::{Vec2, Vec3A};
 use headtail_render::{
+    brdf::{Brdf, Ggx, Lambert},
+    color::luminance,
     export::{ExportedSampler, Intermediate},
     file,
+    head::Condition,
     image::encode_png_rgb8,
     latlong,
+    sampler::{IntermediateDensity, ShadingPoint},
     tail::TailWarp,
 };
+use headtail_train::Material;
 use plotters::{
     prelude::*,
     style::{FontStyle, colors::colormaps::ColorMap, register_font, text_anchor},
@@ -24,8 +29,9 @@ use crate::arguments::{Triple, make_folder};
 #[command(after_help = "Examples:
   headtail inspect out/studio/sampler.safetensors --out out/studio-up.png
   headtail inspect out/room-direct.safetensors --normal 1,0.5,0 --out out/room-side.png
+  headtail inspect out/room-ggx/sampler.safetensors --material ggx:alpha=0.4 --view 1,1,0 --out out/room-glossy.png
 
-The target and the final density are lat-long pictures of the sphere per unit of solid angle; the intermediate density is \
+A head that has learned how often to draw from BRDF sampling instead is shown in that mixture, as `head+mis` draws. The target and the final density are lat-long pictures of the sphere per unit of solid angle; the intermediate density is \
 over the intermediate square Y (azimuth across, elevation down). Each has a colour scale of its own, of six powers of ten.")]
 pub struct Arguments {
     /// A file written by fit or bake.
@@ -33,6 +39,12 @@ pub struct Arguments {
     /// The shading normal; it need not have unit length.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", allow_hyphen_values = true)]
     normal: Triple,
+    /// The direction to the viewer, on the normal's side; it need not have unit length. Default: the normal.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    view: Option<Triple>,
+    /// The surface: lambert, or ggx:alpha=A. Default: lambert; a head for glossy surfaces needs to be told.
+    #[arg(long, value_name = "MATERIAL")]
+    material: Option<Material>,
     /// PNG file to write.
     #[arg(long, value_name = "FILE.png")]
     out: PathBuf,
@@ -57,33 +69,56 @@ struct Figures {
     kl: f64,
     relative_variance: f64,
     integral: f64,
+    /// Which share of samples the head gives in a mixture with BRDF sampling, if it has learned that.
+    share: Option<f32>,
 }
 
 /// Draws the picture.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let normal = arguments.normal.0;
-    ensure!(normal.length() > 1e-6, "--normal: the vector has no length");
     let exported = ExportedSampler::read(&arguments.file)?;
-    let (panels, figures) = tabulate(&exported, normal.normalize())?;
-    let title = format!(
-        "{} of '{}', {} tail, normal {:.3} {:.3} {:.3}",
+    let at = shading_point(arguments, &exported.intermediate)?;
+    let (panels, figures) = tabulate(&exported, &at)?;
+    let direction = |v: Vec3A| format!("{:.3} {:.3} {:.3}", v.x, v.y, v.z);
+    let mut title = format!(
+        "{} of '{}', {} tail, normal {}",
         kind(&exported.intermediate),
         exported.environment,
         exported.tail.kind().name(),
-        normal.normalize().x,
-        normal.normalize().y,
-        normal.normalize().z
+        direction(at.ns)
     );
-    let facts = format!(
-        "KL(target || sampler) {:.4} nats, relative variance {:.4}, integral of the pdf {:.5}",
+    if let Brdf::Ggx(ggx) = at.brdf {
+        title += &format!(", alpha {}, view {}", ggx.alpha(), direction(at.wo));
+    }
+    let mut facts = format!(
+        "KL(target || sampler) {:.4} nats, relative variance {:.4}, integral of q {:.5}",
         figures.kl, figures.relative_variance, figures.integral
     );
+    if let Some(share) = figures.share {
+        facts += &format!(", {:.0} % of samples from the head", 100.0 * share);
+    }
     if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         make_folder(folder)?;
     }
     file::replace(&arguments.out, &draw(&panels, &title, &facts)?)?;
     println!("{title}\n{facts}\n{} written", arguments.out.display());
     Ok(())
+}
+
+/// The surface that the arguments describe, if it is one for the sampler.
+fn shading_point(arguments: &Arguments, intermediate: &Intermediate) -> Result<ShadingPoint> {
+    let normal = arguments.normal.0;
+    ensure!(normal.length() > 1e-6, "--normal: the vector has no length");
+    let view = arguments.view.map_or(normal, |view| view.0);
+    ensure!(view.dot(normal) > 1e-6, "--view: the direction is not on the normal's side");
+    let glossy = matches!(intermediate, Intermediate::Head(head) if head.condition() != Condition::Normal);
+    let brdf = match arguments.material {
+        None if glossy => bail!("the head is for glossy surfaces: give --material ggx:alpha=A"),
+        None | Some(Material::Lambert) => Brdf::Lambert(Lambert { albedo: Vec3A::ONE }),
+        Some(Material::Ggx { low, high }) if low == high => Brdf::Ggx(Ggx::new(low, Vec3A::ONE)),
+        Some(material) => bail!("--material {material}: name one width, as in ggx:alpha=0.4"),
+    };
+    let (n, wo) = (normal.normalize(), view.normalize());
+    Ok(ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, brdf })
 }
 
 fn kind(intermediate: &Intermediate) -> &'static str {
@@ -94,58 +129,82 @@ fn kind(intermediate: &Intermediate) -> &'static str {
     }
 }
 
-/// The density over Y at a normal.
-fn intermediate_density(exported: &ExportedSampler, normal: Vec3A) -> Box<dyn Fn(Vec2) -> f32 + '_> {
+/// Densities at points of Y.
+type Density<'a> = Box<dyn Fn(&[Vec2]) -> Vec<f32> + 'a>;
+
+/// A sampler's density over Y at a shading point, and which share of samples it is for, if that was learned.
+fn intermediate_density<'a>(exported: &'a ExportedSampler, at: &ShadingPoint) -> (Density<'a>, Option<f32>) {
+    fn of<'a, I: IntermediateDensity>(intermediate: &'a I, prepared: I::Prepared) -> Density<'a>
+    where
+        I::Prepared: 'a,
+    {
+        Box::new(move |y| {
+            let mut q = vec![0.0; y.len()];
+            intermediate.density_prepared(&vec![&prepared; y.len()], y, &mut q);
+            q
+        })
+    }
     match &exported.intermediate {
         Intermediate::Head(head) => {
-            let prepared = head.prepare_normal(normal);
-            Box::new(move |y| head.inverse_at(&prepared, y).1)
+            let prepared = head.prepare(at);
+            let share = head.has_selection().then(|| head.share_beside_brdf(&prepared));
+            (of(head, prepared), share)
         }
-        Intermediate::Bake(table) | Intermediate::DirectBake(table) => {
-            let prepared = table.prepare_normal(normal);
-            Box::new(move |y| table.density_at(&prepared, y))
-        }
+        Intermediate::Bake(table) | Intermediate::DirectBake(table) => (of(table, table.prepare(at)), None),
     }
 }
 
-fn tabulate(exported: &ExportedSampler, normal: Vec3A) -> Result<([Panel; 3], Figures)> {
-    let density = intermediate_density(exported, normal);
-    let points = |k: usize| {
-        Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
+fn tabulate(exported: &ExportedSampler, at: &ShadingPoint) -> Result<([Panel; 3], Figures)> {
+    let (density, share) = intermediate_density(exported, at);
+    let points: Vec<Vec2> = (0..WIDTH * HEIGHT)
+        .map(|k| Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32))
+        .collect();
+    let count = points.len() as f64;
+    let reflected = |wi: Vec3A| luminance(at.brdf_cosine(wi));
+    // The sampler's pdf, where `q` is the density over Y and `light` the emitter's pdf.
+    let mixed = |q: f32, light: f32, wi: Vec3A| {
+        let pdf = q * light;
+        share.map_or(pdf, |share| share * pdf + (1.0 - share) * at.brdf.pdf(at.ns, at.wo, wi))
     };
-    let count = (WIDTH * HEIGHT) as f64;
 
-    // Through the exact tail the target over Y is the cosine alone.
-    let (mut intermediate, mut cosines) = (Vec::new(), Vec::new());
-    for y in (0..WIDTH * HEIGHT).map(points) {
-        intermediate.push(density(y));
-        cosines.push(normal.dot(exported.tail.forward_direction(y).1).max(0.0));
-    }
-    let mean = cosines.iter().map(|&g| f64::from(g)).sum::<f64>() / count;
+    // Through the exact tail the target over Y is BRDF x cosine alone.
+    let intermediate = density(&points);
+    let directions: Vec<(Vec3A, f32)> = points.iter().map(|&y| seen_through(exported, y)).collect();
+    let products: Vec<f32> = directions.iter().map(|&(wi, _)| reflected(wi)).collect();
+    let mean = products.iter().map(|&g| f64::from(g)).sum::<f64>() / count;
     ensure!(mean > 0.0, "a surface with this normal sees no light at all");
     let (mut kl, mut squares, mut integral) = (0.0, 0.0, 0.0);
-    for (&q, &g) in intermediate.iter().zip(&cosines) {
-        let (q, g) = (f64::from(q), f64::from(g) / mean);
-        integral += q / count;
+    for ((&q, &g), &(wi, light)) in intermediate.iter().zip(&products).zip(&directions) {
+        integral += f64::from(q) / count;
+        let (q, g) = (f64::from(mixed(q, light, wi) / light), f64::from(g) / mean);
         if g > 0.0 {
             kl += g * (g / q).ln() / count;
             squares += g * g / q / count;
         }
     }
 
+    let pulled: Vec<(Vec2, f32)> = points.iter().map(|&x| exported.tail.inverse(x)).collect();
+    let y: Vec<Vec2> = pulled.iter().map(|&(y, _)| y).collect();
     let (mut target, mut last) = (Vec::new(), Vec::new());
-    for x in (0..WIDTH * HEIGHT).map(points) {
-        let (y, slope) = exported.tail.inverse(x);
-        let light = slope * latlong::solid_angle_factor(x.y);
-        target.push(light * normal.dot(latlong::direction(x)).max(0.0) / mean as f32);
-        last.push(light * if slope > 0.0 { density(y) } else { 0.0 });
+    for ((&x, &(_, slope)), q) in points.iter().zip(&pulled).zip(density(&y)) {
+        let (light, wi) = (slope * latlong::solid_angle_factor(x.y), latlong::direction(x));
+        target.push(light * reflected(wi) / mean as f32);
+        last.push(mixed(if slope > 0.0 { q } else { 0.0 }, light, wi));
     }
+    let title =
+        if share.is_some() { "final: pdf of the mixture with BRDF sampling" } else { "final: pdf of the sampler" };
     let panels = [
-        Panel { title: "target: light x cosine", values: target },
+        Panel { title: "target: light x BRDF x cosine", values: target },
         Panel { title: "intermediate: q(y), over the square Y", values: intermediate },
-        Panel { title: "final: pdf of the sampler", values: last },
+        Panel { title, values: last },
     ];
-    Ok((panels, Figures { kl, relative_variance: squares - 1.0, integral }))
+    Ok((panels, Figures { kl, relative_variance: squares - 1.0, integral, share }))
+}
+
+/// The direction of a point of Y, and the emitter's pdf there.
+fn seen_through(exported: &ExportedSampler, y: Vec2) -> (Vec3A, f32) {
+    let (x, jacobian) = exported.tail.forward(y);
+    (latlong::direction(x), latlong::solid_angle_factor(x.y) / jacobian)
 }
 
 /// The picture as PNG bytes.

@@ -94,7 +94,7 @@ const SMALL: &str = "--width 24 --height 18";
 #[test]
 fn the_help_of_every_command_ends_with_examples() {
     let here = folder();
-    for name in ["demo", "fit", "bake", "render", "compare", "inspect"] {
+    for name in ["demo", "fit", "backends", "bake", "render", "compare", "inspect"] {
         let help = succeed(here.path(), &format!("{name} --help"));
         let (_, examples) = help.split_once("Examples:").unwrap_or_else(|| panic!("{name}: no examples"));
         assert!(examples.contains(&format!("headtail {name}")), "{help}");
@@ -129,6 +129,39 @@ fn a_head_is_fitted_baked_rendered_and_inspected() {
         let found = mean(&picture(&path.join(name).with_extension("exr")));
         // 432 pixels at 64 samples of relative deviation below 1: the mean is known to well under 1 %.
         assert!((found / expected - 1.0).abs() < 0.02, "{name}: {found}, mis: {expected}");
+    }
+}
+
+#[test]
+fn a_glossy_head_is_inspected_and_rendered_but_not_baked() {
+    let here = folder();
+    let path = here.path();
+    let fit = "fit --env window --steps 20 --set conditions=8 --set head.bins=4 --set validation_conditions=6";
+    for (material, name) in [("ggx:alpha=0.4", "one"), ("ggx:alpha=0.2..0.8", "range")] {
+        succeed(path, &format!("{fit} --material {material} --out {name}"));
+        let file = format!("{name}/sampler.safetensors");
+        let said = succeed(path, &format!("inspect {file} --material ggx:alpha=0.3 --view 1,1,0 --out {name}.png"));
+        assert!(said.contains("alpha 0.3") && said.contains("% of samples from the head"), "{said}");
+        assert!(is_png(&path.join(name).with_extension("png")));
+        assert!(fail(path, &format!("inspect {file} --out a.png")).contains("--material ggx:alpha=A"));
+        assert!(fail(path, &format!("bake --from {file} --out a")).contains("only a head for diffuse surfaces"));
+    }
+    assert!(
+        fail(path, "inspect one/sampler.safetensors --material ggx:alpha=0.2..0.8 --out a.png").contains("one width")
+    );
+    let below = "inspect one/sampler.safetensors --material ggx:alpha=0.4 --view 0,-1,0 --out a.png";
+    assert!(fail(path, below).starts_with("--view"));
+
+    let view = format!("render --scene sphere --material ggx:alpha=0.4 --env window --spp 64 {SMALL}");
+    let render = |sampler: &str| {
+        succeed(path, &format!("{view} --sampler {sampler} --out a.exr"));
+        mean(&picture(&path.join("a.exr")))
+    };
+    let expected = render("mis");
+    for sampler in ["head+mis:one/sampler.safetensors", "ris:4:head:range/sampler.safetensors"] {
+        let found = render(sampler);
+        // 432 pixels at 64 samples of relative deviation below 1.5: the mean is known to 1 %.
+        assert!((found / expected - 1.0).abs() < 0.03, "{sampler}: {found}, mis: {expected}");
     }
 }
 

@@ -89,7 +89,7 @@ pub fn ln(x: f32) -> f32 {
     let square = m * m;
     let tail = m * square * p + e * LN_2_LOW - 0.5 * square;
     // The last term is 0, or NaN.
-    m + tail + e * LN_2_HIGH + (x - x)
+    m + tail + e * LN_2_HIGH + 0.0 * x
 }
 
 /// `ln(1 + e^x)`.

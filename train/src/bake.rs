@@ -2,11 +2,12 @@
 
 use headtail_render::{
     bake::{BakedTable, CellGrid, CellPoints, NormalGrid},
-    head::Head,
+    head::{Condition, Head},
+    sampler::IntermediateDensity,
     tail::Tail,
 };
 
-use crate::Result;
+use crate::{Error, Result};
 
 /// Points along each side of a cell at which the head is evaluated.
 const POINTS: usize = 3;
@@ -18,15 +19,22 @@ const POINTS: usize = 3;
 /// target itself.
 ///
 /// # Errors
-/// See [`BakedTable::new`].
+/// [`Error::NotBakeable`] for a head with another condition; see also [`BakedTable::new`].
 pub fn learned_bake(head: &Head, tail: &Tail, normals: NormalGrid, cells: CellGrid) -> Result<BakedTable> {
+    if head.condition() != Condition::Normal {
+        return Err(Error::NotBakeable);
+    }
     let points = CellPoints::new(tail, cells, POINTS);
     Ok(BakedTable::fill(normals, cells, |normal, masses| {
         let prepared = head.prepare_normal(normal);
+        let positions = points.positions().flatten().copied().collect::<Vec<_>>();
+        let mut densities = vec![0.0; positions.len()];
+        head.density_prepared(&vec![&prepared; positions.len()], &positions, &mut densities);
+        for (mass, densities) in masses.iter_mut().zip(densities.chunks_exact(positions.len() / cells.cells())) {
+            *mass = (densities.iter().map(|q| q * q).sum::<f32>() / densities.len() as f32).sqrt();
+        }
         let (mut light, mut count) = (0.0, 0.0);
-        for ((mass, positions), directions) in masses.iter_mut().zip(points.positions()).zip(points.directions()) {
-            let squares: f32 = positions.iter().map(|&y| head.inverse_at(&prepared, y).1.powi(2)).sum();
-            *mass = (squares / positions.len() as f32).sqrt();
+        for directions in points.directions() {
             light += directions.iter().map(|&wi| normal.dot(wi).max(0.0)).sum::<f32>();
             count += directions.len() as f32;
         }

@@ -11,6 +11,9 @@ pub enum Error {
         /// The backend asked for.
         backend: Backend,
     },
+    /// A bake of a head that is not for diffuse surfaces.
+    #[error("tables are over normals: only a head for diffuse surfaces can be baked")]
+    NotBakeable,
     /// The machine has no graphics adapter for the backend wgpu.
     #[error(
         "the backend `wgpu` finds no graphics adapter: install a Vulkan, Metal or DX12 driver (mesa-vulkan-drivers has one in \

@@ -53,7 +53,7 @@ pub struct Head {
     /// Empty, or two layers that end in the logit of the share of samples that the head gives beside BRDF sampling.
     selection: Vec<Linear>,
     /// The same networks for many samples.
-    abreast: HeadAbreast,
+    abreast: Box<HeadAbreast>,
 }
 
 /// What the head computes once per condition: a column of a matrix that all conditions of a batch share.
@@ -107,7 +107,7 @@ impl Head {
         let features = if mode == Mode::Coupled { 2 } else { 0 };
         let elevation = SplineNetwork::new("layer0", Topology::Interval, seen, features, elevation)?;
         let azimuth = SplineNetwork::new("layer1", Topology::Circle, seen, 1, azimuth)?;
-        let abreast = HeadAbreast::new((condition, mode, leaky_slope), &encoder, [&elevation, &azimuth]);
+        let abreast = Box::new(HeadAbreast::new((condition, mode, leaky_slope), &encoder, [&elevation, &azimuth]));
         Ok(Self { condition, mode, leaky_slope, encoder, elevation, azimuth, selection: Vec::new(), abreast })
     }
 
@@ -128,7 +128,7 @@ impl Head {
         if !fits {
             return Err(Error::argument("selection", format!("is not two layers from {seen} numbers to one")));
         }
-        self.abreast = self.abreast.with_selection(&selection);
+        self.abreast = Box::new(self.abreast.with_selection(&selection));
         self.selection = selection;
         Ok(self)
     }

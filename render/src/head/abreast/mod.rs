@@ -316,7 +316,7 @@ fn load_prepared(head: &HeadAbreast, prepared: &[&PreparedHead], strip: &mut Str
         std::sync::Arc::ptr_eq(&p.values, &first.values) && p.start == first.start + lane && p.stride == LANES
     };
     // A strip as it was prepared. Its first column begins at a whole strip.
-    if first.start % LANES == 0 && prepared.iter().enumerate().all(is_next) {
+    if first.start.is_multiple_of(LANES) && prepared.iter().enumerate().all(is_next) {
         let (strips, _) = first.values[first.start..].as_chunks::<LANES>();
         elevation.copy_from_slice(&strips[..of_elevation]);
         azimuth.copy_from_slice(&strips[of_elevation..of_elevation + of_azimuth]);

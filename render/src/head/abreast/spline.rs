@@ -68,8 +68,8 @@ fn warp<S: Simd>(
     let bins = (logits.len() - 1) / 3;
     let mut shift = [0.0; LANES];
     let mut at = *at;
-    for l in 0..LANES {
-        at[l] = at[l].clamp(0.0, 1.0);
+    for at in &mut at {
+        *at = at.clamp(0.0, 1.0);
     }
     if topology == Topology::Circle {
         let turns = &logits[3 * bins];

@@ -9,14 +9,14 @@ use crate::{
 };
 
 fn layers(random: &mut Stream, sizes: &[usize], scale: f32) -> Vec<Linear> {
-    let mut layer = |pair: &[usize]| {
+    let layer = |pair: &[usize]| {
         let mut numbers = |count: usize, size: f32| -> Vec<f32> {
             (0..count).map(|_| size * (2.0 * random.uniform() - 1.0)).collect()
         };
         let size = scale / (pair[0] as f32).sqrt();
         Linear::new("layer", pair[0], pair[1], &numbers(pair[0] * pair[1], size), numbers(pair[1], 0.1)).unwrap()
     };
-    sizes.windows(2).map(|pair| layer(pair)).collect()
+    sizes.windows(2).map(layer).collect()
 }
 
 fn head(random: &mut Stream, mode: Mode, condition: Condition, bins: usize, encoder: bool) -> Head {
