@@ -2,12 +2,12 @@
 
 mod arguments;
 
-use std::{path::PathBuf, sync::Arc, sync::atomic::AtomicBool, time::Instant};
+use std::{path::PathBuf, sync::atomic::AtomicBool, time::Instant};
 
 use anyhow::{Result, bail, ensure};
-use headtail_render::{environment::Environment, scene::Scene, tail::Tail};
+use headtail_render::{environment::Environment, scene::Scene};
 use headtail_train::{
-    CheckpointFolder, FitConfig, Fitted, MetricsFile, Progress, Run, TensorBoard, Viewpoints, build_target,
+    CheckpointFolder, FitConfig, Fitted, MetricsFile, Progress, Run, TensorBoard, TrainingLight, Viewpoints, build_target,
     check_exportable, density_pictures, exported_sampler, fit_with,
 };
 
@@ -40,7 +40,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         tensorboard: arguments.tensorboard.as_deref().map(TensorBoard::create).transpose()?,
         pictures: arguments.pictures.clone(),
     };
-    let fitted = train(&environment, &config, outputs, &*progress::stop_flag()?)?;
+    let light = TrainingLight::new(&config, &environment)?;
+    if config.compact_emitters && light.luminance == environment.luminance() {
+        eprintln!("note: {map} has no compact emitters; the head serves all of its light");
+    }
+    let fitted = train(&light, &config, outputs, &*progress::stop_flag()?)?;
     let (summary, before, after) = (&fitted.summary, fitted.summary.initial, fitted.summary.divergence);
     let untrained = if config.naive || config.head.selection { "untrained" } else { "tail alone" };
     println!(
@@ -52,12 +56,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         summary.steps,
         if summary.interrupted { " (interrupted: the learning rate had not come down)" } else { "" },
     );
+    if summary.fell_back {
+        eprintln!("warning: training did not lower the variance; the untrained head is kept");
+    }
     if arguments.no_export {
         println!("trained for {:.1} s; nothing was exported", start.elapsed().as_secs_f64());
         return Ok(());
     }
     let file = out.join("sampler.safetensors");
-    exported_sampler(&fitted.head, &config, summary, &environment, !arguments.reproducible)?.write(&file)?;
+    exported_sampler(&fitted.head, &config, summary, &environment, &light, !arguments.reproducible)?.write(&file)?;
     println!("{} written after {:.1} s", file.display(), start.elapsed().as_secs_f64());
     Ok(())
 }
@@ -92,13 +99,12 @@ impl Outputs {
 
 /// Trains a head for a map, with a progress bar.
 pub fn train(
-    environment: &Arc<Environment>,
+    light: &TrainingLight,
     config: &FitConfig,
     mut outputs: Outputs,
     stop: &AtomicBool,
 ) -> Result<Fitted> {
-    let tail = Tail::new(config.tail, environment.width(), environment.height(), &environment.luminance())?;
-    let target = build_target(config, &tail, outputs.viewpoints.clone());
+    let target = build_target(config, &light.tail, outputs.viewpoints.clone());
     let (checkpoints, pictures) = (outputs.checkpoints.take(), outputs.pictures.take());
     let bar = progress::bar(config.steps as u64, "training");
     let mut kl = f64::NAN;

@@ -76,6 +76,8 @@ impl FromStr for Preset {
 const FAST_COSINE: FitConfig = FitConfig {
     material: Material::Lambert,
     tail: TailKind::Hierarchical,
+    compact_emitters: false,
+    fall_back: true,
     points: Points::Strata,
     naive: false,
     backend: Backend::Flex,
@@ -133,6 +135,7 @@ const PAPER_COSINE: FitConfig = FitConfig {
     steps: 10_000,
     conditions: 256,
     strata: 32,
+    fall_back: false,
     loss: Loss::ForwardKl,
     entropic: 1e-4,
     learning_rate: 1e-3,

@@ -86,6 +86,7 @@ impl Constants {
             Loss::LogChiSquare => {
                 log_sum_exp(self.log_weights.clone() + self.log_densities.clone() - log_q.clone()).squeeze_dim(1)
             }
+            Loss::ChiSquare => self.loss(Loss::LogChiSquare, log_q, samples).exp().sub_scalar(1.0),
             Loss::ReverseKl => {
                 let log_u = self.log_point_weights.clone() + log_q.clone();
                 let log_u = log_u.clone() - log_sum_exp(log_u);
