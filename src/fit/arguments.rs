@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
-use headtail_train::{Backend, CheckpointFolder, ConfigBuilder, FitConfig, Loss, Material, Preset, config::Points};
+use headtail_train::{Backend, CheckpointFolder, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset, config::Points};
 
 use crate::arguments::{CameraArguments, TailArgument};
 
@@ -39,6 +39,9 @@ pub struct Arguments {
     /// The tail warp under the head.
     #[arg(long)]
     tail: Option<TailArgument>,
+    /// The size of a flow tail: small, medium or paper. Its settings are the keys flow.* of --print-config.
+    #[arg(long, value_name = "SIZE")]
+    flow: Option<FlowSize>,
     /// Sample a sun or small lamps on their own, and train the head for the rest of the light.
     #[arg(long)]
     compact_emitters: bool,
@@ -172,11 +175,12 @@ impl Arguments {
         if let Some(steps) = self.steps {
             config.steps = usize::try_from(steps).context("--steps")?;
         }
-        let FitConfig { tail, points, naive, compact_emitters, backend, seed, learning_rate, loss, .. } = config;
+        let FitConfig { tail, flow, points, naive, compact_emitters, backend, seed, learning_rate, loss, .. } = config;
         let config = FitConfig {
             tail: self.tail.map_or(tail, Into::into),
             points: self.target.map_or(points, Into::into),
             naive: naive || self.naive,
+            flow: self.flow.map_or(flow, FlowSize::settings),
             compact_emitters: compact_emitters || self.compact_emitters,
             backend: self.backend.map_or(backend, Into::into),
             seed: self.seed.unwrap_or(seed),

@@ -4,7 +4,7 @@ use headtail_model::{Condition, HeadConfig};
 use headtail_render::tail::TailKind;
 use serde::{Deserialize, Serialize};
 
-use crate::{Backend, Error, GradientForm, Loss, Material, Objective, Preset, Result, target::BatchShape};
+use crate::{Backend, Error, FlowSettings, GradientForm, Loss, Material, Objective, Preset, Result, target::BatchShape};
 
 /// A training run. Missing keys of a file take the defaults, unknown keys are errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -68,6 +68,8 @@ pub struct FitConfig {
     pub validation_strata: usize,
     /// The head's shape.
     pub head: HeadConfig,
+    /// The flow tail, where `tail` asks for one.
+    pub flow: FlowSettings,
 }
 
 /// How training points are drawn.
@@ -111,6 +113,7 @@ impl FitConfig {
     /// [`Error::Config`] or [`Error::Model`] names the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         self.head.validate()?;
+        self.flow.validate()?;
         if self.head.condition != self.material.condition() {
             let value = self.head.condition.name().to_owned();
             let requirement = match self.material.condition() {

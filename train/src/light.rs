@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use headtail_render::{
     environment::{Environment, without_compact_emitters},
-    tail::Tail,
+    tail::{Tail, TailKind},
 };
 
-use crate::{FitConfig, Result};
+use crate::{FitConfig, FittedFlow, FlowSummary, Result, Run, fit_flow};
 
 /// A tail and its luminance.
 #[derive(Clone, Debug)]
@@ -27,6 +27,19 @@ impl TrainingLight {
         let luminance = Self::luminance_of(config, environment);
         let tail = Tail::new(config.tail, environment.width(), environment.height(), &luminance)?;
         Ok(Self { tail: Arc::new(tail), luminance })
+    }
+
+    /// The light of a map that a configuration asks for; a flow tail is fitted first, within `run`.
+    ///
+    /// # Errors
+    /// As [`TrainingLight::new`] and [`fit_flow`].
+    pub fn fit(config: &FitConfig, environment: &Environment, run: Run<'_>) -> Result<(Self, Option<FlowSummary>)> {
+        if config.tail != TailKind::Flow {
+            return Ok((Self::new(config, environment)?, None));
+        }
+        let exact = Self::new(&FitConfig { tail: TailKind::Hierarchical, ..config.clone() }, environment)?;
+        let FittedFlow { tail, summary, .. } = fit_flow(config, &exact.tail, run)?;
+        Ok((Self { tail: Arc::new(tail), luminance: exact.luminance }, Some(summary)))
     }
 
     /// The luminance that the head has to serve.

@@ -5,7 +5,7 @@ use std::{fmt, str::FromStr};
 use headtail_model::{Condition, EncoderConfig, HeadConfig};
 use headtail_render::tail::TailKind;
 
-use crate::{Backend, FitConfig, GradientForm, Loss, Material, config::Points};
+use crate::{Backend, FitConfig, FlowSize, GradientForm, Loss, Material, config::Points};
 
 /// A configuration by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,6 +102,7 @@ const FAST_COSINE: FitConfig = FitConfig {
     validation_conditions: 64,
     validation_strata: 32,
     head: HeadConfig::COSINE,
+    flow: FlowSize::Small.settings(),
 };
 
 /// Some 40 s on two busy cores; on dancing_hall_1k (alpha = 0.4) the validation variance, 0.0948, is 1.07 times that of ten times as many steps.

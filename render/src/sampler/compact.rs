@@ -130,11 +130,7 @@ impl Emitter {
             let y = Vec2::new((k as f32 + 0.5) / POINTS as f32, radical_inverse(k));
             light.tail().forward_direction(y).1
         });
-        let cell = 2.0 * std::f32::consts::PI.powi(2) / (width * (height - 1)) as f32;
-        let lit = luminance.iter().enumerate().filter(|(_, value)| **value > 0.0);
-        let power = lit
-            .map(|(k, value)| value * cell * crate::latlong::sin_theta((k / width) as f32 / (height - 1) as f32))
-            .sum();
+        let power = light.tail().light().power() as f32;
         Ok(Self { light, power, towards })
     }
 }
