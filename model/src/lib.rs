@@ -18,6 +18,6 @@ pub mod weights;
 
 pub use burn;
 pub use error::{Error, Result};
-pub use flow::{Flow, FlowConfig};
+pub use flow::{Flow, FlowConfig, FlowForm};
 pub use head::{Condition, EncoderConfig, Head, HeadConfig, Mode};
 pub use weights::NamedTensor;

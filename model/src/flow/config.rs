@@ -8,10 +8,22 @@ use crate::{
     spline::logit_count,
 };
 
+/// What the layers that transform the elevation see.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FlowForm {
+    /// The azimuth, as the azimuth's layers see the elevation (the paper's).
+    Coupled,
+    /// Nothing: `p(v) p(u | v)`. Rows of the square stay rows, so that all cells of a table have convex images, whatever the weights.
+    Triangular,
+}
+
 /// The shape of a flow tail.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FlowConfig {
+    /// What the elevation's layers see.
+    pub form: FlowForm,
     /// Bins K per spline.
     pub bins: usize,
     /// Coupling layers; they transform elevation and azimuth in turn.
@@ -36,10 +48,10 @@ impl Default for FlowConfig {
 impl FlowConfig {
     /// Trained on a processor in minutes.
     pub const SMALL: Self =
-        Self { bins: 32, couplings: 4, hidden: 64, residual_blocks: 1, octaves: 4, leaky_slope: 0.01 };
+        Self { form: FlowForm::Triangular, bins: 64, couplings: 2, hidden: 64, residual_blocks: 1, octaves: 5, leaky_slope: 0.01 };
     /// The paper's: 128 bins, 16 coupling layers, 256 hidden units, two residual blocks.
     pub const PAPER: Self =
-        Self { bins: 128, couplings: 16, hidden: 256, residual_blocks: 2, octaves: 1, leaky_slope: 0.01 };
+        Self { form: FlowForm::Coupled, bins: 128, couplings: 16, hidden: 256, residual_blocks: 2, octaves: 1, leaky_slope: 0.01 };
 
     /// Logits of a spline.
     pub const fn logits(&self) -> usize {
@@ -49,6 +61,11 @@ impl FlowConfig {
     /// The coordinate that a coupling layer transforms, counted in the density direction.
     pub const fn target(&self, coupling: usize) -> Coordinate {
         if coupling.is_multiple_of(2) { Coordinate::Elevation } else { Coordinate::Azimuth }
+    }
+
+    /// Whether the network of a layer that transforms `target` sees the other coordinate; else it sees that coordinate as 0.
+    pub fn sees_other(&self, target: Coordinate) -> bool {
+        self.form == FlowForm::Coupled || target == Coordinate::Azimuth
     }
 
     /// How many features a network sees of the coordinate that is not `target`.

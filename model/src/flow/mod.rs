@@ -11,7 +11,7 @@ use burn::{
     prelude::{Device, Tensor},
 };
 
-pub use config::FlowConfig;
+pub use config::{FlowConfig, FlowForm};
 use network::ResidualNetwork;
 
 use crate::{Result, coupling::Coordinate, linear::{self, Initializer}, spline};
@@ -56,7 +56,11 @@ impl Flow {
                 Coordinate::Elevation => (&mut v, &u),
                 Coordinate::Azimuth => (&mut u, &v),
             };
-            let seen = features(target, other.clone().reshape([samples]), self.config.octaves);
+            let mut other = other.clone().reshape([samples]);
+            if !self.config.sees_other(target) {
+                other = other.zeros_like();
+            }
+            let seen = features(target, other, self.config.octaves);
             let logits = network.forward(seen).unsqueeze_dim::<3>(0);
             let (moved, log_slope) = spline::inverse(target.topology(), own.clone(), &logits);
             *own = moved;
@@ -165,7 +169,7 @@ mod tests {
         let expected = 8 * (3 + 2) * 256 + 16 * (4 * 257 * 256 + 257 * 385);
         let flow = Flow::new(FlowConfig::PAPER, 0, &Device::flex()).unwrap();
         assert_eq!(flow.weight_count(), expected);
-        assert_eq!(expected, 5_803_728);
+        assert_eq!(expected, 5_804_048);
     }
 
     #[test]

@@ -94,7 +94,7 @@ pub fn fit_flow(config: &FitConfig, exact: &Tail, run: Run<'_>) -> Result<Fitted
         if interrupt.load(Ordering::Relaxed) {
             break;
         }
-        let points = draw(exact, config.flow.strata, config.seed, state.step as u64);
+        let points = draw(exact, config.flow.strata, config.flow.uniform, config.seed, state.step as u64);
         let step = gradient.gradient(state.weights(), &points);
         state.apply(&config, Some(step))?;
         if state.step.is_multiple_of(every) || state.step == config.steps {
@@ -127,13 +127,18 @@ pub fn fit_flow(config: &FitConfig, exact: &Tail, run: Run<'_>) -> Result<Fitted
     Ok(FittedFlow { tail, flow, summary })
 }
 
-/// A point of X in each stratum of Y, `[strata^2, 2]`: distributed like the light.
-fn draw(exact: &Tail, strata: usize, seed: u64, index: u64) -> Vec<f32> {
+/// A point of X in each stratum of Y, `[strata^2, 2]`: distributed like the light, but for a share that is uniform over X.
+fn draw(exact: &Tail, strata: usize, uniform: f32, seed: u64, index: u64) -> Vec<f32> {
     let mut stream = Stream::new(seed, Purpose::Tail, index);
     let stratum = |k: usize| Vec2::new((k % strata) as f32, (k / strata) as f32);
     let y: Vec<Vec2> = (0..strata * strata).map(|k| (stratum(k) + stream.uniform2()) / strata as f32).collect();
     let mut x = vec![(Vec2::ZERO, 0.0); y.len()];
     exact.forward_batch(&y, &mut x);
+    for (x, _) in &mut x {
+        if stream.uniform() < uniform {
+            *x = stream.uniform2();
+        }
+    }
     x.iter().flat_map(|(x, _)| x.to_array()).collect()
 }
 
@@ -147,7 +152,7 @@ struct Validation {
 
 impl Validation {
     fn new(exact: &Tail, seed: u64) -> Self {
-        let points = draw(exact, VALIDATION_STRATA, seed, u64::MAX);
+        let points = draw(exact, VALIDATION_STRATA, 0.0, seed, u64::MAX);
         let densities: Vec<f32> = points.chunks_exact(2).map(|x| exact.density(Vec2::from_slice(x))).collect();
         let entropy = densities.iter().map(|&p| f64::from(p).ln()).sum::<f64>() / densities.len() as f64;
         Self { points, entropy, densities }

@@ -19,6 +19,9 @@ pub struct FlowSettings {
     pub learning_rate: f64,
     /// The fit ends when `KL(light || flow)`, measured twenty times in a run, is at most this many nats; 0 goes through all steps.
     pub kl_target: f64,
+    /// Share of points that are uniform over X, not distributed like the light: without them dark regions are thinner in Y than a cell of
+    /// the table. What the light lacks there is left to the head.
+    pub uniform: f32,
     /// Cells along a side of the table: a power of two from 4 to 1024.
     pub cells: usize,
     /// The flow's shape.
@@ -56,13 +59,14 @@ impl FlowSize {
             strata: 64,
             learning_rate: 5e-3,
             kl_target: 0.0,
+            uniform: 0.05,
             cells: 256,
             shape: FlowConfig::SMALL,
         };
         match self {
             Self::Small => SMALL,
             Self::Medium => {
-                let shape = FlowConfig { bins: 64, couplings: 6, hidden: 128, octaves: 5, ..FlowConfig::SMALL };
+                let shape = FlowConfig { bins: 128, couplings: 2, hidden: 128, octaves: 6, ..FlowConfig::SMALL };
                 FlowSettings { steps: 3000, learning_rate: 3e-3, cells: 512, shape, ..SMALL }
             }
             Self::Paper => {
@@ -124,6 +128,9 @@ impl FlowSettings {
         }
         if !(0.0..=100.0).contains(&self.kl_target) {
             return refuse("flow.kl_target", self.kl_target.to_string(), "in [0, 100]");
+        }
+        if !(0.0..=0.9).contains(&self.uniform) {
+            return refuse("flow.uniform", self.uniform.to_string(), "in [0, 0.9]");
         }
         if !((4..=1024).contains(&self.cells) && self.cells.is_power_of_two()) {
             return refuse("flow.cells", self.cells.to_string(), "a power of two in 4..=1024");

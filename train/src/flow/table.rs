@@ -26,7 +26,12 @@ pub fn tabulate(flow: &Flow, cells: usize) -> Result<(WarpMap, Repair)> {
             Coordinate::Elevation => (&mut v, &u),
             Coordinate::Azimuth => (&mut u, &v),
         };
-        let seen: Vec<f32> = other.iter().map(|&x| if target == Coordinate::Elevation { x - x.floor() } else { x } as f32).collect();
+        let see = |&x: &f64| match target {
+            _ if !flow.config().sees_other(target) => 0.0,
+            Coordinate::Elevation => (x - x.floor()) as f32,
+            Coordinate::Azimuth => x as f32,
+        };
+        let seen: Vec<f32> = other.iter().map(see).collect();
         let logits = fused.logits(&weights, coupling, &seen);
         let splines = logits.par_chunks_exact(flow.config().logits());
         own.par_iter_mut().zip(splines).for_each(|(own, logits)| *own = invert(target.topology(), logits, *own));

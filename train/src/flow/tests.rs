@@ -1,12 +1,12 @@
 use std::sync::atomic::AtomicBool;
 
-use headtail_model::FlowConfig;
+use headtail_model::{FlowConfig, FlowForm};
 use headtail_render::{environment::built_in, tail::TailKind};
 
 use super::*;
 use crate::{Backend, CheckpointFolder, GradientForm};
 
-const SHAPE: FlowConfig = FlowConfig { bins: 8, couplings: 3, hidden: 16, residual_blocks: 1, octaves: 3, leaky_slope: 0.01 };
+const SHAPE: FlowConfig = FlowConfig { form: FlowForm::Coupled, bins: 8, couplings: 3, hidden: 16, residual_blocks: 1, octaves: 3, leaky_slope: 0.01 };
 
 fn small() -> FitConfig {
     let flow = FlowSettings { steps: 60, strata: 24, cells: 64, shape: SHAPE, ..FlowSettings::default() };
@@ -34,12 +34,13 @@ fn the_fused_gradient_is_that_of_the_graph() {
     for shape in [
         SHAPE,
         FlowConfig { couplings: 2, residual_blocks: 0, octaves: 1, ..SHAPE },
+        FlowConfig { form: FlowForm::Triangular, ..SHAPE },
         FlowConfig { couplings: 4, residual_blocks: 2, hidden: 20, ..SHAPE },
     ] {
         let flow = Flow::new(shape, 2, &device).unwrap();
         let mut stream = Stream::new(5, Purpose::Test, 0);
         let weights: Vec<f32> = flow.flat_weights().iter().map(|w| w + 0.2 * (stream.uniform() - 0.5)).collect();
-        let points = draw(&exact, 17, 1, 1);
+        let points = draw(&exact, 17, 0.0, 1, 1);
         let gradient = |gradient| {
             FlowGradient::new(&FitConfig { gradient, ..small() }, &flow, &device).gradient(&weights, &points)
         };
@@ -89,6 +90,18 @@ fn the_table_is_the_inverse_of_the_density_direction() {
     assert!(worst < 1e-4, "{worst}");
     // Half a cell apart.
     assert!(jacobian < 0.5, "{jacobian}");
+}
+
+/// However wild the weights.
+#[test]
+fn tables_of_triangular_flows_need_no_repair() {
+    let device = Backend::Flex.device().unwrap();
+    let shape = FlowConfig { form: FlowForm::Triangular, couplings: 4, ..SHAPE };
+    let flow = Flow::new(shape, 2, &device).unwrap();
+    let mut stream = Stream::new(6, Purpose::Test, 0);
+    let weights: Vec<f32> = flow.flat_weights().iter().map(|w| w + 0.8 * (stream.uniform() - 0.5)).collect();
+    let (_, repair) = tabulate(&flow.with_flat_weights(&weights, &device), 64).unwrap();
+    assert_eq!(repair, Repair::default());
 }
 
 #[test]

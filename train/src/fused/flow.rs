@@ -180,6 +180,9 @@ impl Part {
             let own = own_coordinate(layout, index);
             coupling.other.clear();
             coupling.other.extend_from_slice(&coordinates[1 - own]);
+            if !layout.config.sees_other(layout.config.target(index)) {
+                coupling.other.fill(0.0);
+            }
             coupling.network(layout, weights, index, columns, scratch);
             coupling.splines(layout, index, &coordinates[own], scratch);
             coordinates[own].copy_from_slice(&coupling.values);
@@ -303,7 +306,10 @@ impl Coupling {
             by_own[k] = by_own[k] * self.by_points[0][k] + by_log[k] * self.by_points[1][k];
         }
         self.network_backward(layout, weights, index, columns, scratch, gradient);
-        self.features_backward(layout.config.target(index), layout.config.octaves, &scratch.by_features, by_other);
+        let target = layout.config.target(index);
+        if layout.config.sees_other(target) {
+            self.features_backward(target, layout.config.octaves, &scratch.by_features, by_other);
+        }
     }
 
     #[inline(always)]

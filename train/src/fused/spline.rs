@@ -377,7 +377,7 @@ mod tests {
                         log_slopes[sample]
                     );
                     for (derivatives, found) in [(&at.of_z, &by_points.0), (&at.of_log_slope, &by_points.1)] {
-                        let expected = -derivatives.by_left;
+                        let expected = derivatives.by_point();
                         assert!((expected - found[sample]).abs() < 1e-3 * (1.0 + expected.abs()), "{expected}");
                     }
                     for (derivatives, found) in [(&at.of_log_slope, &of_log), (&at.of_z, &of_values)] {
