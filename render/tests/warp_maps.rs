@@ -103,7 +103,8 @@ fn the_density_integrates_to_one() {
             continue;
         }
         let side = 1500;
-        let points = (0..side * side).map(|k| Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32);
+        let points =
+            (0..side * side).map(|k| Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32);
         let integral = points.map(|x| f64::from(map.inverse(x).1)).sum::<f64>() / f64::from(side * side);
         assert!((integral - 1.0).abs() < 1e-4, "{name}: {integral}");
     }
@@ -141,7 +142,10 @@ fn the_warp_is_continuous_across_the_seam() {
             let (left, right) = (map.forward(Vec2::new(1.0 - 1e-6, v)).0, map.forward(Vec2::new(0.0, v)).0);
             assert!(distance(left, right) < 1e-4, "{name}: {left} {right}");
             let (below, above) = (map.inverse(Vec2::new(0.999_999_9, v)).0, map.inverse(Vec2::new(0.0, v)).0);
-            assert!(distance(below, above) < 1e-4 * map.inverse(Vec2::new(0.0, v)).1.max(1.0), "{name}: {below} {above}");
+            assert!(
+                distance(below, above) < 1e-4 * map.inverse(Vec2::new(0.0, v)).1.max(1.0),
+                "{name}: {below} {above}"
+            );
         }
     }
 }

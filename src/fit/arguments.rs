@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
-use headtail_train::{Backend, CheckpointFolder, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset, config::Points};
+use headtail_train::{
+    Backend, CheckpointFolder, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset, config::Points,
+};
 
 use crate::arguments::{CameraArguments, TailArgument};
 

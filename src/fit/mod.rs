@@ -11,8 +11,8 @@ use std::{
 use anyhow::{Result, bail, ensure};
 use headtail_render::{environment::Environment, scene::Scene, tail::TailKind};
 use headtail_train::{
-    CheckpointFolder, FitConfig, Fitted, FlowSummary, MetricsFile, Progress, Run, TensorBoard, TrainingLight, Viewpoints, build_target,
-    check_exportable, density_pictures, exported_sampler, fit_with,
+    CheckpointFolder, FitConfig, Fitted, FlowSummary, MetricsFile, Progress, Run, TensorBoard, TrainingLight,
+    Viewpoints, build_target, check_exportable, density_pictures, exported_sampler, fit_with,
 };
 
 pub use arguments::Arguments;
@@ -144,12 +144,7 @@ impl Outputs {
 }
 
 /// Trains a head for a map, with a progress bar.
-pub fn train(
-    light: &TrainingLight,
-    config: &FitConfig,
-    mut outputs: Outputs,
-    stop: &AtomicBool,
-) -> Result<Fitted> {
+pub fn train(light: &TrainingLight, config: &FitConfig, mut outputs: Outputs, stop: &AtomicBool) -> Result<Fitted> {
     let target = build_target(config, &light.tail, outputs.viewpoints.clone());
     let (checkpoints, pictures) = (outputs.checkpoints.take(), outputs.pictures.take());
     let bar = progress::bar(config.steps as u64, "training");

@@ -126,7 +126,12 @@ impl Bench {
         }
     }
 
-    fn one<S: DirectionSampler>(&self, sampler: &S, (at, terms, total): &(ShadingPoint, Vec<Term>, f64), index: u64) -> One {
+    fn one<S: DirectionSampler>(
+        &self,
+        sampler: &S,
+        (at, terms, total): &(ShadingPoint, Vec<Term>, f64),
+        index: u64,
+    ) -> One {
         let prepared = sampler.prepare(at);
         let (mut kl, mut second, mut integral, mut uncovered) = (0.0, 0.0, 0.0, 0.0);
         for &Term { wi, f, weight } in terms {
@@ -140,8 +145,10 @@ impl Bench {
             }
         }
         // A draw that gives no direction has its share of the probability: lobes reach below the horizon.
-        let stratum = |k: usize| Vec2::new((k % LOST_STRATA) as f32 + 0.5, (k / LOST_STRATA) as f32 + 0.5) / LOST_STRATA as f32;
-        let lost = (0..LOST_STRATA * LOST_STRATA).filter(|&k| sampler.sample(&prepared, at, stratum(k)).is_none()).count();
+        let stratum =
+            |k: usize| Vec2::new((k % LOST_STRATA) as f32 + 0.5, (k / LOST_STRATA) as f32 + 0.5) / LOST_STRATA as f32;
+        let lost =
+            (0..LOST_STRATA * LOST_STRATA).filter(|&k| sampler.sample(&prepared, at, stratum(k)).is_none()).count();
         integral += lost as f64 / (LOST_STRATA * LOST_STRATA) as f64;
         let mut random = Stream::new(17, Purpose::Test, index);
         let draw = |_| {

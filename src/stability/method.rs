@@ -1,6 +1,9 @@
 //! The methods: what is trained in a regime, and the samplers made of it.
 
-use std::sync::{Arc, atomic::AtomicBool};
+use std::{
+    cell::OnceCell,
+    sync::{Arc, atomic::AtomicBool},
+};
 
 use anyhow::Result;
 use headtail_render::{
@@ -12,7 +15,7 @@ use headtail_render::{
     },
     tail::TailKind,
 };
-use headtail_train::{FitConfig, TrainingLight, Viewpoints, build_target, fit, native_head};
+use headtail_train::{FitConfig, Run, TrainingLight, Viewpoints, build_target, fit, native_head};
 
 use super::{
     measure::{Bench, Figures},
@@ -66,6 +69,8 @@ pub struct Laboratory<'a> {
     config: FitConfig,
     rows: Vec<Row>,
     pictures: Pictures,
+    /// Of the whole map, and without its compact emitters.
+    lights: [OnceCell<TrainingLight>; 2],
 }
 
 impl<'a> Laboratory<'a> {
@@ -75,7 +80,7 @@ impl<'a> Laboratory<'a> {
         let bench = Bench::new(regime, &light, effort);
         anyhow::ensure!(bench.lit() > 1, "{}: no shading point sees light", regime.name);
         let pictures = Pictures::new(bench.brightest(), &regime.environment);
-        let mut laboratory = Self { regime, bench, config, rows: Vec::new(), pictures };
+        let mut laboratory = Self { regime, bench, config, rows: Vec::new(), pictures, lights: Default::default() };
         let emitter = EmitterSampler::new(light);
         let mis = OneSampleMis::new(emitter, BrdfSampler::new(regime.environment.clone()));
         laboratory.add(MIS, &mis, 0, "");
@@ -162,9 +167,21 @@ impl<'a> Laboratory<'a> {
         self.rows.push(Row { regime, method, outcome: Err(format!("{error:#}")), skipped: 0, note: String::new() });
     }
 
+    /// The light of a configuration; a flow tail is fitted once for all methods.
+    fn light(&self, config: &FitConfig) -> Result<TrainingLight> {
+        let kept = &self.lights[usize::from(config.compact_emitters && self.has_emitters())];
+        if let Some(light) = kept.get() {
+            return Ok(light.clone());
+        }
+        let run =
+            Run { progress: &mut |_| Ok(()), interrupt: &AtomicBool::new(false), checkpoints: None, warn: &mut |_| {} };
+        let (light, _) = TrainingLight::fit(config, &self.regime.environment, run)?;
+        Ok(kept.get_or_init(|| light).clone())
+    }
+
     fn train(&self, config: &FitConfig) -> Result<Trained> {
         let environment: &Arc<Environment> = &self.regime.environment;
-        let source = TrainingLight::new(config, environment)?;
+        let source = self.light(config)?;
         let target = build_target(config, &source.tail, Viewpoints::Sphere);
         let fitted = fit(config, &*target, &mut |_| {}, &AtomicBool::new(false))?;
         let mut head = native_head(&fitted.head)?;

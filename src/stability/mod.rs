@@ -12,8 +12,9 @@ use std::{path::PathBuf, sync::atomic::Ordering};
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use headtail_render::file;
+use headtail_train::{Backend, GradientForm};
 
-use crate::{arguments::make_folder, compare::machine, progress};
+use crate::{arguments::make_folder, backends::parse, compare::machine, progress};
 use measure::Effort;
 use method::{DEFAULT, Laboratory};
 
@@ -36,6 +37,9 @@ pub struct Arguments {
     /// Folder of real maps.
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
+    /// Train with the networks of this backend of the tensor library (flex, ndarray, wgpu) instead of the fused form; slower.
+    #[arg(long, value_parser = parse::<Backend>)]
+    backend: Option<Backend>,
     /// Run only regimes whose name contains this text; may be repeated.
     #[arg(long, value_name = "TEXT")]
     only: Vec<String>,
@@ -49,7 +53,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     make_folder(&arguments.out)?;
     let stop = progress::stop_flag()?;
     let effort = if arguments.quick {
-        Effort { conditions: 12, strata: (80, 48), draws: 2_000 }
+        Effort { conditions: 10, strata: (72, 40), draws: 2_000 }
     } else {
         Effort { conditions: 40, strata: (128, 80), draws: 10_000 }
     };
@@ -65,7 +69,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             bail!("interrupted; nothing was written");
         }
         bar.set_message(regime.name.clone());
-        let (own, pictures) = Laboratory::run(&regime, regime.config(arguments.quick), effort)?;
+        let mut config = regime.config(arguments.quick);
+        if let Some(backend) = arguments.backend {
+            (config.backend, config.gradient) = (backend, GradientForm::Injected);
+        }
+        let (own, pictures) = Laboratory::run(&regime, config, effort)?;
         rows.extend(own);
         pictured.push((regime, pictures));
         bar.inc(1);

@@ -62,16 +62,24 @@ impl Page<'_> {
             let all = self.rows.iter().filter(|row| row.method == method).count();
             match names.len() {
                 0 => format!("<b>{method}</b> has nowhere more variance than one-sample MIS ({all} regimes)."),
-                count => format!("<b>{method}</b> has more variance than one-sample MIS, or stopped, in {count} of {all}: {}.", names.join(", ")),
+                count => format!(
+                    "<b>{method}</b> has more variance than one-sample MIS, or stopped, in {count} of {all}: {}.",
+                    names.join(", ")
+                ),
             }
         };
         let mut items: Vec<String> =
             METHODS.iter().map(|method| method.0).filter(|method| *method != MIS).map(sentence).collect();
         items.reverse();
         for (regime, file) in self.missing {
-            items.push(format!("<b>{}</b> was not run: give <code>--maps DIR</code> with {}.", escape(regime), escape(file)));
+            items.push(format!(
+                "<b>{}</b> was not run: give <code>--maps DIR</code> with {}.",
+                escape(regime),
+                escape(file)
+            ));
         }
-        let methods: Vec<String> = METHODS.iter().map(|(name, what)| format!("<dt>{name}</dt><dd>{what}</dd>")).collect();
+        let methods: Vec<String> =
+            METHODS.iter().map(|(name, what)| format!("<dt>{name}</dt><dd>{what}</dd>")).collect();
         format!(
             "<section class=\"reading\">\n<h2>In short</h2>\n<ul>\n<li>{}</li>\n</ul>\n<dl class=\"methods\">{}</dl>\n\
              <p class=\"note\">Variance is the mean relative variance of one sample without shadows, by quadrature, over that of one-sample MIS, \
@@ -97,7 +105,8 @@ impl Page<'_> {
         }
         section += "</tbody>\n</table></div>\n<div class=\"strip\">\n";
         for (name, address) in pictures.encode()? {
-            let _ = writeln!(section, "<figure><img src=\"{address}\" alt=\"\"><figcaption>{name}</figcaption></figure>");
+            let _ =
+                writeln!(section, "<figure><img src=\"{address}\" alt=\"\"><figcaption>{name}</figcaption></figure>");
         }
         Ok(section + "</div>\n</section>\n")
     }
@@ -109,7 +118,10 @@ impl Page<'_> {
         let figures = match &row.outcome {
             Ok(figures) => figures,
             Err(message) => {
-                return format!("<tr{class}><th>{method}</th><td colspan=\"11\">stopped: {}</td></tr>\n", escape(message));
+                return format!(
+                    "<tr{class}><th>{method}</th><td colspan=\"11\">stopped: {}</td></tr>\n",
+                    escape(message)
+                );
             }
         };
         let ratio = ratio(self.rows, row).map_or("\u{2013}".into(), |(ratio, low, high)| {

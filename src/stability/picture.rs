@@ -31,7 +31,8 @@ impl Pictures {
     /// Of the target.
     pub fn new(at: ShadingPoint, environment: &Arc<Environment>) -> Self {
         let target = each_pixel(|wi| f64::from(luminance(at.brdf_cosine(wi) * environment.radiance(wi))));
-        let solid_angle = |k: usize| f64::from(latlong::sin_theta((k / WIDTH) as f32 / HEIGHT as f32 + 0.5 / HEIGHT as f32));
+        let solid_angle =
+            |k: usize| f64::from(latlong::sin_theta((k / WIDTH) as f32 / HEIGHT as f32 + 0.5 / HEIGHT as f32));
         let pixel = 2.0 * std::f64::consts::PI.powi(2) / (WIDTH * HEIGHT) as f64;
         let total: f64 = target.iter().enumerate().map(|(k, f)| f * solid_angle(k) * pixel).sum();
         let target = target.into_iter().map(|f| f / total.max(f64::MIN_POSITIVE)).collect();
@@ -61,6 +62,8 @@ impl Pictures {
 }
 
 fn each_pixel(value: impl Fn(glam::Vec3A) -> f64) -> Vec<f64> {
-    let at = |k: usize| Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32);
+    let at = |k: usize| {
+        Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
+    };
     (0..WIDTH * HEIGHT).map(|k| value(latlong::direction(at(k)))).collect()
 }

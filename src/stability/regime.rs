@@ -68,7 +68,8 @@ impl Regime {
         config.fall_back = false;
         config.validate_every = 0;
         if quick {
-            config.steps = 200;
+            config.steps = 160;
+            config.flow.steps = 300;
         }
         match self.change {
             Change::LearningRate => config.learning_rate *= 10.0,
@@ -153,7 +154,9 @@ pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<(String, String)
         lambert("sun at the pole", "the same at the pole of the map", sun_at("sun at the pole", Vec2::new(0.3, 0.0))?),
     ];
     let mut missing = Vec::new();
-    for (name, file) in [("spiaggia_di_mondello", "a real hard sun"), ("noon_grass", "a real sun 4 degrees from the pole")] {
+    for (name, file) in
+        [("spiaggia_di_mondello", "a real hard sun"), ("noon_grass", "a real sun 4 degrees from the pole")]
+    {
         let path = maps.map(|folder| folder.join(format!("{name}_1k.hdr"))).filter(|path| path.exists());
         match path {
             Some(path) => all.push(lambert(name, file, Arc::new(Environment::load(&path)?))),
@@ -166,7 +169,11 @@ pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<(String, String)
         made("one lit texel", 1024, 512, |i, j| f32::from(i == 700 && j == 200))?,
     ));
     all.push(lambert("constant map", "nothing to learn from the light", made("constant", 64, 32, |_, _| 1.0)?));
-    all.push(lambert("black half", "no light from half of the sphere", made("black half", 256, 128, |i, _| f32::from(i < 128))?));
+    all.push(lambert(
+        "black half",
+        "no light from half of the sphere",
+        made("black half", 256, 128, |i, _| f32::from(i < 128))?,
+    ));
     all.push(lambert(
         "1e6 : 1",
         "a lamp 1e6 times brighter than the room",
@@ -174,7 +181,10 @@ pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<(String, String)
     ));
     for alpha in [0.4, 0.2, 0.1, 0.05, 0.02] {
         let material = Material::Ggx { low: alpha, high: alpha };
-        all.push(Regime { material, ..lambert(&format!("alpha = {alpha}"), "narrow lobes among small lights", studio.clone()) });
+        all.push(Regime {
+            material,
+            ..lambert(&format!("alpha = {alpha}"), "narrow lobes among small lights", studio.clone())
+        });
     }
     let rough = Material::Ggx { low: 0.2, high: 0.2 };
     all.push(Regime {
@@ -192,6 +202,7 @@ pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<(String, String)
         ("reverse KL", "a loss that the paper found unstable", Change::Loss(Loss::ReverseKl)),
         ("chi-square loss", "a loss with unbounded gradients", Change::Loss(Loss::ChiSquare)),
         ("row-column tail", "a tail with tears", Change::Tail(TailKind::RowColumn)),
+        ("flow tail", "a smooth tail that is not exact, of a map with hard edges", Change::Tail(TailKind::Flow)),
     ] {
         all.push(Regime { change, ..lambert(name, why, studio.clone()) });
     }
@@ -213,7 +224,9 @@ mod tests {
 
     #[test]
     fn half_precision_keeps_eleven_bits() {
-        for (x, half) in [(1.0, 1.0), (1.0 + 1.0 / 2048.0, 1.0), (1.0 + 3.0 / 2048.0, 1.0 + 2.0 / 1024.0), (1e9, 65_504.0)] {
+        for (x, half) in
+            [(1.0, 1.0), (1.0 + 1.0 / 2048.0, 1.0), (1.0 + 3.0 / 2048.0, 1.0 + 2.0 / 1024.0), (1e9, 65_504.0)]
+        {
             assert_eq!(to_half_precision(x), half);
             assert_eq!(to_half_precision(-x), -half);
         }

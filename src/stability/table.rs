@@ -68,7 +68,8 @@ pub fn encode(rows: &[Row], missing: &[(String, String)], machine: &str, command
 }
 
 fn numbers(figures: &Figures) -> Vec<String> {
-    let Figures { kl, chi_square, integral_error, largest_weight, weight_9999, effective, uncovered, bias, .. } = figures;
+    let Figures { kl, chi_square, integral_error, largest_weight, weight_9999, effective, uncovered, bias, .. } =
+        figures;
     [kl, chi_square, integral_error, largest_weight, weight_9999, effective, uncovered, &bias.0, &bias.1]
         .map(f64::to_string)
         .to_vec()

@@ -4,7 +4,9 @@ use headtail_model::{Condition, HeadConfig};
 use headtail_render::tail::TailKind;
 use serde::{Deserialize, Serialize};
 
-use crate::{Backend, Error, FlowSettings, GradientForm, Loss, Material, Objective, Preset, Result, target::BatchShape};
+use crate::{
+    Backend, Error, FlowSettings, GradientForm, Loss, Material, Objective, Preset, Result, target::BatchShape,
+};
 
 /// A training run. Missing keys of a file take the defaults, unknown keys are errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -165,7 +165,8 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
         }
     }
     let mut last = divergence(&state);
-    let fell_back = config.fall_back && last.relative_variance.partial_cmp(&initial.relative_variance) != Some(cmp::Ordering::Less);
+    let fell_back =
+        config.fall_back && last.relative_variance.partial_cmp(&initial.relative_variance) != Some(cmp::Ordering::Less);
     if fell_back {
         last = initial;
     }

@@ -2,11 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    Error, Result,
-    coupling::Coordinate,
-    spline::logit_count,
-};
+use crate::{Error, Result, coupling::Coordinate, spline::logit_count};
 
 /// What the layers that transform the elevation see.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -47,11 +43,25 @@ impl Default for FlowConfig {
 
 impl FlowConfig {
     /// Trained on a processor in minutes.
-    pub const SMALL: Self =
-        Self { form: FlowForm::Triangular, bins: 64, couplings: 2, hidden: 64, residual_blocks: 1, octaves: 5, leaky_slope: 0.01 };
+    pub const SMALL: Self = Self {
+        form: FlowForm::Triangular,
+        bins: 64,
+        couplings: 2,
+        hidden: 64,
+        residual_blocks: 1,
+        octaves: 5,
+        leaky_slope: 0.01,
+    };
     /// The paper's: 128 bins, 16 coupling layers, 256 hidden units, two residual blocks.
-    pub const PAPER: Self =
-        Self { form: FlowForm::Coupled, bins: 128, couplings: 16, hidden: 256, residual_blocks: 2, octaves: 1, leaky_slope: 0.01 };
+    pub const PAPER: Self = Self {
+        form: FlowForm::Coupled,
+        bins: 128,
+        couplings: 16,
+        hidden: 256,
+        residual_blocks: 2,
+        octaves: 1,
+        leaky_slope: 0.01,
+    };
 
     /// Logits of a spline.
     pub const fn logits(&self) -> usize {

@@ -14,7 +14,12 @@ use burn::{
 pub use config::{FlowConfig, FlowForm};
 use network::ResidualNetwork;
 
-use crate::{Result, coupling::Coordinate, linear::{self, Initializer}, spline};
+use crate::{
+    Result,
+    coupling::Coordinate,
+    linear::{self, Initializer},
+    spline,
+};
 
 /// The flow. The density direction is x -> y, in closed form: its coupling layers run in order.
 #[derive(Module, Debug)]

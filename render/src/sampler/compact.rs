@@ -54,8 +54,9 @@ impl CompactEmitters {
         // What is equal to rounding is equal.
         let clean: Vec<f32> =
             rest.iter().zip(&map).map(|(&rest, &map)| if rest >= map * 0.999_99 { map } else { rest }).collect();
-        let parts = compact_emitters(width, height, &map, &clean)
-            .ok_or_else(|| Error::argument("compact_emitters", "the map and the file differ by no emitter, or by too many"))?;
+        let parts = compact_emitters(width, height, &map, &clean).ok_or_else(|| {
+            Error::argument("compact_emitters", "the map and the file differ by no emitter, or by too many")
+        })?;
         let emitters = parts.iter().map(|part| Emitter::new(environment, part)).collect::<Result<_>>()?;
         Ok(Self { emitters, coarse: coarse(width, height, &clean) })
     }

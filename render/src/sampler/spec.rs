@@ -8,8 +8,8 @@ use std::{
 };
 
 use super::{
-    BrdfSampler, CompactEmitters, CompensatedEmitterSampler, EmitterSampler, EnvironmentLight, IntermediateDensity, OneSampleMis,
-    Oracle, ProductSampler, Resampled, WithCompactEmitters,
+    BrdfSampler, CompactEmitters, CompensatedEmitterSampler, EmitterSampler, EnvironmentLight, IntermediateDensity,
+    OneSampleMis, Oracle, ProductSampler, Resampled, WithCompactEmitters,
 };
 use crate::{
     environment::Environment,

@@ -53,9 +53,9 @@ fn broken_cells(cells: usize, nodes: &[Vec2]) -> Vec<usize> {
     (0..cells * cells).filter(|&index| !cell_of(cells, &closed, index).is_convex()).collect()
 }
 
-/// Moves each corner of some cells to where the smallest of the triangles at its four cells is largest (Freitag and Plassmann 2000,
-/// "Local optimization-based simplicial mesh untangling and improvement"): a triangle's signed area is linear in one corner, so that the
-/// smallest is concave, and a pattern search finds its maximum.
+/// Moves each corner of some cells to where the smallest of the triangles at its four cells is largest as a share of its
+/// cell, is largest (after Freitag and Plassmann 2000, "Local optimization-based simplicial mesh untangling and improvement"), by a pattern
+/// search.
 fn untangle(cells: usize, nodes: &mut [Vec2], broken: &[usize]) {
     let mut corners: Vec<usize> = broken
         .iter()
@@ -96,9 +96,14 @@ fn smallest_triangle(around: &[[Option<DVec2>; 3]; 3], place: DVec2) -> f64 {
         let own = corners.iter().position(|&corner| corner == (1, 1)).expect("the node is a corner of all four cells");
         let points = corners.map(|(i, j)| if (i, j) == (1, 1) { Some(place) } else { around[i][j] });
         let [Some(_), Some(_), Some(_), Some(_)] = points else { continue };
+        let triangle = |apex: usize| {
+            let [p, q, r] = [apex % 4, (apex + 1) % 4, (apex + 3) % 4].map(|k| points[k].unwrap_or_default());
+            (q - p).perp_dot(r - p)
+        };
+        // Cells differ in size by orders of magnitude: each is measured by itself.
+        let size: f64 = (0..4).map(|apex| triangle(apex).abs()).sum();
         for apex in [own + 3, own, own + 1] {
-            let [Some(p), Some(q), Some(r)] = [apex % 4, (apex + 1) % 4, (apex + 3) % 4].map(|k| points[k]) else { continue };
-            least = least.min((q - p).perp_dot(r - p));
+            least = least.min(triangle(apex) / size.max(f64::MIN_POSITIVE));
         }
     }
     least

@@ -18,7 +18,8 @@ pub fn invert(topology: Topology, logits: &[f32], z: f64) -> f64 {
     }
     let right = if topology == Topology::Circle && bin + 1 == bins { 0 } else { bin + 1 };
     let (d0, d1) = (slope(logits[2 * bins + bin]), slope(logits[2 * bins + right]));
-    let x = left + widths[bin] * solve(heights[bin] / widths[bin], d0, d1, ((inside - bottom) / heights[bin]).clamp(0.0, 1.0));
+    let x = left
+        + widths[bin] * solve(heights[bin] / widths[bin], d0, d1, ((inside - bottom) / heights[bin]).clamp(0.0, 1.0));
     match topology {
         Topology::Interval => x.clamp(0.0, 1.0),
         Topology::Circle => turns + x - f64::from(logits[3 * bins]),
@@ -70,7 +71,10 @@ mod tests {
                         Topology::Circle => ((back - f64::from(y)) + 0.5).rem_euclid(1.0) - 0.5,
                     };
                     // z is known to 1e-7, which one over the slope magnifies.
-                    assert!(apart.abs() < 3e-6 * (1.0 + f64::from(-at.log_slope).exp()), "{topology:?} {bins}: {y} {back}");
+                    assert!(
+                        apart.abs() < 3e-6 * (1.0 + f64::from(-at.log_slope).exp()),
+                        "{topology:?} {bins}: {y} {back}"
+                    );
                 }
             }
         }

@@ -37,6 +37,9 @@ const REVERSE_TARGET_FLOOR: f64 = 1e-4;
 /// [`Objective::entropic`] holds the logarithm of the density in this range, where its exponential is finite.
 const ENTROPIC_RANGE: f32 = 60.0;
 
+/// [`Loss::ChiSquare`] is held below the exponential of this.
+const LARGEST_LOG_CHI_SQUARE: f32 = 60.0;
+
 impl Loss {
     /// Every loss.
     pub const ALL: [Self; 4] = [Self::ForwardKl, Self::LogChiSquare, Self::ChiSquare, Self::ReverseKl];
@@ -198,7 +201,7 @@ fn log_chi_square(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f
 }
 
 fn chi_square(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32]) -> f32 {
-    let log = log_chi_square(target, log_q, derivatives);
+    let log = log_chi_square(target, log_q, derivatives).min(LARGEST_LOG_CHI_SQUARE);
     derivatives.iter_mut().for_each(|by| *by *= log.exp());
     log.exp_m1()
 }

@@ -1,8 +1,10 @@
 //! `headtail inspect`: the densities of an exported sampler as a picture.
 
+mod tails;
+
 use std::path::PathBuf;
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 use clap::Args;
 use glam::{Vec2, Vec3A};
 use headtail_render::{
@@ -17,19 +19,27 @@ use plotters::{
     style::{FontStyle, colors::colormaps::ColorMap, register_font, text_anchor},
 };
 
-use crate::arguments::{Triple, make_folder};
+use crate::arguments::{Triple, make_folder, open_environment};
 
 /// Draw target, intermediate and final density of an exported sampler side by side, on a log scale.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail inspect out/studio/sampler.safetensors --out out/studio-up.png
   headtail inspect out/room-direct.safetensors --normal 1,0.5,0 --out out/room-side.png
+  headtail inspect --tail --env room.hdr out/flow/sampler.safetensors --out out/room-tails.png
 
 The target and the final density are lat-long pictures of the sphere per unit of solid angle; the intermediate density is \
 over the intermediate square Y (azimuth across, elevation down). Each has a colour scale of its own, of six powers of ten.")]
 pub struct Arguments {
     /// A file written by fit or bake.
-    file: PathBuf,
+    #[arg(required_unless_present = "tail")]
+    file: Option<PathBuf>,
+    /// Show what the tails of --env (and the flow tail of the file, if it has one) make of the square, with a table.
+    #[arg(long, requires = "env")]
+    tail: bool,
+    /// The map for --tail: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
+    #[arg(long, value_name = "MAP", requires = "tail")]
+    env: Option<String>,
     /// The shading normal; it need not have unit length.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", allow_hyphen_values = true)]
     normal: Triple,
@@ -61,9 +71,18 @@ struct Figures {
 
 /// Draws the picture.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if let (true, Some(map)) = (arguments.tail, &arguments.env) {
+        let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
+        let (picture, table) = tails::inspect(&*open_environment(map)?, file.as_ref())?;
+        write(arguments, &picture)?;
+        println!("{table}{} written", arguments.out.display());
+        return Ok(());
+    }
     let normal = arguments.normal.0;
     ensure!(normal.length() > 1e-6, "--normal: the vector has no length");
-    let exported = ExportedSampler::read(&arguments.file)?;
+    // The parser of arguments asks for it.
+    let Some(file) = &arguments.file else { bail!("name a file") };
+    let exported = ExportedSampler::read(file)?;
     let (panels, figures) = tabulate(&exported, normal.normalize())?;
     let title = format!(
         "{} of '{}', {} tail, normal {:.3} {:.3} {:.3}",
@@ -78,12 +97,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         "KL(target || sampler) {:.4} nats, relative variance {:.4}, integral of the pdf {:.5}",
         figures.kl, figures.relative_variance, figures.integral
     );
+    write(arguments, &draw(&panels, &title, &facts)?)?;
+    println!("{title}\n{facts}\n{} written", arguments.out.display());
+    Ok(())
+}
+
+fn write(arguments: &Arguments, picture: &[u8]) -> Result<()> {
     if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         make_folder(folder)?;
     }
-    file::replace(&arguments.out, &draw(&panels, &title, &facts)?)?;
-    println!("{title}\n{facts}\n{} written", arguments.out.display());
-    Ok(())
+    Ok(file::replace(&arguments.out, picture)?)
 }
 
 fn kind(intermediate: &Intermediate) -> &'static str {
@@ -115,11 +138,12 @@ fn tabulate(exported: &ExportedSampler, normal: Vec3A) -> Result<([Panel; 3], Fi
     };
     let count = (WIDTH * HEIGHT) as f64;
 
-    // Through the exact tail the target over Y is the cosine alone.
+    // Through an exact tail the target over Y is the cosine alone; another tail leaves some light over.
     let (mut intermediate, mut cosines) = (Vec::new(), Vec::new());
     for y in (0..WIDTH * HEIGHT).map(points) {
         intermediate.push(density(y));
-        cosines.push(normal.dot(exported.tail.forward_direction(y).1).max(0.0));
+        let (x, direction, _) = exported.tail.forward_direction(y);
+        cosines.push(normal.dot(direction).max(0.0) * exported.tail.light_ratio(x));
     }
     let mean = cosines.iter().map(|&g| f64::from(g)).sum::<f64>() / count;
     ensure!(mean > 0.0, "a surface with this normal sees no light at all");
@@ -137,7 +161,8 @@ fn tabulate(exported: &ExportedSampler, normal: Vec3A) -> Result<([Panel; 3], Fi
     for x in (0..WIDTH * HEIGHT).map(points) {
         let (y, slope) = exported.tail.inverse(x);
         let light = slope * latlong::solid_angle_factor(x.y);
-        target.push(light * normal.dot(latlong::direction(x)).max(0.0) / mean as f32);
+        let target_light = exported.tail.light().density(x) * latlong::solid_angle_factor(x.y);
+        target.push(target_light * normal.dot(latlong::direction(x)).max(0.0) / mean as f32);
         last.push(light * if slope > 0.0 { density(y) } else { 0.0 });
     }
     let panels = [
