@@ -64,7 +64,8 @@ fn inverse_of_forward_is_the_identity_and_so_are_the_jacobians() {
             let bound = 2e-6 + 2e-7 * density.max(1.0) * 8.0;
             assert!(distance(back, y) < bound, "{name}: {y} -> {x} -> {back}, density {density}");
             // Neighbours differ in their Jacobians, and a point on an edge may be found in either.
-            if k % 3 == 1 && k % 2 == 0 {
+            let inside = (y * map.cells() as f32).fract();
+            if inside.min_element() > 1e-3 && inside.max_element() < 1.0 - 1e-3 {
                 assert!((density * jacobian - 1.0).abs() < 5e-2, "{name}: {density} * {jacobian} at {y}");
             }
         }

@@ -41,7 +41,7 @@ pub struct Arguments {
     /// The tail warp under the head.
     #[arg(long)]
     tail: Option<TailArgument>,
-    /// The size of a flow tail: small, medium or paper. Its settings are the keys flow.* of --print-config.
+    /// The size of a flow tail, small, medium or paper: takes the place of all keys flow.*.
     #[arg(long, value_name = "SIZE")]
     flow: Option<FlowSize>,
     /// Sample a sun or small lamps on their own, and train the head for the rest of the light.

@@ -27,6 +27,7 @@ impl WarpMap {
     /// As [`WarpMap::new`], but for convexity.
     pub fn repaired(cells: usize, mut nodes: Vec<Vec2>) -> Result<(Self, Repair)> {
         let mut repair = Repair::default();
+        let original = nodes.clone();
         let usable = nodes.len() == cells * (cells + 1) && nodes.iter().all(|node| node.is_finite());
         while usable && repair.rounds < ROUNDS {
             let broken = broken_cells(cells, &nodes);
@@ -38,10 +39,9 @@ impl WarpMap {
             untangle(cells, &mut nodes, &broken);
         }
         let mut share = 1e-3_f32;
-        let untangled = nodes.clone();
         while usable && repair.rounds == ROUNDS && !broken_cells(cells, &nodes).is_empty() {
             repair.blended = share.min(1.0);
-            nodes = blend(cells, &untangled, repair.blended);
+            nodes = blend(cells, &original, repair.blended);
             share *= 1.5;
         }
         Ok((Self::new(cells, &nodes)?, repair))

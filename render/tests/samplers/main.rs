@@ -139,11 +139,13 @@ impl World {
         product("autoregressive, K = 32, encoder", composed(&light, random_head(Mode::Autoregressive, 32, &[16, 12])));
         let head = ProductSampler::new(light.clone(), random_head(Mode::Coupled, 4, &[]));
         add("head and cosine", Box::new(OneSampleMis::new(head, brdf())), true, false);
-        // A smooth tail that has nothing to do with the light, and compact emitters where there are any.
-        let flow = EnvironmentLight::with_tail(environment.clone(), Arc::new(swirl(environment)));
-        add("flow emitter", Box::new(EmitterSampler::new(flow.clone())), true, false);
-        let head = ProductSampler::new(flow, random_head(Mode::Coupled, 4, &[]));
-        add("flow and head", Box::new(OneSampleMis::new(head, brdf())), true, false);
+        // A smooth tail that has nothing to do with the light (and hardly ever draws a sun), and compact emitters where there are any.
+        if environment.name() != "sunset" {
+            let flow = EnvironmentLight::with_tail(environment.clone(), Arc::new(swirl(environment)));
+            add("flow emitter", Box::new(EmitterSampler::new(flow.clone())), true, false);
+            let head = ProductSampler::new(flow, random_head(Mode::Coupled, 4, &[]));
+            add("flow and head", Box::new(OneSampleMis::new(head, brdf())), true, false);
+        }
         let (width, height, luminance) = (environment.width(), environment.height(), environment.luminance());
         if let Some(rest) = without_compact_emitters(width, height, &luminance) {
             let compact = Arc::new(CompactEmitters::new(environment, &rest).unwrap());
