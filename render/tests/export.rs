@@ -333,7 +333,7 @@ fn wrong_descriptions_are_refused_by_name() {
     expect(&refused(&|d| d["visibility"] = json!(true)), &["visibility"]);
     expect(&refused(&|d| d["training"]["colour"] = json!(1)), &["colour"]);
     expect(&refused(&|d| d["intermediate"]["bins"] = json!(1)), &["bins"]);
-    expect(&refused(&|d| d["tail"] = json!("flow")), &["flow"]);
+    expect(&refused(&|d| d["tail"] = json!("spiral")), &["spiral"]);
     expect(&refused(&|d| d["condition"] = json!("visibility")), &["visibility"]);
     // Another condition has another length.
     expect(&refused(&|d| d["condition"] = json!("ggx")), &["encoder.linear0", "after 10"]);
