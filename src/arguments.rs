@@ -111,6 +111,8 @@ pub enum TailArgument {
     Hierarchical,
     /// First a row, then a column.
     RowColumn,
+    /// A smooth flow that is fitted to the map first.
+    Flow,
 }
 
 impl From<TailArgument> for TailKind {
@@ -118,6 +120,7 @@ impl From<TailArgument> for TailKind {
         match argument {
             TailArgument::Hierarchical => Self::Hierarchical,
             TailArgument::RowColumn => Self::RowColumn,
+            TailArgument::Flow => Self::Flow,
         }
     }
 }

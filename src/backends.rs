@@ -43,7 +43,7 @@ pub struct Arguments {
 }
 
 /// A value by the name that it has in configuration files.
-fn parse<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+pub fn parse<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_value(text.into()).map_err(|error: serde_json::Error| error.to_string())
 }
 

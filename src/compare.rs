@@ -314,7 +314,7 @@ fn command() -> String {
 }
 
 /// Processor and threads.
-fn machine() -> String {
+pub fn machine() -> String {
     let model = fs::read_to_string("/proc/cpuinfo").ok().and_then(|text| {
         let line = text.lines().find(|line| line.starts_with("model name"))?.split_once(':')?.1.trim().to_owned();
         Some(line)

@@ -8,7 +8,7 @@ use headtail_render::{
     bake::{CellGrid, NormalGrid},
     sampler::SamplerSpec,
 };
-use headtail_train::{FitConfig, exported_sampler};
+use headtail_train::{FitConfig, TrainingLight, exported_sampler};
 
 use crate::{
     arguments::{CameraArguments, TailArgument, ViewArguments, make_folder, open_environment},
@@ -38,7 +38,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     println!("1. Train a cosine head for the environment '{}'.", environment.name());
     let stop = progress::stop_flag()?;
     let config = FitConfig::default();
-    let fitted = fit::train(&environment, &config, fit::Outputs::NONE, &stop)?;
+    let light = TrainingLight::new(&config, &environment)?;
+    let fitted = fit::train(&light, &config, fit::Outputs::NONE, &stop)?;
     if stop.load(Ordering::Relaxed) {
         bail!("interrupted while training; nothing was written");
     }
@@ -46,7 +47,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let (before, after) = (summary.initial, summary.divergence);
     println!("   {} steps, {:.1} s: KL {:.3} -> {:.3} nats", summary.steps, summary.seconds, before.kl, after.kl);
     let head = arguments.out.join("head.safetensors");
-    exported_sampler(&fitted.head, &config, summary, &environment, true)?.write(&head)?;
+    exported_sampler(&fitted.head, &config, summary, &environment, &light, true)?.write(&head)?;
 
     println!("2. Bake light x cosine directly, without training.");
     let baking = Instant::now();

@@ -10,6 +10,7 @@ mod inspect;
 mod progress;
 mod render;
 mod report;
+mod stability;
 
 use std::process::ExitCode;
 
@@ -31,6 +32,7 @@ enum Command {
     Render(render::Arguments),
     Compare(compare::Arguments),
     Inspect(inspect::Arguments),
+    Stability(stability::Arguments),
     Backends(backends::Arguments),
 }
 
@@ -42,6 +44,7 @@ fn main() -> ExitCode {
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Stability(arguments) => stability::run(&arguments),
         Command::Backends(arguments) => backends::run(&arguments),
     };
     match result {

@@ -94,7 +94,7 @@ const SMALL: &str = "--width 24 --height 18";
 #[test]
 fn the_help_of_every_command_ends_with_examples() {
     let here = folder();
-    for name in ["demo", "fit", "backends", "bake", "render", "compare", "inspect"] {
+    for name in ["demo", "fit", "backends", "bake", "render", "compare", "inspect", "stability"] {
         let help = succeed(here.path(), &format!("{name} --help"));
         let (_, examples) = help.split_once("Examples:").unwrap_or_else(|| panic!("{name}: no examples"));
         assert!(examples.contains(&format!("headtail {name}")), "{help}");
@@ -163,6 +163,53 @@ fn a_glossy_head_is_inspected_and_rendered_but_not_baked() {
         // 432 pixels at 64 samples of relative deviation below 1.5: the mean is known to 1 %.
         assert!((found / expected - 1.0).abs() < 0.03, "{sampler}: {found}, mis: {expected}");
     }
+fn flow_tails_and_compact_emitters_are_fitted_exported_and_shown() {
+    let here = folder();
+    let path = here.path();
+    let fit =
+        "fit --env sunset --material lambert --set steps=20 --set flow.steps=20 --set flow.cells=16 --checkpoint-dir";
+    let said = succeed(path, &format!("{fit} ck --tail flow --out flow"));
+    assert!(said.contains("flow tail: KL") && names(&path.join("ck")).contains(&"tail".to_owned()), "{said}");
+    // A second run finds all steps done, of the tail and of the head.
+    succeed(path, &format!("{fit} ck --resume --tail flow --out again"));
+    succeed(path, &format!("{fit} ck2 --compact-emitters --set head.selection=true --out compact"));
+    let said = succeed(path, "inspect --tail --env sunset flow/sampler.safetensors --out tails.png");
+    assert!(
+        is_png(&path.join("tails.png")) && ["row-column", "hierarchical", "flow"].iter().all(|t| said.contains(t)),
+        "{said}"
+    );
+    let view = format!("render --scene plane --env sunset --unshadowed --spp 64 {SMALL}");
+    succeed(path, &format!("{view} --sampler mis --out mis.exr"));
+    let expected = mean(&picture(&path.join("mis.exr")));
+    for (sampler, file) in
+        [("head+mis", "flow"), ("head+mis", "compact"), ("head", "compact"), ("ris:4:head", "compact")]
+    {
+        succeed(path, &format!("{view} --sampler {sampler}:{file}/sampler.safetensors --out other.exr"));
+        let found = mean(&picture(&path.join("other.exr")));
+        // 432 pixels at 64 samples of relative deviation below 2.
+        assert!((found / expected - 1.0).abs() < 0.04, "{sampler}:{file}: {found}, mis: {expected}");
+    }
+    assert!(fail(path, "bake --direct --env sunset --tail flow --out a.safetensors").contains("fit --tail flow"));
+    assert!(
+        fail(path, "inspect --tail --env studio flow/sampler.safetensors --out a.png").contains("environment_hash")
+    );
+    assert!(fail(path, "fit --env sunset --material lambert --set flow.cells=7 --out a").contains("flow.cells"));
+}
+
+#[test]
+fn the_stability_suite_writes_a_table_and_a_page() {
+    let here = folder();
+    let path = here.path();
+    let said = succeed(path, "stability --quick --only constant --only noon --out suite");
+    assert!(said.contains("noon_grass: not run; give --maps DIR"), "{said}");
+    assert_eq!(names(&path.join("suite")), ["stability.csv", "stability.html"]);
+    let table = fs::read_to_string(path.join("suite/stability.csv")).unwrap();
+    for method in ["mis", "head", "head+mis", "selection", "all remedies"] {
+        assert!(table.contains(&format!("constant map,{method},finished")), "{method}: {table}");
+    }
+    assert!(fs::read_to_string(path.join("suite/stability.html")).unwrap().contains("constant map"));
+    assert!(fail(path, "stability --only nothing --out suite").contains("--only"));
+    assert!(fail(path, "stability --maps nowhere --out suite").contains("nowhere"));
 }
 
 #[test]

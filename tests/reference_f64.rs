@@ -312,13 +312,18 @@ fn loss(kind: Loss, entropic: f64, batch: &Batch, condition: usize, q: &[f64]) -
         sum += match kind {
             Loss::ForwardKl if w > 0.0 => w * (p / q[i]).ln(),
             Loss::ForwardKl => 0.0,
-            Loss::LogChiSquare => w * p / q[i],
+            Loss::LogChiSquare | Loss::ChiSquare => w * p / q[i],
             // Where the target is (almost) zero it counts as 1e-4 of its mean.
             Loss::ReverseKl => u * (u / (p.max(1e-4) * v[i] / n)).ln(),
         };
         regularisation += w * (q[i] * tails[i]) * (q[i] * tails[i]).ln();
     }
-    (if kind == Loss::LogChiSquare { sum.ln() } else { sum }) + entropic * regularisation
+    let loss = match kind {
+        Loss::LogChiSquare => sum.ln(),
+        Loss::ChiSquare => sum - 1.0,
+        Loss::ForwardKl | Loss::ReverseKl => sum,
+    };
+    loss + entropic * regularisation
 }
 
 /// Every weight's derivative of every loss of a mixture with BRDF sampling, through the step that training takes.

@@ -12,7 +12,7 @@ use headtail_train::{FitConfig, Loss, Material, Preset};
 
 use crate::{
     Fallible,
-    measure::{Conditions, Quadrature, measure},
+    measure::{Conditions, measure, quadratures},
     samplers::{Naive, Qualities, train},
 };
 
@@ -41,7 +41,7 @@ fn variants(material: Material) -> [(&'static str, FitConfig); 5] {
 pub fn measure_map(material: Material, environment: &Arc<Environment>) -> Fallible<Qualities> {
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let conditions = Conditions::of(material);
-    let points = Quadrature::of(conditions, &light);
+    let points = quadratures(conditions, &light);
     let emitter = EmitterSampler::new(light.clone());
     let brdf = BrdfSampler::new(environment.clone());
     let mut qualities = vec![

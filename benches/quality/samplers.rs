@@ -22,7 +22,7 @@ use headtail_train::{FitConfig, Material, Preset, Viewpoints, build_target, fit,
 
 use crate::{
     Fallible,
-    measure::{Conditions, Quadrature, Quality, measure, measure_by_draws},
+    measure::{Conditions, Quality, measure, measure_by_draws, quadratures},
 };
 
 /// Samplers on one map, in the order of the tables' columns; the first is what the others are held against.
@@ -48,7 +48,7 @@ fn diffuse(light: &EnvironmentLight, head: Head) -> Fallible<Qualities> {
     let environment = light.environment();
     let row_column = EnvironmentLight::new(environment.clone(), TailKind::RowColumn)?;
     let conditions = Conditions::of(Material::Lambert);
-    let (points, row_column_points) = (Quadrature::of(conditions, light), Quadrature::of(conditions, &row_column));
+    let (points, row_column_points) = (quadratures(conditions, light), quadratures(conditions, &row_column));
     let emitter = EmitterSampler::new(light.clone());
     let brdf = BrdfSampler::new(environment.clone());
     let compensated = CompensatedEmitterSampler::new(light)?;
@@ -81,7 +81,7 @@ fn diffuse(light: &EnvironmentLight, head: Head) -> Fallible<Qualities> {
 
 fn glossy(material: Material, light: &EnvironmentLight, head: Head) -> Fallible<Qualities> {
     let conditions = Conditions::of(material);
-    let points = Quadrature::of(conditions, light);
+    let points = quadratures(conditions, light);
     let emitter = EmitterSampler::new(light.clone());
     let brdf = BrdfSampler::new(light.environment().clone());
     let compensated = CompensatedEmitterSampler::new(light)?;

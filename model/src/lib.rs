@@ -9,6 +9,7 @@
 
 pub mod coupling;
 pub mod error;
+pub mod flow;
 pub mod head;
 pub mod linear;
 pub mod spline;
@@ -17,5 +18,6 @@ pub mod weights;
 
 pub use burn;
 pub use error::{Error, Result};
+pub use flow::{Flow, FlowConfig, FlowForm};
 pub use head::{Condition, EncoderConfig, Head, HeadConfig, Mode};
 pub use weights::NamedTensor;

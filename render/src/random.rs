@@ -20,6 +20,8 @@ pub enum Purpose {
     Bake = 5,
     /// Tests and benchmarks.
     Test = 6,
+    /// Points that a flow tail is fitted to.
+    Tail = 7,
 }
 
 /// The stream of (seed, purpose, index).

@@ -13,7 +13,7 @@ use headtail_render::{
     image::Image,
     random::{Purpose, Stream},
     sampler::{DirectionSampler, EnvironmentLight, ProductSampler, SamplerSpec, ShadingPoint},
-    tail::{TailKind, TailWarp},
+    tail::{Tail, TailKind, TailWarp, WarpMap},
 };
 use serde_json::{Value, json};
 
@@ -111,6 +111,61 @@ fn draws(sampler: &ExportedSampler, count: u64) -> Vec<[u32; 5]> {
             of(&ProductSampler::new(light, table.clone()), count)
         }
     }
+}
+
+/// A map with a compact emitter, and samplers with the tail of the rest and with a flow tail.
+fn samplers_of_version_2() -> (Arc<Environment>, [ExportedSampler; 2]) {
+    let map = Arc::new(headtail_render::environment::built_in("sunset").unwrap());
+    let (width, height, luminance) = (map.width(), map.height(), map.luminance());
+    let rest = headtail_render::environment::without_compact_emitters(width, height, &luminance).unwrap();
+    let of_rest = Arc::new(Tail::new(TailKind::Hierarchical, width, height, &rest).unwrap());
+    let head = || Intermediate::Head(head(Mode::Coupled, false));
+    let compact = ExportedSampler::of_tail(head(), of_rest, rest, &map, Some(training()));
+    let node = |k: usize| {
+        let y = Vec2::new((k % 16) as f32, (k / 16) as f32) / 16.0;
+        Vec2::new(y.x + 0.05 * (6.0 * y.y).sin(), y.y)
+    };
+    let nodes: Vec<Vec2> = (0..16 * 17).map(node).collect();
+    let warp = WarpMap::new(16, &nodes).unwrap();
+    let flow = Arc::new(Tail::flow(warp, width, height, &luminance).unwrap());
+    let flow = ExportedSampler::of_tail(head(), flow, luminance, &map, Some(training()));
+    (map, [compact, flow])
+}
+
+#[test]
+fn compact_emitters_and_flow_tails_survive_a_file() {
+    let folder = Folder::new();
+    let (map, samplers) = samplers_of_version_2();
+    for (sampler, name) in samplers.iter().zip(["compact", "flow"]) {
+        let path = folder.path(name);
+        sampler.write(&path).unwrap();
+        let read = ExportedSampler::read(&path).unwrap();
+        assert_eq!((read.description(), read.description().format_version), (sampler.description(), 2));
+        assert_eq!((draws(&read, 200), &read.luminance), (draws(sampler, 200), &sampler.luminance));
+        read.check_environment(&map).unwrap();
+        assert_eq!(read.compact(&map).unwrap().map(|compact| compact.count()), (name == "compact").then_some(1));
+        for spec in ["head", "head+mis", "ris:4:head"] {
+            let spec: SamplerSpec = format!("{spec}:{}", path.display()).parse().unwrap();
+            spec.build(&map).unwrap();
+        }
+    }
+    let [compact, flow] = samplers;
+    // Light that the map does not have.
+    let (width, height, mut brighter) = compact.luminance.clone();
+    brighter.iter_mut().for_each(|value| *value *= 1.5);
+    let damaged = ExportedSampler { luminance: (width, height, brighter), ..compact };
+    assert!(damaged.check_environment(&map).unwrap_err().to_string().contains("tail.luminance"));
+    assert!(damaged.compact(&map).is_err());
+    // A table that is not one to one.
+    let path = folder.path("folded");
+    flow.write(&path).unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
+    let node = 0.05_f32 * (6.0 * (3.0 / 16.0_f32)).sin();
+    let found = bytes.windows(4).position(|four| four == node.to_le_bytes()).unwrap();
+    bytes[found..found + 4].copy_from_slice(&0.9_f32.to_le_bytes());
+    std::fs::write(&path, &bytes).unwrap();
+    let error = ExportedSampler::read(&path).unwrap_err().to_string();
+    assert!(error.contains("folded") && error.contains("tail.map"), "{error}");
 }
 
 /// Heads for microfacet surfaces with their selection networks.
@@ -271,14 +326,14 @@ fn wrong_descriptions_are_refused_by_name() {
     let refused = |change: &dyn Fn(&mut Value)| folder.refused(&Parts::of(&head).describe(change));
     let expect = |error: &str, words: &[&str]| words.iter().for_each(|word| assert!(error.contains(word), "{error}"));
 
-    expect(&refused(&|d| d["format_version"] = json!(2)), &["format_version", "is 2", "reads version 1"]);
+    expect(&refused(&|d| d["format_version"] = json!(3)), &["format_version", "is 3", "reads versions 1 to 2"]);
     expect(&refused(&|d| d["format_version"] = json!(-1)), &["format_version"]);
     expect(&refused(&|d| d["format_version"] = json!("1")), &["format_version"]);
     expect(&refused(&|d| drop(d.as_object_mut().unwrap().remove("format_version"))), &["format_version", "none"]);
     expect(&refused(&|d| d["visibility"] = json!(true)), &["visibility"]);
     expect(&refused(&|d| d["training"]["colour"] = json!(1)), &["colour"]);
     expect(&refused(&|d| d["intermediate"]["bins"] = json!(1)), &["bins"]);
-    expect(&refused(&|d| d["tail"] = json!("flow")), &["flow"]);
+    expect(&refused(&|d| d["tail"] = json!("spiral")), &["spiral"]);
     expect(&refused(&|d| d["condition"] = json!("visibility")), &["visibility"]);
     // Another condition has another length.
     expect(&refused(&|d| d["condition"] = json!("ggx")), &["encoder.linear0", "after 10"]);

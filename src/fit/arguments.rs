@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
-use headtail_train::{Backend, CheckpointFolder, ConfigBuilder, FitConfig, Loss, Material, Preset, config::Points};
+use headtail_train::{
+    Backend, CheckpointFolder, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset, config::Points,
+};
 
 use crate::arguments::{CameraArguments, TailArgument};
 
@@ -39,6 +41,12 @@ pub struct Arguments {
     /// The tail warp under the head.
     #[arg(long)]
     tail: Option<TailArgument>,
+    /// The size of a flow tail, small, medium or paper: takes the place of all keys flow.*.
+    #[arg(long, value_name = "SIZE")]
+    flow: Option<FlowSize>,
+    /// Sample a sun or small lamps on their own, and train the head for the rest of the light.
+    #[arg(long)]
+    compact_emitters: bool,
     /// How to draw training points.
     #[arg(long)]
     target: Option<TargetArgument>,
@@ -132,6 +140,8 @@ impl From<BackendArgument> for Backend {
 enum LossArgument {
     /// ln(1 + relative variance) per condition: what a renderer pays for.
     LogChiSquare,
+    /// The relative variance itself: its gradients have the size of the largest weights.
+    ChiSquare,
     /// Weighted maximum likelihood.
     ForwardKl,
     /// Kullback-Leibler divergence the other way round: unstable.
@@ -142,6 +152,7 @@ impl From<LossArgument> for Loss {
     fn from(argument: LossArgument) -> Self {
         match argument {
             LossArgument::LogChiSquare => Self::LogChiSquare,
+            LossArgument::ChiSquare => Self::ChiSquare,
             LossArgument::ForwardKl => Self::ForwardKl,
             LossArgument::ReverseKl => Self::ReverseKl,
         }
@@ -166,11 +177,13 @@ impl Arguments {
         if let Some(steps) = self.steps {
             config.steps = usize::try_from(steps).context("--steps")?;
         }
-        let FitConfig { tail, points, naive, backend, seed, learning_rate, loss, .. } = config;
+        let FitConfig { tail, flow, points, naive, compact_emitters, backend, seed, learning_rate, loss, .. } = config;
         let config = FitConfig {
             tail: self.tail.map_or(tail, Into::into),
             points: self.target.map_or(points, Into::into),
             naive: naive || self.naive,
+            flow: self.flow.map_or(flow, FlowSize::settings),
+            compact_emitters: compact_emitters || self.compact_emitters,
             backend: self.backend.map_or(backend, Into::into),
             seed: self.seed.unwrap_or(seed),
             learning_rate: self.learning_rate.unwrap_or(learning_rate),

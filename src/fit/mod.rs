@@ -2,13 +2,17 @@
 
 mod arguments;
 
-use std::{path::PathBuf, sync::Arc, sync::atomic::AtomicBool, time::Instant};
+use std::{
+    path::PathBuf,
+    sync::atomic::{AtomicBool, Ordering},
+    time::Instant,
+};
 
 use anyhow::{Result, bail, ensure};
-use headtail_render::{environment::Environment, scene::Scene, tail::Tail};
+use headtail_render::{environment::Environment, scene::Scene, tail::TailKind};
 use headtail_train::{
-    CheckpointFolder, FitConfig, Fitted, MetricsFile, Progress, Run, TensorBoard, Viewpoints, build_target,
-    check_exportable, density_pictures, exported_sampler, fit_with,
+    CheckpointFolder, FitConfig, Fitted, FlowSummary, MetricsFile, Progress, Run, TensorBoard, TrainingLight,
+    Viewpoints, build_target, check_exportable, density_pictures, exported_sampler, fit_with,
 };
 
 pub use arguments::Arguments;
@@ -40,7 +44,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         tensorboard: arguments.tensorboard.as_deref().map(TensorBoard::create).transpose()?,
         pictures: arguments.pictures.clone(),
     };
-    let fitted = train(&environment, &config, outputs, &*progress::stop_flag()?)?;
+    let stop = progress::stop_flag()?;
+    let light = fit_light(&environment, &config, outputs.checkpoints.as_ref(), &stop)?;
+    ensure!(
+        !(config.tail == TailKind::Flow && stop.load(Ordering::Relaxed)),
+        "interrupted while the flow tail was fitted; nothing was written{}",
+        if outputs.checkpoints.is_some() { " but its checkpoint" } else { "" }
+    );
+    if config.compact_emitters && light.luminance == environment.luminance() {
+        eprintln!("note: {map} has no compact emitters; the head serves all of its light");
+    }
+    let fitted = train(&light, &config, outputs, &stop)?;
     let (summary, before, after) = (&fitted.summary, fitted.summary.initial, fitted.summary.divergence);
     let untrained = if config.naive || config.head.selection { "untrained" } else { "tail alone" };
     println!(
@@ -52,14 +66,53 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         summary.steps,
         if summary.interrupted { " (interrupted: the learning rate had not come down)" } else { "" },
     );
+    if summary.fell_back {
+        eprintln!("warning: training did not lower the variance; the untrained head is kept");
+    }
     if arguments.no_export {
         println!("trained for {:.1} s; nothing was exported", start.elapsed().as_secs_f64());
         return Ok(());
     }
     let file = out.join("sampler.safetensors");
-    exported_sampler(&fitted.head, &config, summary, &environment, !arguments.reproducible)?.write(&file)?;
+    exported_sampler(&fitted.head, &config, summary, &environment, &light, !arguments.reproducible)?.write(&file)?;
     println!("{} written after {:.1} s", file.display(), start.elapsed().as_secs_f64());
     Ok(())
+}
+
+/// The tail that the configuration asks for; a flow is fitted, with a progress bar. Its checkpoints are in the folder `tail` of the head's.
+fn fit_light(
+    environment: &Environment,
+    config: &FitConfig,
+    checkpoints: Option<&CheckpointFolder>,
+    stop: &AtomicBool,
+) -> Result<TrainingLight> {
+    let checkpoints = checkpoints.map(|head| CheckpointFolder {
+        folder: head.folder.join("tail"),
+        target: format!("tail of {}", head.target),
+        ..head.clone()
+    });
+    let bar = progress::bar(config.flow.steps as u64, "flow tail");
+    let mut show = |progress: &Progress| {
+        bar.set_message(format!("loss {:.4}, {:.2} M samples/s", progress.loss, progress.samples_per_second / 1e6));
+        bar.set_position(progress.step as u64);
+        Ok(())
+    };
+    let run = Run {
+        progress: &mut show,
+        interrupt: stop,
+        checkpoints: checkpoints.as_ref(),
+        warn: &mut |error| eprintln!("warning: {error}; the checkpoint before it is used"),
+    };
+    let (light, summary) = TrainingLight::fit(config, environment, run)?;
+    bar.finish_and_clear();
+    if let Some(FlowSummary { steps, kl, table_kl, initial_kl, repair, seconds, .. }) = summary {
+        println!(
+            "flow tail: KL(light || flow) {kl:.4} nats (uniform {initial_kl:.3}), its table {table_kl:.4}, {steps} steps, {seconds:.1} s; \
+             {} cells repaired",
+            repair.cells
+        );
+    }
+    Ok(light)
 }
 
 /// Conditions of `--pictures`.
@@ -91,14 +144,8 @@ impl Outputs {
 }
 
 /// Trains a head for a map, with a progress bar.
-pub fn train(
-    environment: &Arc<Environment>,
-    config: &FitConfig,
-    mut outputs: Outputs,
-    stop: &AtomicBool,
-) -> Result<Fitted> {
-    let tail = Tail::new(config.tail, environment.width(), environment.height(), &environment.luminance())?;
-    let target = build_target(config, &tail, outputs.viewpoints.clone());
+pub fn train(light: &TrainingLight, config: &FitConfig, mut outputs: Outputs, stop: &AtomicBool) -> Result<Fitted> {
+    let target = build_target(config, &light.tail, outputs.viewpoints.clone());
     let (checkpoints, pictures) = (outputs.checkpoints.take(), outputs.pictures.take());
     let bar = progress::bar(config.steps as u64, "training");
     let mut kl = f64::NAN;

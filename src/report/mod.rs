@@ -3,8 +3,8 @@
 mod chart;
 mod csv;
 mod html;
-mod number;
-mod picture;
+pub mod number;
+pub mod picture;
 mod reading;
 mod summary;
 #[cfg(test)]

@@ -4,7 +4,9 @@ use headtail_model::{Condition, HeadConfig};
 use headtail_render::tail::TailKind;
 use serde::{Deserialize, Serialize};
 
-use crate::{Backend, Error, GradientForm, Loss, Material, Objective, Preset, Result, target::BatchShape};
+use crate::{
+    Backend, Error, FlowSettings, GradientForm, Loss, Material, Objective, Preset, Result, target::BatchShape,
+};
 
 /// A training run. Missing keys of a file take the defaults, unknown keys are errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -14,6 +16,12 @@ pub struct FitConfig {
     pub material: Material,
     /// The tail under the head.
     pub tail: TailKind,
+    /// Whether compact emitters (a sun, small lamps) are sampled on their own, where the map has any, and the head is trained for
+    /// the rest of the light.
+    pub compact_emitters: bool,
+    /// Whether a head whose relative variance is not below that of the untrained one is given up for that one. With a learned
+    /// selection the untrained one is one-sample MIS.
+    pub fall_back: bool,
     /// How training points are drawn.
     pub points: Points,
     /// Fit the head to the product in X, without a tail: the paper's strawman.
@@ -62,6 +70,8 @@ pub struct FitConfig {
     pub validation_strata: usize,
     /// The head's shape.
     pub head: HeadConfig,
+    /// The flow tail, where `tail` asks for one.
+    pub flow: FlowSettings,
 }
 
 /// How training points are drawn.
@@ -105,6 +115,7 @@ impl FitConfig {
     /// [`Error::Config`] or [`Error::Model`] names the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         self.head.validate()?;
+        self.flow.validate()?;
         if self.head.condition != self.material.condition() {
             let value = self.head.condition.name().to_owned();
             let requirement = match self.material.condition() {

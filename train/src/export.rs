@@ -7,7 +7,7 @@ use headtail_render::{
     head::{self as native, Condition},
 };
 
-use crate::{Error, FitConfig, Result, Summary};
+use crate::{Error, FitConfig, Result, Summary, TrainingLight};
 
 /// Whether what a configuration trains can be exported, to be known before the training.
 ///
@@ -69,6 +69,7 @@ pub fn exported_sampler(
     config: &FitConfig,
     summary: &Summary,
     environment: &Environment,
+    light: &TrainingLight,
     with_time: bool,
 ) -> Result<ExportedSampler> {
     check_exportable(config)?;
@@ -81,7 +82,8 @@ pub fn exported_sampler(
         relative_variance: summary.divergence.relative_variance,
         seconds: with_time.then_some(summary.seconds),
     };
-    Ok(ExportedSampler::new(Intermediate::Head(native_head(head)?), config.tail, environment, Some(training))?)
+    let TrainingLight { tail, luminance } = light.clone();
+    Ok(ExportedSampler::of_tail(Intermediate::Head(native_head(head)?), tail, luminance, environment, Some(training)))
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The training loop.
 
 use std::{
+    cmp,
     sync::atomic::{AtomicBool, Ordering},
     time::Instant,
 };
@@ -51,6 +52,8 @@ pub struct Summary {
     pub seconds: f64,
     /// Steps left out because loss or gradient was not finite.
     pub skipped: usize,
+    /// Whether training did not help, and the untrained head was kept (see [`FitConfig::fall_back`]).
+    pub fell_back: bool,
 }
 
 /// A trained head, without autodiff, and the run's figures.
@@ -161,7 +164,12 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
             save(&state)?;
         }
     }
-    let last = divergence(&state);
+    let mut last = divergence(&state);
+    let fell_back =
+        config.fall_back && last.relative_variance.partial_cmp(&initial.relative_variance) != Some(cmp::Ordering::Less);
+    if fell_back {
+        last = initial;
+    }
     progress(&report(&state, Some(last)))?;
     save(&state)?;
 
@@ -173,8 +181,9 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
         divergence: last,
         seconds: earlier_seconds + start.elapsed().as_secs_f64(),
         skipped: state.skipped,
+        fell_back,
     };
-    Ok(Fitted { head: head(&state), summary })
+    Ok(Fitted { head: if fell_back { blank.clone() } else { head(&state) }, summary })
 }
 
 /// Checks that the target has what the configuration asks of it.

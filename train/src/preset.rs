@@ -5,7 +5,7 @@ use std::{fmt, str::FromStr};
 use headtail_model::{Condition, EncoderConfig, HeadConfig};
 use headtail_render::tail::TailKind;
 
-use crate::{Backend, FitConfig, GradientForm, Loss, Material, config::Points};
+use crate::{Backend, FitConfig, FlowSize, GradientForm, Loss, Material, config::Points};
 
 /// A configuration by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,6 +76,8 @@ impl FromStr for Preset {
 const FAST_COSINE: FitConfig = FitConfig {
     material: Material::Lambert,
     tail: TailKind::Hierarchical,
+    compact_emitters: false,
+    fall_back: true,
     points: Points::Strata,
     naive: false,
     backend: Backend::Flex,
@@ -100,6 +102,7 @@ const FAST_COSINE: FitConfig = FitConfig {
     validation_conditions: 64,
     validation_strata: 32,
     head: HeadConfig::COSINE,
+    flow: FlowSize::Small.settings(),
 };
 
 /// Some 40 s on two busy cores; on dancing_hall_1k (alpha = 0.4) the validation variance, 0.0948, is 1.07 times that of ten times as many steps.
@@ -133,6 +136,7 @@ const PAPER_COSINE: FitConfig = FitConfig {
     steps: 10_000,
     conditions: 256,
     strata: 32,
+    fall_back: false,
     loss: Loss::ForwardKl,
     entropic: 1e-4,
     learning_rate: 1e-3,

@@ -4,7 +4,7 @@ use headtail_render::random::Purpose;
 
 use crate::{
     Error, FitConfig, Result, Target,
-    gradient::GradientSource,
+    gradient::{GradientSource, StepGradient},
     optimizer::{Optimizer, OptimizerState},
     target::Batch,
 };
@@ -99,6 +99,19 @@ impl TrainingState {
     /// [`Error::Diverged`] after too many steps that were not finite.
     pub fn advance_on(&mut self, config: &FitConfig, batch: &Batch, source: &mut dyn GradientSource) -> Result<()> {
         let gradient = source.gradient(&self.weights, config.objective(), batch);
+        self.apply(config, gradient)
+    }
+
+    /// The weights.
+    pub fn weights(&self) -> &[f32] {
+        &self.weights
+    }
+
+    /// Ends a step with its gradient, or with none.
+    ///
+    /// # Errors
+    /// [`Error::Diverged`] after too many steps that were not finite.
+    pub fn apply(&mut self, config: &FitConfig, gradient: Option<StepGradient>) -> Result<()> {
         if let Some(gradient) = gradient {
             self.loss = gradient.loss;
             let moved =

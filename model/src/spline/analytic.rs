@@ -167,6 +167,11 @@ impl BinDerivatives {
 }
 
 impl Derivatives {
+    /// The derivative by the point itself: it and the knot at its left move each other the opposite way.
+    pub fn by_point(&self) -> f32 {
+        -self.by_left
+    }
+
     fn scaled(self, factor: f32) -> Self {
         Self {
             bin: self.bin,

@@ -1,8 +1,10 @@
 //! Environment maps: radiance from every direction at infinity.
 
 mod built_in;
+mod compact;
 
 pub use built_in::{BUILT_IN_NAMES, built_in};
+pub use compact::{compact_emitters, without_compact_emitters};
 
 use std::path::Path;
 

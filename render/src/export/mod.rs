@@ -1,6 +1,7 @@
 //! The exported sampler: one `.safetensors` file with everything that a renderer needs.
 //!
-//! Tensors are row-major little-endian f32: `tail.luminance` `[height, width]` (what the tail warp is built from), and either the
+//! Tensors are row-major little-endian f32: `tail.luminance` `[height, width]` (what the tail warp is built from), with a flow tail
+//! `tail.map` `[cells + 1, cells, 2]` (its table, see [`crate::tail::WarpMap::new`]), and either the
 //! head's layers (`layer0.linear0.weight` `[out, in]`, `layer0.linear0.bias` `[out]`, ...) or `table.masses`
 //! `[polar, azimuth, rows, columns]`. The metadata has one entry, `headtail`, which holds a JSON object, [`Description`]. A reader
 //! refuses fields and tensors that it does not know.
@@ -17,17 +18,18 @@ use crate::{
     environment::Environment,
     error::{Error, Result},
     head::{Condition, Head, Mode},
+    sampler::CompactEmitters,
     tail::{Tail, TailKind},
 };
 
-/// The version of the format that this crate writes, and the only one that it reads.
-pub const FORMAT_VERSION: u32 = 1;
+/// The newest version of the format. A file has the lowest one that holds it: 2 with compact emitters or a flow tail, else 1.
+pub const FORMAT_VERSION: u32 = 2;
 
 /// What an exported file says of itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {
-    /// [`FORMAT_VERSION`].
+    /// At most [`FORMAT_VERSION`].
     pub format_version: u32,
     /// The version of the program that wrote the file.
     pub program_version: String,
@@ -37,6 +39,9 @@ pub struct Description {
     pub condition: Condition,
     /// The tail warp.
     pub tail: TailKind,
+    /// Whether the tail is of the light without compact emitters, which are sampled on their own.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub compact_emitters: bool,
     /// Name of the environment map.
     pub environment: String,
     /// [`Environment::hash`] of the map.
@@ -109,6 +114,8 @@ pub struct ExportedSampler {
     pub tail: Arc<Tail>,
     /// Columns, rows and values `[height, width]` of the luminance that the tail was built from.
     pub luminance: (usize, usize, Vec<f32>),
+    /// Whether that is the map's luminance without its compact emitters, which are then sampled on their own.
+    pub compact_emitters: bool,
     /// Name of the environment map.
     pub environment: String,
     /// [`Environment::hash`] of the map.
@@ -128,16 +135,38 @@ impl ExportedSampler {
         environment: &Environment,
         training: Option<TrainingSummary>,
     ) -> Result<Self> {
-        let (width, height, luminance) = (environment.width(), environment.height(), environment.luminance());
-        let tail = Arc::new(Tail::new(kind, width, height, &luminance)?);
-        Ok(Self {
+        let luminance = environment.luminance();
+        let tail = Arc::new(Tail::new(kind, environment.width(), environment.height(), &luminance)?);
+        Ok(Self::of_tail(intermediate, tail, luminance, environment, training))
+    }
+
+    /// A sampler for a map with a tail of the luminance `[height * width]`: the map's, or what is left of it without its compact
+    /// emitters (see [`crate::environment::without_compact_emitters`]).
+    pub fn of_tail(
+        intermediate: Intermediate,
+        tail: Arc<Tail>,
+        luminance: Vec<f32>,
+        environment: &Environment,
+        training: Option<TrainingSummary>,
+    ) -> Self {
+        Self {
             intermediate,
             tail,
-            luminance: (width, height, luminance),
+            compact_emitters: luminance != environment.luminance(),
+            luminance: (environment.width(), environment.height(), luminance),
             environment: environment.name().to_owned(),
             environment_hash: environment.hash().to_owned(),
             training,
-        })
+        }
+    }
+
+    /// The compact emitters that the tail leaves out, for a map that [`Self::check_environment`] accepts; `None` where it leaves out none.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] if the tail's luminance is not a part of the map's.
+    pub fn compact(&self, environment: &Arc<Environment>) -> Result<Option<Arc<CompactEmitters>>> {
+        let emitters = self.compact_emitters.then(|| CompactEmitters::new(environment, &self.luminance.2));
+        Ok(emitters.transpose()?.map(Arc::new))
     }
 
     /// Checks that the sampler was made for this very map: under another one it would be biased.
@@ -157,7 +186,9 @@ impl ExportedSampler {
         let (width, height, luminance) = &self.luminance;
         let same_size = (*width, *height) == (environment.width(), environment.height());
         // To rounding: another processor may add the three channels in another order.
-        let near = |(own, map): (&f32, f32)| (own - map).abs() <= 1e-5 * map;
+        let near = |(own, map): (&f32, f32)| {
+            (own - map).abs() <= 1e-5 * map || (self.compact_emitters && (0.0..map).contains(own))
+        };
         if !same_size || !luminance.iter().zip(environment.luminance()).all(near) {
             let reason = format!(
                 "is not that of the environment '{}', though the hash is: the file is damaged",
@@ -184,8 +215,9 @@ impl ExportedSampler {
             Intermediate::Bake(_) => IntermediateDescription::Bake,
             Intermediate::DirectBake(_) => IntermediateDescription::DirectBake,
         };
+        let is_plain = !self.compact_emitters && self.tail.kind() != TailKind::Flow;
         Description {
-            format_version: FORMAT_VERSION,
+            format_version: if is_plain { 1 } else { FORMAT_VERSION },
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
             intermediate,
             condition: match &self.intermediate {
@@ -193,6 +225,7 @@ impl ExportedSampler {
                 Intermediate::Bake(_) | Intermediate::DirectBake(_) => Condition::Normal,
             },
             tail: self.tail.kind(),
+            compact_emitters: self.compact_emitters,
             environment: self.environment.clone(),
             environment_hash: self.environment_hash.clone(),
             training: self.training.clone(),

@@ -2,6 +2,7 @@
 
 use std::{fs, path::Path, sync::Arc};
 
+use glam::Vec2;
 use safetensors::{SafeTensors, tensor::Dtype};
 
 use super::{Description, ExportedSampler, FORMAT_VERSION, Intermediate, IntermediateDescription};
@@ -9,7 +10,7 @@ use crate::{
     bake::{BakedTable, CellGrid, NormalGrid},
     error::{Error, Result},
     head::{Head, Linear},
-    tail::Tail,
+    tail::{Tail, TailKind, WarpMap},
 };
 
 /// Larger files are refused before they are read.
@@ -47,9 +48,9 @@ fn describe(path: &Path, text: &str) -> Result<Description> {
     let invalid = |error: serde_json::Error| Error::invalid(path, "metadata 'headtail'", error.to_string());
     let value: serde_json::Value = serde_json::from_str(text).map_err(invalid)?;
     let version = value.get("format_version").and_then(serde_json::Value::as_u64);
-    if version != Some(u64::from(FORMAT_VERSION)) {
+    if !version.is_some_and(|version| (1..=u64::from(FORMAT_VERSION)).contains(&version)) {
         let found = version.map_or("none".into(), |version| version.to_string());
-        let reason = format!("is {found}; this program reads version {FORMAT_VERSION}");
+        let reason = format!("is {found}; this program reads versions 1 to {FORMAT_VERSION}");
         return Err(Error::invalid(path, "format_version", reason));
     }
     serde_json::from_value(value).map_err(invalid)
@@ -66,7 +67,19 @@ impl Tensors<'_> {
     fn assemble(mut self, description: Description) -> Result<ExportedSampler> {
         let (shape, luminance) = self.take("tail.luminance", 2)?;
         let (height, width) = (shape[0], shape[1]);
-        let tail = Tail::new(description.tail, width, height, &luminance).map_err(|error| self.blame(error))?;
+        let tail = match description.tail {
+            TailKind::Flow => {
+                let (shape, values) = self.take("tail.map", 3)?;
+                let nodes: Vec<Vec2> = values.chunks_exact(2).map(Vec2::from_slice).collect();
+                if shape[2] != 2 || shape[0] != shape[1] + 1 {
+                    let reason = format!("is {shape:?}; [cells + 1, cells, 2] is expected");
+                    return Err(Error::invalid(self.path, "tensor 'tail.map'", reason));
+                }
+                WarpMap::new(shape[1], &nodes).and_then(|map| Tail::flow(map, width, height, &luminance))
+            }
+            kind => Tail::new(kind, width, height, &luminance),
+        };
+        let tail = tail.map_err(|error| self.blame(error))?;
         let intermediate = match description.intermediate {
             IntermediateDescription::Head { mode, leaky_slope, encoder_layers, network_layers, selection_layers } => {
                 let encoder = self.layers("encoder", encoder_layers)?;
@@ -86,6 +99,7 @@ impl Tensors<'_> {
             intermediate,
             tail: Arc::new(tail),
             luminance: (width, height, luminance),
+            compact_emitters: description.compact_emitters,
             environment: description.environment,
             environment_hash: description.environment_hash,
             training: description.training,

@@ -8,6 +8,7 @@ use super::{ExportedSampler, Intermediate};
 use crate::{
     error::{Error, Result},
     file,
+    tail::Tail,
 };
 
 impl ExportedSampler {
@@ -37,6 +38,10 @@ impl ExportedSampler {
         let mut tensors: Vec<(String, Vec<usize>, Vec<f32>)> = Vec::new();
         let (width, height, luminance) = &self.luminance;
         tensors.push(("tail.luminance".into(), vec![*height, *width], luminance.clone()));
+        if let Tail::Flow(flow) = &*self.tail {
+            let values = flow.map().nodes().iter().flat_map(|node| node.to_array()).collect();
+            tensors.push(("tail.map".into(), vec![flow.map().cells() + 1, flow.map().cells(), 2], values));
+        }
         match &self.intermediate {
             Intermediate::Head(head) => {
                 for (name, layer) in head.layers() {

@@ -3,6 +3,7 @@
 //! Every pdf at these interfaces is over solid angle. `None` means "no sample": the estimate of that draw is zero.
 
 mod brdf;
+mod compact;
 mod emitter;
 mod light;
 mod one_sample_mis;
@@ -12,6 +13,7 @@ mod resampled;
 mod spec;
 
 pub use brdf::BrdfSampler;
+pub use compact::{CompactEmitters, WithCompactEmitters};
 pub use emitter::{CompensatedEmitterSampler, EmitterSampler};
 pub use light::EnvironmentLight;
 pub use one_sample_mis::OneSampleMis;

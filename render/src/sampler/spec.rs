@@ -8,8 +8,8 @@ use std::{
 };
 
 use super::{
-    BrdfSampler, CompensatedEmitterSampler, EmitterSampler, EnvironmentLight, IntermediateDensity, OneSampleMis,
-    Oracle, ProductSampler, Resampled,
+    BrdfSampler, CompactEmitters, CompensatedEmitterSampler, EmitterSampler, EnvironmentLight, IntermediateDensity,
+    OneSampleMis, Oracle, ProductSampler, Resampled, WithCompactEmitters,
 };
 use crate::{
     environment::Environment,
@@ -188,11 +188,18 @@ impl SamplerSpec {
         environment: &Arc<Environment>,
         r#use: Use,
     ) -> Result<Box<dyn DirectEstimator>> {
-        let (intermediate, light) = Self::read(file, environment)?;
-        match (kind, intermediate) {
-            (FileKind::Head, Intermediate::Head(head)) => r#use.of(ProductSampler::new(light, head)),
+        let blame = |error: Error| match error {
+            Error::Argument { what, reason } => Error::invalid(file, what, reason),
+            other => other,
+        };
+        let exported = ExportedSampler::read(file)?;
+        exported.check_environment(environment).map_err(blame)?;
+        let compact = exported.compact(environment).map_err(blame)?;
+        let light = EnvironmentLight::with_tail(environment.clone(), exported.tail);
+        match (kind, exported.intermediate) {
+            (FileKind::Head, Intermediate::Head(head)) => r#use.of(ProductSampler::new(light, head), compact),
             (FileKind::Baked, Intermediate::Bake(table)) | (FileKind::Direct, Intermediate::DirectBake(table)) => {
-                r#use.of(ProductSampler::new(light, table))
+                r#use.of(ProductSampler::new(light, table), compact)
             }
             (FileKind::Baked, Intermediate::Head(_)) => {
                 Err(wrong_kind(file, "a head; bake it first, or render it as head:FILE"))
@@ -202,15 +209,6 @@ impl SamplerSpec {
             (_, Intermediate::Bake(_)) => Err(wrong_kind(file, "the bake of a head; render it as baked:FILE")),
             (_, Intermediate::DirectBake(_)) => Err(wrong_kind(file, "a direct bake; render it as direct:FILE")),
         }
-    }
-
-    fn read(file: &Path, environment: &Arc<Environment>) -> Result<(Intermediate, EnvironmentLight)> {
-        let exported = ExportedSampler::read(file)?;
-        exported.check_environment(environment).map_err(|error| match error {
-            Error::Argument { what, reason } => Error::invalid(file, what, reason),
-            other => other,
-        })?;
-        Ok((exported.intermediate, EnvironmentLight::with_tail(environment.clone(), exported.tail)))
     }
 }
 
@@ -223,12 +221,28 @@ enum Use {
 }
 
 impl Use {
-    fn of<I: IntermediateDensity + 'static>(self, product: ProductSampler<I>) -> Result<Box<dyn DirectEstimator>> {
+    /// The estimator of a product, in a mixture with the compact emitters that its tail leaves out.
+    fn of<I: IntermediateDensity + 'static>(
+        self,
+        product: ProductSampler<I>,
+        compact: Option<Arc<CompactEmitters>>,
+    ) -> Result<Box<dyn DirectEstimator>> {
         let brdf = BrdfSampler::new(product.environment().clone());
-        Ok(match self {
-            Self::Alone => Box::new(SingleSample::new(product)),
-            Self::Mis => Box::new(SingleSample::new(OneSampleMis::new(product, brdf))),
-            Self::Ris(candidates) => Box::new(ResampledEstimator::new(Resampled::new(product, brdf, candidates)?)),
+        Ok(match (self, compact) {
+            (Self::Alone, None) => Box::new(SingleSample::new(product)),
+            (Self::Alone, Some(compact)) => Box::new(SingleSample::new(WithCompactEmitters::new(compact, product))),
+            (Self::Mis, None) => Box::new(SingleSample::new(OneSampleMis::new(product, brdf))),
+            (Self::Mis, Some(compact)) => {
+                let rest = OneSampleMis::new(product, brdf);
+                Box::new(SingleSample::new(WithCompactEmitters::new(compact, rest)))
+            }
+            (Self::Ris(candidates), None) => {
+                Box::new(ResampledEstimator::new(Resampled::new(product, brdf, candidates)?))
+            }
+            (Self::Ris(candidates), Some(compact)) => {
+                let first = WithCompactEmitters::new(compact, product);
+                Box::new(ResampledEstimator::new(Resampled::new(first, brdf, candidates)?))
+            }
         })
     }
 }

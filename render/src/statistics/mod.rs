@@ -6,12 +6,14 @@
 mod chi_square;
 mod interval;
 mod metric;
+mod quadrature;
 mod tiles;
 mod welch;
 
 pub use chi_square::{ChiSquareReport, SphereChiSquare};
 pub use interval::MeanInterval;
 pub use metric::{ErrorMetrics, RELATIVE_EPSILON, TRIMMED_FRACTION, ttuv};
+pub use quadrature::{Quadrature, QuadratureShape, Term};
 pub use tiles::{TileTest, compare_images, compare_runs};
 pub use welch::{Moments, TTest};
 

@@ -20,6 +20,7 @@ pub struct BilinearDensity {
     width: usize,
     height: usize,
     nodes: Vec<f32>,
+    power: f64,
 }
 
 impl BilinearDensity {
@@ -48,7 +49,12 @@ impl BilinearDensity {
             return Err(Error::argument("tail luminance", "is zero everywhere: there is no light to sample"));
         }
         let nodes = luminance.iter().enumerate().map(|node| (weighted(node) * cells / sum) as f32).collect();
-        Ok(Self { width, height, nodes })
+        Ok(Self { width, height, nodes, power: 2.0 * PI * PI * sum / cells })
+    }
+
+    /// The integral of the luminance over solid angle, before it was normalised.
+    pub fn power(&self) -> f64 {
+        self.power
     }
 
     /// Cells in a row (periodic).

@@ -2,12 +2,18 @@
 
 mod bilinear;
 mod density;
+mod flow;
 mod hierarchical;
+mod repair;
 mod row_column;
+mod warp_map;
 
 pub use density::BilinearDensity;
+pub use flow::FlowTail;
 pub use hierarchical::Hierarchical;
+pub use repair::Repair;
 pub use row_column::RowColumn;
+pub use warp_map::WarpMap;
 
 use glam::{Vec2, Vec3A};
 use serde::{Deserialize, Serialize};
@@ -48,6 +54,8 @@ pub enum TailKind {
     RowColumn,
     /// Quad-tree of the map (after Clarberg et al. 2005).
     Hierarchical,
+    /// A smooth warp that was fitted to the map.
+    Flow,
 }
 
 impl TailKind {
@@ -56,35 +64,67 @@ impl TailKind {
         match self {
             Self::RowColumn => "row-column",
             Self::Hierarchical => "hierarchical",
+            Self::Flow => "flow",
         }
     }
 
     /// The kind of a name.
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::RowColumn, Self::Hierarchical].into_iter().find(|kind| kind.name() == name)
+        [Self::RowColumn, Self::Hierarchical, Self::Flow].into_iter().find(|kind| kind.name() == name)
     }
 }
 
-/// A tail warp of either kind.
+/// A tail warp of any kind.
 #[derive(Clone, Debug)]
 pub enum Tail {
     /// See [`RowColumn`].
     RowColumn(RowColumn),
     /// See [`Hierarchical`].
     Hierarchical(Hierarchical),
+    /// See [`FlowTail`].
+    Flow(FlowTail),
 }
 
 impl Tail {
-    /// Builds a tail for the luminance `[height * width]` of an environment map.
+    /// Builds an exact tail for the luminance `[height * width]` of an environment map.
     ///
     /// # Errors
-    /// See [`BilinearDensity::new`].
+    /// See [`BilinearDensity::new`]; a flow tail is fitted, not built.
     pub fn new(kind: TailKind, width: usize, height: usize, luminance: &[f32]) -> crate::Result<Self> {
         let density = BilinearDensity::new(width, height, luminance)?;
         Ok(match kind {
             TailKind::RowColumn => Self::RowColumn(RowColumn::new(density)),
             TailKind::Hierarchical => Self::Hierarchical(Hierarchical::new(density)),
+            TailKind::Flow => {
+                let reason = "a flow is fitted to a map (headtail fit --tail flow), not built from it";
+                return Err(crate::Error::argument("tail", reason));
+            }
         })
+    }
+
+    /// A flow tail of a table and the luminance `[height * width]` that it was fitted to.
+    ///
+    /// # Errors
+    /// See [`BilinearDensity::new`].
+    pub fn flow(map: WarpMap, width: usize, height: usize, luminance: &[f32]) -> crate::Result<Self> {
+        Ok(Self::Flow(FlowTail::new(map, BilinearDensity::new(width, height, luminance)?)))
+    }
+
+    /// The density of the light over that of the tail at a point of X: 1 for exact tails.
+    pub fn light_ratio(&self, x: Vec2) -> f32 {
+        match self {
+            Self::RowColumn(_) | Self::Hierarchical(_) => 1.0,
+            Self::Flow(tail) => tail.light_ratio(x),
+        }
+    }
+
+    /// The normalised density of the map's light over X.
+    pub fn light(&self) -> &BilinearDensity {
+        match self {
+            Self::RowColumn(tail) => tail.grid(),
+            Self::Hierarchical(tail) => tail.grid(),
+            Self::Flow(tail) => tail.light(),
+        }
     }
 
     /// The kind.
@@ -92,6 +132,7 @@ impl Tail {
         match self {
             Self::RowColumn(_) => TailKind::RowColumn,
             Self::Hierarchical(_) => TailKind::Hierarchical,
+            Self::Flow(_) => TailKind::Flow,
         }
     }
 
@@ -107,6 +148,7 @@ impl TailWarp for Tail {
         match self {
             Self::RowColumn(tail) => tail.forward(y),
             Self::Hierarchical(tail) => tail.forward(y),
+            Self::Flow(tail) => tail.forward(y),
         }
     }
 
@@ -114,6 +156,7 @@ impl TailWarp for Tail {
         match self {
             Self::RowColumn(tail) => tail.forward_batch(y, out),
             Self::Hierarchical(tail) => tail.forward_batch(y, out),
+            Self::Flow(tail) => tail.forward_batch(y, out),
         }
     }
 
@@ -121,6 +164,7 @@ impl TailWarp for Tail {
         match self {
             Self::RowColumn(tail) => tail.inverse(x),
             Self::Hierarchical(tail) => tail.inverse(x),
+            Self::Flow(tail) => tail.inverse(x),
         }
     }
 
@@ -128,6 +172,7 @@ impl TailWarp for Tail {
         match self {
             Self::RowColumn(tail) => tail.grid().density(x),
             Self::Hierarchical(tail) => tail.grid().density(x),
+            Self::Flow(tail) => tail.density(x),
         }
     }
 }

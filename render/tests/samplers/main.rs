@@ -18,7 +18,7 @@ use headtail_render::{
     bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
     brdf::{Brdf, Lambert},
     color::luminance,
-    environment::{Environment, built_in},
+    environment::{Environment, built_in, without_compact_emitters},
     head::{Condition, Head, Linear, Mode},
     image::Image,
     integrator::{DirectEstimator, ResampledEstimator, TwoSampleMis, Unshadowed},
@@ -26,7 +26,7 @@ use headtail_render::{
     random::{Purpose, Stream},
     sampler::*,
     statistics::{ChiSquareReport, Moments, SphereChiSquare, TTest, sidak},
-    tail::TailKind,
+    tail::{Tail, TailKind, WarpMap},
 };
 use rayon::prelude::*;
 
@@ -133,6 +133,25 @@ impl World {
         product("autoregressive, K = 32, encoder", composed(&light, random_head(Mode::Autoregressive, 32, &[16, 12])));
         let head = ProductSampler::new(light.clone(), random_head(Mode::Coupled, 4, &[]));
         add("head and cosine", Box::new(OneSampleMis::new(head, brdf())), true, false);
+        // A smooth tail that has nothing to do with the light (and hardly ever draws a sun), and compact emitters where there are any.
+        if environment.name() != "sunset" {
+            let flow = EnvironmentLight::with_tail(environment.clone(), Arc::new(swirl(environment)));
+            add("flow emitter", Box::new(EmitterSampler::new(flow.clone())), true, false);
+            let head = ProductSampler::new(flow, random_head(Mode::Coupled, 4, &[]));
+            add("flow and head", Box::new(OneSampleMis::new(head, brdf())), true, false);
+        }
+        let (width, height, luminance) = (environment.width(), environment.height(), environment.luminance());
+        if let Some(rest) = without_compact_emitters(width, height, &luminance) {
+            let compact = Arc::new(CompactEmitters::new(environment, &rest).unwrap());
+            let tail = Arc::new(Tail::new(kind, width, height, &rest).unwrap());
+            let head = || {
+                let light = EnvironmentLight::with_tail(environment.clone(), tail.clone());
+                ProductSampler::new(light, random_head(Mode::Coupled, 4, &[]))
+            };
+            add("compact and head", Box::new(WithCompactEmitters::new(compact.clone(), head())), true, false);
+            let rest = OneSampleMis::new(head(), brdf());
+            add("compact, head and cosine", Box::new(WithCompactEmitters::new(compact, rest)), true, false);
+        }
         let name = format!("{} / {}", environment.name(), kind.name());
         Self { name, cases, quadrature: Quadrature::new(environment), dense: Dense::new(&light), light }
     }
@@ -165,6 +184,18 @@ impl World {
             random.direction(),
         ]
     }
+}
+
+/// A flow tail that turns rows against each other.
+fn swirl(environment: &Environment) -> Tail {
+    let node = |k: usize| {
+        let y = Vec2::new((k % 32) as f32, (k / 32) as f32) / 32.0;
+        let v = y.y + 0.1 * (std::f32::consts::PI * y.y).sin() * (std::f32::consts::TAU * y.x).cos();
+        Vec2::new(y.x + 0.6 * y.y, if k / 32 == 32 { 1.0 } else { v.clamp(0.0, 1.0) })
+    };
+    let nodes: Vec<Vec2> = (0..32 * 33).map(node).collect();
+    let map = WarpMap::new(32, &nodes).unwrap();
+    Tail::flow(map, environment.width(), environment.height(), &environment.luminance()).unwrap()
 }
 
 fn composed<I: IntermediateDensity + 'static>(light: &EnvironmentLight, intermediate: I) -> Box<dyn Subject> {

@@ -7,6 +7,7 @@
 //! that of [`crate::injection`] to rounding.
 
 mod conditions;
+mod flow;
 mod matrix;
 mod perceptron;
 mod samples;
@@ -19,6 +20,7 @@ use rayon::prelude::*;
 use crate::{GradientSource, Objective, StepGradient, target::Batch};
 
 use conditions::Conditions;
+pub use flow::FusedFlow;
 use perceptron::Layer;
 use samples::{Place, Samples, Scratch, Weights};
 

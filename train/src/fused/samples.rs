@@ -335,6 +335,7 @@ impl Network {
             of_values: &mut self.of_values,
             values: &mut self.values,
             log_slopes: &mut self.log_slopes,
+            by_points: [&mut [], &mut []],
             scratch: &mut scratch.spline,
         }
         .evaluate();

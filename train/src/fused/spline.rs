@@ -21,6 +21,8 @@ pub(super) struct Splines<'a> {
     pub values: &'a mut [f32],
     /// Logarithms of the splines' slopes.
     pub log_slopes: &'a mut [f32],
+    /// Derivatives of values and log-slopes by the points, or empty where they are not wanted.
+    pub by_points: [&'a mut [f32]; 2],
     /// Exponentials of the logits of widths and heights, then the knots of both axes.
     pub scratch: &'a mut Vec<Lanes>,
 }
@@ -124,6 +126,13 @@ impl Splines<'_> {
         }
         *lanes_mut(self.values, first) = values;
         *lanes_mut(self.log_slopes, first) = log_slopes;
+        if !self.by_points[0].is_empty() {
+            for l in 0..LANES {
+                // A point and the knot at its left move each other the opposite way.
+                self.by_points[0][first + l] = -of_value.left[l];
+                self.by_points[1][first + l] = -of_log_slope.left[l];
+            }
+        }
         let (width_at, height_at) = (&self.scratch[..bins], &self.scratch[bins..2 * bins]);
         let rows = Rows { topology: self.topology, bins, samples, first, index: &index };
         for (out, derivatives) in [(&mut *self.logits, &of_log_slope), (&mut *self.of_values, &of_value)] {
@@ -342,6 +351,7 @@ mod tests {
                 points[..3].copy_from_slice(&[0.0, 1.0, 0.5]);
                 let (mut of_log, mut of_values) = (logits.clone(), vec![0.0; count * samples]);
                 let (mut values, mut log_slopes) = (vec![0.0; samples], vec![0.0; samples]);
+                let mut by_points = (vec![0.0; samples], vec![0.0; samples]);
                 Splines {
                     topology,
                     bins,
@@ -351,6 +361,7 @@ mod tests {
                     of_values: &mut of_values,
                     values: &mut values,
                     log_slopes: &mut log_slopes,
+                    by_points: [&mut by_points.0, &mut by_points.1],
                     scratch: &mut Vec::new(),
                 }
                 .evaluate();
@@ -369,6 +380,10 @@ mod tests {
                         at.log_slope,
                         log_slopes[sample]
                     );
+                    for (derivatives, found) in [(&at.of_z, &by_points.0), (&at.of_log_slope, &by_points.1)] {
+                        let expected = derivatives.by_point();
+                        assert!((expected - found[sample]).abs() < 1e-3 * (1.0 + expected.abs()), "{expected}");
+                    }
                     for (derivatives, found) in [(&at.of_log_slope, &of_log), (&at.of_z, &of_values)] {
                         let mut expected = vec![0.0; count];
                         sums.add(derivatives, 1.0);

@@ -5,7 +5,7 @@ use headtail_model::{
     head::selection_probability_in_graph,
 };
 
-use super::{ENTROPIC_RANGE, Loss, NormalizedTarget, Objective, REVERSE_TARGET_FLOOR};
+use super::{ENTROPIC_RANGE, LARGEST_LOG_CHI_SQUARE, Loss, NormalizedTarget, Objective, REVERSE_TARGET_FLOOR};
 use crate::target::Batch;
 
 /// Stands for `ln 0`: its exponential is 0, and multiplied by 0 it is 0.
@@ -85,6 +85,9 @@ impl Constants {
             }
             Loss::LogChiSquare => {
                 log_sum_exp(self.log_weights.clone() + self.log_densities.clone() - log_q.clone()).squeeze_dim(1)
+            }
+            Loss::ChiSquare => {
+                self.loss(Loss::LogChiSquare, log_q, samples).clamp_max(LARGEST_LOG_CHI_SQUARE).exp().sub_scalar(1.0)
             }
             Loss::ReverseKl => {
                 let log_u = self.log_point_weights.clone() + log_q.clone();

@@ -22,6 +22,8 @@ pub enum Loss {
     /// that the logarithm bounds.
     #[default]
     LogChiSquare,
+    /// The chi-square divergence itself, `sum_i w_i p_i / q_i - 1`: its gradients have the size of the largest weights. Here to show that.
+    ChiSquare,
     /// Reverse Kullback-Leibler divergence `E_q[ln q - ln p]` in nats, by self-normalised importance sampling with the points
     /// at hand: `sum_i u_i ln(u_i / w_i)`, `u_i = v_i q_i / sum v q`. Its derivative by `ln q_i` is `u_i (ln(u_i / w_i) - loss)`,
     /// the score-function estimator of the gradient with the loss as its baseline. Unstable, as the paper found: where `q`
@@ -35,9 +37,12 @@ const REVERSE_TARGET_FLOOR: f64 = 1e-4;
 /// [`Objective::entropic`] holds the logarithm of the density in this range, where its exponential is finite.
 const ENTROPIC_RANGE: f32 = 60.0;
 
+/// [`Loss::ChiSquare`] is held below the exponential of this.
+const LARGEST_LOG_CHI_SQUARE: f32 = 60.0;
+
 impl Loss {
     /// Every loss.
-    pub const ALL: [Self; 3] = [Self::ForwardKl, Self::LogChiSquare, Self::ReverseKl];
+    pub const ALL: [Self; 4] = [Self::ForwardKl, Self::LogChiSquare, Self::ChiSquare, Self::ReverseKl];
 }
 
 impl std::fmt::Display for Loss {
@@ -45,6 +50,7 @@ impl std::fmt::Display for Loss {
         f.write_str(match self {
             Self::ForwardKl => "forward-kl",
             Self::LogChiSquare => "log-chi-square",
+            Self::ChiSquare => "chi-square",
             Self::ReverseKl => "reverse-kl",
         })
     }
@@ -144,6 +150,7 @@ impl Objective {
         let loss = match self.loss {
             Loss::ForwardKl => forward_kl(target, log_q, derivatives),
             Loss::LogChiSquare => log_chi_square(target, log_q, derivatives),
+            Loss::ChiSquare => chi_square(target, log_q, derivatives),
             Loss::ReverseKl => reverse_kl(target, points.weights, log_q, derivatives),
         };
         if self.entropic == 0.0 {
@@ -191,6 +198,12 @@ fn log_chi_square(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f
         *by = -(*by - largest).exp() / sum;
     }
     largest + sum.ln()
+}
+
+fn chi_square(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32]) -> f32 {
+    let log = log_chi_square(target, log_q, derivatives).min(LARGEST_LOG_CHI_SQUARE);
+    derivatives.iter_mut().for_each(|by| *by *= log.exp());
+    log.exp_m1()
 }
 
 fn reverse_kl(target: &NormalizedTarget, weights: &[f32], log_q: &[f32], derivatives: &mut [f32]) -> f32 {

@@ -1,4 +1,4 @@
-//! Light x BRDF x cosine, seen through an exact tail.
+//! Light x BRDF x cosine, seen through a tail.
 
 use glam::Vec2;
 use headtail_model::Condition;
@@ -9,7 +9,7 @@ use super::{Lambert, PointValues, Surface, TailMap, Target};
 /// Largest density of BRDF sampling over Y: it has poles where the light vanishes, and infinity times zero is no number.
 const MAX_BRDF_DENSITY: f32 = 1e12;
 
-/// `q*(y|c)`: a surface's lobe at the direction to which the tail takes `y`.
+/// `q*(y|c)`: a surface's lobe at the direction to which the tail takes `y`, times the light that the tail leaves over.
 pub struct ProductTarget<'a, S> {
     surface: S,
     tail: &'a dyn TailMap,
@@ -19,14 +19,14 @@ pub struct ProductTarget<'a, S> {
 pub type CosineTarget<'a> = ProductTarget<'a, Lambert>;
 
 impl<'a> CosineTarget<'a> {
-    /// The tail is exact.
+    /// Of a diffuse surface.
     pub fn new(tail: &'a dyn TailMap) -> Self {
         Self::of_surface(Lambert::default(), tail)
     }
 }
 
 impl<'a, S: Surface> ProductTarget<'a, S> {
-    /// The tail is exact.
+    /// Of a surface.
     pub fn of_surface(surface: S, tail: &'a dyn TailMap) -> Self {
         Self { surface, tail }
     }
@@ -48,7 +48,7 @@ impl<S: Surface> Target for ProductTarget<'_, S> {
 
     fn at(&self, condition: &[f32], y: [f32; 2]) -> PointValues {
         let there = self.tail.forward(y);
-        let target = self.surface.lobe(condition, there.direction);
+        let target = self.surface.lobe(condition, there.direction) * there.light;
         let brdf = if self.tail.is_invertible() {
             let pdf = self.surface.pdf(condition, there.direction);
             if pdf > 0.0 { (pdf / there.pdf).min(MAX_BRDF_DENSITY) } else { 0.0 }

@@ -26,12 +26,12 @@ pub struct TabulatedTarget<'a, S> {
 }
 
 impl<'a, S: Surface> TabulatedTarget<'a, S> {
-    /// The table's geometry and light; the tail is exact.
+    /// The table's geometry and light.
     pub fn new(surface: S, tail: &'a Tail) -> Self {
         let centre = |index: usize| {
             let (row, column) = (index / COLUMNS, index % COLUMNS);
             let x = Vec2::new((column as f32 + 0.5) / COLUMNS as f32, (row as f32 + 0.5) / ROWS as f32);
-            (latlong::direction(x), tail.density(x))
+            (latlong::direction(x), tail.light().density(x))
         };
         let cells = (0..ROWS * COLUMNS).map(centre).collect();
         Self { product: ProductTarget::of_surface(surface, tail), tail, cells }

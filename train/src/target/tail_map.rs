@@ -17,9 +17,11 @@ pub struct TailPoint {
     pub pdf: f32,
     /// The density over X at the point's image when Y is uniform: `|dy/dx|`.
     pub density: f32,
+    /// The density of the light over [`TailPoint::density`]: 1 for an exact tail.
+    pub light: f32,
 }
 
-/// An exact tail followed by the lat-long map.
+/// A tail followed by the lat-long map.
 ///
 /// A function from Y to unit directions is one that knows no densities and no way back.
 pub trait TailMap: Sync {
@@ -45,6 +47,7 @@ impl TailMap for Tail {
             direction: latlong::direction(x),
             pdf: latlong::solid_angle_factor(x.y) / jacobian,
             density: 1.0 / jacobian,
+            light: self.light_ratio(x),
         }
     }
 
@@ -62,6 +65,6 @@ impl TailMap for Tail {
 
 impl<F: Fn([f32; 2]) -> [f32; 3] + Sync> TailMap for F {
     fn forward(&self, y: [f32; 2]) -> TailPoint {
-        TailPoint { x: y, direction: Vec3A::from_array(self(y)), pdf: 1.0, density: 1.0 }
+        TailPoint { x: y, direction: Vec3A::from_array(self(y)), pdf: 1.0, density: 1.0, light: 1.0 }
     }
 }

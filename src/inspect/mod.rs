@@ -1,5 +1,7 @@
 //! `headtail inspect`: the densities of an exported sampler as a picture.
 
+mod tails;
+
 use std::path::PathBuf;
 
 use anyhow::{Result, anyhow, bail, ensure};
@@ -22,7 +24,7 @@ use plotters::{
     style::{FontStyle, colors::colormaps::ColorMap, register_font, text_anchor},
 };
 
-use crate::arguments::{Triple, make_folder};
+use crate::arguments::{Triple, make_folder, open_environment};
 
 /// Draw target, intermediate and final density of an exported sampler side by side, on a log scale.
 #[derive(Args)]
@@ -30,12 +32,21 @@ use crate::arguments::{Triple, make_folder};
   headtail inspect out/studio/sampler.safetensors --out out/studio-up.png
   headtail inspect out/room-direct.safetensors --normal 1,0.5,0 --out out/room-side.png
   headtail inspect out/room-ggx/sampler.safetensors --material ggx:alpha=0.4 --view 1,1,0 --out out/room-glossy.png
+  headtail inspect --tail --env room.hdr out/flow/sampler.safetensors --out out/room-tails.png
 
-A head that has learned how often to draw from BRDF sampling instead is shown in that mixture, as `head+mis` draws. The target and the final density are lat-long pictures of the sphere per unit of solid angle; the intermediate density is \
+A head that has learned how often to draw from BRDF sampling instead is shown in that mixture, as `head+mis` draws. The target \
+and the final density are lat-long pictures of the sphere per unit of solid angle; the intermediate density is \
 over the intermediate square Y (azimuth across, elevation down). Each has a colour scale of its own, of six powers of ten.")]
 pub struct Arguments {
     /// A file written by fit or bake.
-    file: PathBuf,
+    #[arg(required_unless_present = "tail")]
+    file: Option<PathBuf>,
+    /// Show what the tails of --env (and the flow tail of the file, if it has one) make of the square, with a table.
+    #[arg(long, requires = "env")]
+    tail: bool,
+    /// The map for --tail: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
+    #[arg(long, value_name = "MAP", requires = "tail")]
+    env: Option<String>,
     /// The shading normal; it need not have unit length.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", allow_hyphen_values = true)]
     normal: Triple,
@@ -75,7 +86,16 @@ struct Figures {
 
 /// Draws the picture.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let exported = ExportedSampler::read(&arguments.file)?;
+    if let (true, Some(map)) = (arguments.tail, &arguments.env) {
+        let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
+        let (picture, table) = tails::inspect(&*open_environment(map)?, file.as_ref())?;
+        write(arguments, &picture)?;
+        println!("{table}{} written", arguments.out.display());
+        return Ok(());
+    }
+    // The parser of arguments asks for it.
+    let Some(file) = &arguments.file else { bail!("name a file") };
+    let exported = ExportedSampler::read(file)?;
     let at = shading_point(arguments, &exported.intermediate)?;
     let (panels, figures) = tabulate(&exported, &at)?;
     let direction = |v: Vec3A| format!("{:.3} {:.3} {:.3}", v.x, v.y, v.z);
@@ -96,12 +116,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(share) = figures.share {
         facts += &format!(", {:.0} % of samples from the head", 100.0 * share);
     }
+    write(arguments, &draw(&panels, &title, &facts)?)?;
+    println!("{title}\n{facts}\n{} written", arguments.out.display());
+    Ok(())
+}
+
+fn write(arguments: &Arguments, picture: &[u8]) -> Result<()> {
     if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         make_folder(folder)?;
     }
-    file::replace(&arguments.out, &draw(&panels, &title, &facts)?)?;
-    println!("{title}\n{facts}\n{} written", arguments.out.display());
-    Ok(())
+    Ok(file::replace(&arguments.out, picture)?)
 }
 
 /// The surface that the arguments describe, if it is one for the sampler.
@@ -167,14 +191,15 @@ fn tabulate(exported: &ExportedSampler, at: &ShadingPoint) -> Result<([Panel; 3]
         share.map_or(pdf, |share| share * pdf + (1.0 - share) * at.brdf.pdf(at.ns, at.wo, wi))
     };
 
-    // Through the exact tail the target over Y is BRDF x cosine alone.
+    // Through an exact tail the target over Y is BRDF x cosine alone; another tail leaves some light over.
     let intermediate = density(&points);
-    let directions: Vec<(Vec3A, f32)> = points.iter().map(|&y| seen_through(exported, y)).collect();
-    let products: Vec<f32> = directions.iter().map(|&(wi, _)| reflected(wi)).collect();
+    let directions: Vec<(Vec2, Vec3A, f32)> = points.iter().map(|&y| seen_through(exported, y)).collect();
+    let products: Vec<f32> =
+        directions.iter().map(|&(x, wi, _)| reflected(wi) * exported.tail.light_ratio(x)).collect();
     let mean = products.iter().map(|&g| f64::from(g)).sum::<f64>() / count;
     ensure!(mean > 0.0, "a surface with this normal sees no light at all");
     let (mut kl, mut squares, mut integral) = (0.0, 0.0, 0.0);
-    for ((&q, &g), &(wi, light)) in intermediate.iter().zip(&products).zip(&directions) {
+    for ((&q, &g), &(_, wi, light)) in intermediate.iter().zip(&products).zip(&directions) {
         integral += f64::from(q) / count;
         let (q, g) = (f64::from(mixed(q, light, wi) / light), f64::from(g) / mean);
         if g > 0.0 {
@@ -188,7 +213,8 @@ fn tabulate(exported: &ExportedSampler, at: &ShadingPoint) -> Result<([Panel; 3]
     let (mut target, mut last) = (Vec::new(), Vec::new());
     for ((&x, &(_, slope)), q) in points.iter().zip(&pulled).zip(density(&y)) {
         let (light, wi) = (slope * latlong::solid_angle_factor(x.y), latlong::direction(x));
-        target.push(light * reflected(wi) / mean as f32);
+        let target_light = exported.tail.light().density(x) * latlong::solid_angle_factor(x.y);
+        target.push(target_light * reflected(wi) / mean as f32);
         last.push(mixed(if slope > 0.0 { q } else { 0.0 }, light, wi));
     }
     let title =
@@ -201,10 +227,10 @@ fn tabulate(exported: &ExportedSampler, at: &ShadingPoint) -> Result<([Panel; 3]
     Ok((panels, Figures { kl, relative_variance: squares - 1.0, integral, share }))
 }
 
-/// The direction of a point of Y, and the emitter's pdf there.
-fn seen_through(exported: &ExportedSampler, y: Vec2) -> (Vec3A, f32) {
+/// Where the tail carries a point of Y: the point of X, its direction, and the pdf there when Y is uniform.
+fn seen_through(exported: &ExportedSampler, y: Vec2) -> (Vec2, Vec3A, f32) {
     let (x, jacobian) = exported.tail.forward(y);
-    (latlong::direction(x), latlong::solid_angle_factor(x.y) / jacobian)
+    (x, latlong::direction(x), latlong::solid_angle_factor(x.y) / jacobian)
 }
 
 /// The picture as PNG bytes.

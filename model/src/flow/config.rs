@@ -1,0 +1,119 @@
+//! The shape of a flow tail.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Error, Result, coupling::Coordinate, spline::logit_count};
+
+/// What the layers that transform the elevation see.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FlowForm {
+    /// The azimuth, as the azimuth's layers see the elevation (the paper's).
+    Coupled,
+    /// Nothing: `p(v) p(u | v)`. Rows of the square stay rows, so that all cells of a table have convex images, whatever the weights.
+    Triangular,
+}
+
+/// The shape of a flow tail.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FlowConfig {
+    /// What the elevation's layers see.
+    pub form: FlowForm,
+    /// Bins K per spline.
+    pub bins: usize,
+    /// Coupling layers; they transform elevation and azimuth in turn.
+    pub couplings: usize,
+    /// Width of the residual networks.
+    pub hidden: usize,
+    /// Residual blocks of each network, of two layers each.
+    pub residual_blocks: usize,
+    /// Octaves in which a network sees the other coordinate: 1 is (cos, sin) of the azimuth, or the elevation as it is.
+    pub octaves: usize,
+    /// Slope of the leaky ReLU for negative arguments.
+    pub leaky_slope: f32,
+}
+
+impl Default for FlowConfig {
+    /// [`FlowConfig::SMALL`].
+    fn default() -> Self {
+        Self::SMALL
+    }
+}
+
+impl FlowConfig {
+    /// Trained on a processor in minutes.
+    pub const SMALL: Self = Self {
+        form: FlowForm::Triangular,
+        bins: 64,
+        couplings: 2,
+        hidden: 64,
+        residual_blocks: 1,
+        octaves: 5,
+        leaky_slope: 0.01,
+    };
+    /// The paper's: 128 bins, 16 coupling layers, 256 hidden units, two residual blocks.
+    pub const PAPER: Self = Self {
+        form: FlowForm::Coupled,
+        bins: 128,
+        couplings: 16,
+        hidden: 256,
+        residual_blocks: 2,
+        octaves: 1,
+        leaky_slope: 0.01,
+    };
+
+    /// Logits of a spline.
+    pub const fn logits(&self) -> usize {
+        logit_count(self.bins)
+    }
+
+    /// The coordinate that a coupling layer transforms, counted in the density direction.
+    pub const fn target(&self, coupling: usize) -> Coordinate {
+        if coupling.is_multiple_of(2) { Coordinate::Elevation } else { Coordinate::Azimuth }
+    }
+
+    /// Whether the network of a layer that transforms `target` sees the other coordinate; else it sees that coordinate as 0.
+    pub fn sees_other(&self, target: Coordinate) -> bool {
+        self.form == FlowForm::Coupled || target == Coordinate::Azimuth
+    }
+
+    /// How many features a network sees of the coordinate that is not `target`.
+    pub const fn features(&self, target: Coordinate) -> usize {
+        match target {
+            Coordinate::Elevation => 2 * self.octaves,
+            Coordinate::Azimuth => self.octaves,
+        }
+    }
+
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::Config`] names the first field that is out of range.
+    pub fn validate(&self) -> Result<()> {
+        within("flow.shape.bins", self.bins, 2..=128)?;
+        within("flow.shape.couplings", self.couplings, 2..=64)?;
+        within("flow.shape.hidden", self.hidden, 1..=4096)?;
+        within("flow.shape.residual_blocks", self.residual_blocks, 0..=16)?;
+        within("flow.shape.octaves", self.octaves, 1..=12)?;
+        if (0.0..=1.0).contains(&self.leaky_slope) {
+            return Ok(());
+        }
+        let value = self.leaky_slope.to_string();
+        Err(Error::Config { field: "flow.shape.leaky_slope", value, requirement: "in [0, 1]" })
+    }
+}
+
+fn within(field: &'static str, value: usize, range: std::ops::RangeInclusive<usize>) -> Result<()> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let requirement = match field {
+        "flow.shape.bins" => "in 2..=128",
+        "flow.shape.couplings" => "in 2..=64",
+        "flow.shape.hidden" => "in 1..=4096",
+        "flow.shape.residual_blocks" => "in 0..=16",
+        _ => "in 1..=12",
+    };
+    Err(Error::Config { field, value: value.to_string(), requirement })
+}

@@ -1,0 +1,49 @@
+//! The flow tail: a smooth warp that was fitted to a map and tabulated.
+
+use glam::Vec2;
+
+use super::{BilinearDensity, TailWarp, WarpMap};
+
+/// A tabulated smooth warp with the light that it was fitted to. It is a bijection with an exact density, but that density is only near
+/// the light: what is left over multiplies the target of a head ([`FlowTail::light_ratio`]).
+#[derive(Clone, Debug)]
+pub struct FlowTail {
+    map: WarpMap,
+    light: BilinearDensity,
+}
+
+impl FlowTail {
+    /// Joins a table to the density of the map's light.
+    pub fn new(map: WarpMap, light: BilinearDensity) -> Self {
+        Self { map, light }
+    }
+
+    /// The table.
+    pub fn map(&self) -> &WarpMap {
+        &self.map
+    }
+
+    /// The density of the map's light.
+    pub fn light(&self) -> &BilinearDensity {
+        &self.light
+    }
+
+    /// The density of the light over that of the warp at `x`; 1 everywhere for an exact tail.
+    pub fn light_ratio(&self, x: Vec2) -> f32 {
+        self.light.density(x) / self.density(x)
+    }
+}
+
+impl TailWarp for FlowTail {
+    fn forward(&self, y: Vec2) -> (Vec2, f32) {
+        self.map.forward(y)
+    }
+
+    fn inverse(&self, x: Vec2) -> (Vec2, f32) {
+        self.map.inverse(x)
+    }
+
+    fn density(&self, x: Vec2) -> f32 {
+        self.map.inverse(x).1
+    }
+}

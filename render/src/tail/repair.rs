@@ -1,0 +1,143 @@
+//! Making a tabulated warp one to one.
+
+use glam::{DVec2, Vec2};
+
+use super::warp_map::{WarpMap, cell_of, close};
+use crate::error::Result;
+
+/// Rounds of untangling before the whole map is blended with the identity.
+const ROUNDS: usize = 60;
+
+/// What [`WarpMap::repaired`] did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Repair {
+    /// Cells whose images were not convex.
+    pub cells: usize,
+    /// Rounds of moving their corners.
+    pub rounds: usize,
+    /// Share of the identity in the result: 0 unless that did not do.
+    pub blended: f32,
+}
+
+impl WarpMap {
+    /// The map with the values `nodes` (see [`WarpMap::new`]), in which the corners of cells whose images are not convex are moved
+    /// to better places, again and again. If some are left, the whole map is blended with the identity, which is convex.
+    ///
+    /// # Errors
+    /// As [`WarpMap::new`], but for convexity.
+    pub fn repaired(cells: usize, mut nodes: Vec<Vec2>) -> Result<(Self, Repair)> {
+        let mut repair = Repair::default();
+        let original = nodes.clone();
+        let usable = nodes.len() == cells * (cells + 1) && nodes.iter().all(|node| node.is_finite());
+        while usable && repair.rounds < ROUNDS {
+            let broken = broken_cells(cells, &nodes);
+            if broken.is_empty() {
+                break;
+            }
+            repair.cells = repair.cells.max(broken.len());
+            repair.rounds += 1;
+            untangle(cells, &mut nodes, &broken);
+        }
+        let mut share = 1e-3_f32;
+        while usable && repair.rounds == ROUNDS && !broken_cells(cells, &nodes).is_empty() {
+            repair.blended = share.min(1.0);
+            nodes = blend(cells, &original, repair.blended);
+            share *= 1.5;
+        }
+        Ok((Self::new(cells, &nodes)?, repair))
+    }
+}
+
+fn broken_cells(cells: usize, nodes: &[Vec2]) -> Vec<usize> {
+    let closed = close(cells, nodes);
+    (0..cells * cells).filter(|&index| !cell_of(cells, &closed, index).is_convex()).collect()
+}
+
+/// Moves each corner of some cells to where the smallest of the triangles at its four cells is largest as a share of its
+/// cell, is largest (after Freitag and Plassmann 2000, "Local optimization-based simplicial mesh untangling and improvement"), by a pattern
+/// search.
+fn untangle(cells: usize, nodes: &mut [Vec2], broken: &[usize]) {
+    let mut corners: Vec<usize> = broken
+        .iter()
+        .flat_map(|&index| {
+            let (column, row) = (index % cells, index / cells);
+            let next = (column + 1) % cells;
+            [row * cells + column, row * cells + next, (row + 1) * cells + column, (row + 1) * cells + next]
+        })
+        .collect();
+    corners.sort_unstable();
+    corners.dedup();
+    for at in corners {
+        nodes[at] = best_place(cells, nodes, at);
+    }
+}
+
+/// The eight nodes around a node, row by row, as seen from it on the line; `None` beyond a border.
+fn around(cells: usize, nodes: &[Vec2], at: usize) -> [[Option<DVec2>; 3]; 3] {
+    let (column, row) = ((at % cells) as isize, (at / cells) as isize);
+    let side = cells as isize;
+    std::array::from_fn(|down| {
+        std::array::from_fn(|across| {
+            let (row, column) = (row + down as isize - 1, column + across as isize - 1);
+            (0..=side).contains(&row).then(|| {
+                let turn = column.div_euclid(side) as f64;
+                nodes[(row * side + column.rem_euclid(side)) as usize].as_dvec2() + DVec2::new(turn, 0.0)
+            })
+        })
+    })
+}
+
+/// The smallest of the triangles of the cells around a node that it is a corner of, if it were at `place`.
+fn smallest_triangle(around: &[[Option<DVec2>; 3]; 3], place: DVec2) -> f64 {
+    let mut least = f64::INFINITY;
+    for (down, across) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        // In the order in which a cell's border is followed.
+        let corners = [(0, 0), (0, 1), (1, 1), (1, 0)].map(|(i, j)| (down + i, across + j));
+        let own = corners.iter().position(|&corner| corner == (1, 1)).expect("the node is a corner of all four cells");
+        let points = corners.map(|(i, j)| if (i, j) == (1, 1) { Some(place) } else { around[i][j] });
+        let [Some(_), Some(_), Some(_), Some(_)] = points else { continue };
+        let triangle = |apex: usize| {
+            let [p, q, r] = [apex % 4, (apex + 1) % 4, (apex + 3) % 4].map(|k| points[k].unwrap_or_default());
+            (q - p).perp_dot(r - p)
+        };
+        // Cells differ in size by orders of magnitude: each is measured by itself.
+        let size: f64 = (0..4).map(|apex| triangle(apex).abs()).sum();
+        for apex in [own + 3, own, own + 1] {
+            least = least.min(triangle(apex) / size.max(f64::MIN_POSITIVE));
+        }
+    }
+    least
+}
+
+fn best_place(cells: usize, nodes: &[Vec2], at: usize) -> Vec2 {
+    let around = around(cells, nodes, at);
+    let row = at / cells;
+    let is_border = row == 0 || row == cells;
+    let mut place = nodes[at].as_dvec2();
+    let mut best = smallest_triangle(&around, place);
+    let span = around.iter().flatten().flatten().map(|p| (*p - place).abs().max_element()).fold(0.0, f64::max);
+    let mut step = 0.5 * span;
+    while step > 1e-4 * span {
+        let moves = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)];
+        let tried = moves.map(|(x, y)| {
+            let moved = place + step * DVec2::new(f64::from(x), if is_border { 0.0 } else { f64::from(y) });
+            let moved = if is_border { moved } else { DVec2::new(moved.x, moved.y.clamp(0.0, 1.0)) };
+            (moved, smallest_triangle(&around, moved))
+        });
+        let (found, least) = tried.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).expect("there are eight moves");
+        if least > best {
+            (place, best) = (found, least);
+        } else {
+            step *= 0.5;
+        }
+    }
+    place.as_vec2()
+}
+
+/// Towards the identity, shifted along the circle as the map is on average.
+fn blend(cells: usize, nodes: &[Vec2], share: f32) -> Vec<Vec2> {
+    let own = |at: usize| Vec2::new((at % cells) as f32, (at / cells) as f32) / cells as f32;
+    let shift = (0..nodes.len()).map(|at| f64::from(nodes[at].x - own(at).x)).sum::<f64>() / nodes.len() as f64;
+    let shift = Vec2::new(shift as f32, 0.0);
+    (0..nodes.len()).map(|at| nodes[at].lerp(own(at) + shift, share)).collect()
+}

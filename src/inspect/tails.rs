@@ -1,0 +1,193 @@
+//! `headtail inspect --tail`: what tails make of the square, as a picture and in figures.
+
+use std::time::Instant;
+
+use anyhow::{Result, anyhow, ensure};
+use glam::Vec2;
+use headtail_render::{
+    environment::Environment,
+    export::ExportedSampler,
+    image::encode_png_rgb8,
+    random::{Purpose, Stream},
+    tail::{Tail, TailKind, TailWarp},
+};
+use plotters::{
+    prelude::*,
+    style::{FontStyle, register_font},
+};
+use rayon::prelude::*;
+
+const WIDTH: usize = 512;
+const HEIGHT: usize = 256;
+const MARGIN: i32 = 24;
+/// Height of the labels above each picture.
+const LABEL: i32 = 44;
+/// Lines of the pattern along each side of Y.
+const LINES: f32 = 16.0;
+/// Points along a side of Y at which neighbours are compared.
+const SIDE: usize = 512;
+/// Cells along a side of Y in which energy is summed.
+const CELLS: usize = 64;
+/// Points that a divergence is measured at.
+const POINTS: usize = 100_000;
+
+/// A tail in figures.
+struct Figures {
+    kind: TailKind,
+    /// `KL(light || tail)` in nats.
+    kl: f64,
+    /// Largest ratio of the Jacobians of neighbouring points, and the ratio that one pair in a hundred passes.
+    jump: f64,
+    jump_99: f64,
+    /// Share of neighbouring points of Y that land more than 1/8 of the map apart.
+    torn: f64,
+    /// Energy of the fullest of 64 x 64 cells of Y, as a share of all.
+    worst_cell: f64,
+    /// Nanoseconds for y -> x and x -> y.
+    nanoseconds: [f64; 2],
+}
+
+/// The picture and the table of the exact tails of a map, and of a file's tail if that is another one.
+pub fn inspect(environment: &Environment, file: Option<&ExportedSampler>) -> Result<(Vec<u8>, String)> {
+    let exact = |kind| Tail::new(kind, environment.width(), environment.height(), &environment.luminance());
+    let mut tails = vec![exact(TailKind::RowColumn)?, exact(TailKind::Hierarchical)?];
+    if let Some(exported) = file {
+        exported.check_environment(environment)?;
+        ensure!(
+            !exported.compact_emitters,
+            "the file's tail leaves out compact emitters and is not comparable with the map's"
+        );
+        if exported.tail.kind() == TailKind::Flow {
+            tails.push((*exported.tail).clone());
+        }
+    }
+    let figures: Vec<Figures> = tails.iter().map(Figures::of).collect();
+    let mut table =
+        String::from("tail           KL (nats)  largest jump  99 % jump  torn pairs  worst cell  y -> x   x -> y\n");
+    for f in &figures {
+        table += &format!(
+            "{:<13} {:>10.4} {:>13.3e} {:>10.2} {:>9.3} % {:>9.4} % {:>5.0} ns {:>5.0} ns\n",
+            f.kind.name(),
+            f.kl,
+            f.jump,
+            f.jump_99,
+            100.0 * f.torn,
+            100.0 * f.worst_cell,
+            f.nanoseconds[0],
+            f.nanoseconds[1]
+        );
+    }
+    Ok((draw(environment.name(), &tails, &figures)?, table))
+}
+
+impl Figures {
+    fn of(tail: &Tail) -> Self {
+        let mut random = Stream::new(1, Purpose::Test, 0);
+        let light = Tail::Hierarchical(headtail_render::tail::Hierarchical::new(tail.light().clone()));
+        let logs = (0..POINTS).map(|_| {
+            let (x, _) = light.forward(random.uniform2());
+            f64::from(light.density(x)).ln() - f64::from(tail.density(x)).ln()
+        });
+        let kl = logs.sum::<f64>() / POINTS as f64;
+        let (jump, jump_99, torn) = neighbours(tail);
+        let nanoseconds = [false, true].map(|back| lookup_time(tail, back));
+        Self { kind: tail.kind(), kl, jump, jump_99, torn, worst_cell: worst_cell(tail), nanoseconds }
+    }
+}
+
+/// Ratios of Jacobians, and tears, between neighbours of a grid over Y.
+fn neighbours(tail: &Tail) -> (f64, f64, f64) {
+    let at = |k: usize| Vec2::new((k % SIDE) as f32 + 0.5, (k / SIDE) as f32 + 0.5) / SIDE as f32;
+    let points: Vec<(Vec2, f32)> = (0..SIDE * SIDE).into_par_iter().map(|k| tail.forward(at(k))).collect();
+    let (mut jumps, mut torn) = (Vec::new(), 0_usize);
+    for (k, (x, jacobian)) in points.iter().enumerate() {
+        let (column, row) = (k % SIDE, k / SIDE);
+        let right = row * SIDE + (column + 1) % SIDE;
+        let below = (row + 1 < SIDE).then_some(k + SIDE);
+        for other in [Some(right), below].into_iter().flatten() {
+            let (other_x, other_jacobian) = points[other];
+            jumps.push(f64::from(jacobian / other_jacobian).ln().abs());
+            let across = (x.x - other_x.x).abs();
+            torn += usize::from(across.min(1.0 - across).max((x.y - other_x.y).abs()) > 0.125);
+        }
+    }
+    jumps.retain(|jump| jump.is_finite());
+    jumps.sort_by(f64::total_cmp);
+    let pick = |share: f64| jumps.get(((jumps.len() - 1) as f64 * share) as usize).map_or(f64::NAN, |jump| jump.exp());
+    (pick(1.0), pick(0.99), torn as f64 / jumps.len() as f64)
+}
+
+/// The share of the light in the fullest cell of Y; one in all cells for an exact tail.
+fn worst_cell(tail: &Tail) -> f64 {
+    let mut random = Stream::new(2, Purpose::Test, 0);
+    let mut cells = vec![0.0_f64; CELLS * CELLS];
+    const EACH: usize = 64;
+    for (k, cell) in cells.iter_mut().enumerate() {
+        for _ in 0..EACH {
+            let y = (Vec2::new((k % CELLS) as f32, (k / CELLS) as f32) + random.uniform2()) / CELLS as f32;
+            *cell += f64::from(tail.light_ratio(tail.forward(y).0)) / (EACH * CELLS * CELLS) as f64;
+        }
+    }
+    cells.into_iter().fold(0.0, f64::max)
+}
+
+fn lookup_time(tail: &Tail, back: bool) -> f64 {
+    let mut random = Stream::new(3, Purpose::Test, 0);
+    let points: Vec<Vec2> =
+        (0..20_000).map(|_| random.uniform2()).map(|y| if back { tail.forward(y).0 } else { y }).collect();
+    let start = Instant::now();
+    let mut sum = Vec2::ZERO;
+    for &point in &points {
+        sum += if back { tail.inverse(point).0 } else { tail.forward(point).0 };
+    }
+    std::hint::black_box(sum);
+    start.elapsed().as_nanos() as f64 / points.len() as f64
+}
+
+/// The colour of a point of Y: hue along the circle, darker downwards, with a grid of lines.
+fn color(y: Vec2) -> RGBColor {
+    let near_line = |t: f32| ((t * LINES).fract() - 0.5).abs() > 0.44;
+    let hsl = HSLColor(f64::from(y.x), 0.85, 0.78 - 0.5 * f64::from(y.y));
+    let (r, g, b) = hsl.to_backend_color().rgb;
+    if near_line(y.x) || near_line(y.y) { RGBColor(r / 2, g / 2, b / 2) } else { RGBColor(r, g, b) }
+}
+
+/// The square itself, then its image under each tail.
+fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Vec<u8>> {
+    register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
+        .map_err(|_| anyhow!("the font of the labels cannot be read"))?;
+    let panels = 1 + tails.len();
+    let (columns, rows) = (2, panels.div_ceil(2));
+    let width = columns as i32 * (WIDTH as i32 + MARGIN) + MARGIN;
+    let height = rows as i32 * (HEIGHT as i32 + LABEL) + MARGIN;
+    let mut buffer = vec![255_u8; (width * height * 3) as usize];
+    {
+        let area = BitMapBackend::with_buffer(&mut buffer, (width as u32, height as u32)).into_drawing_area();
+        let failed = |error: DrawingAreaErrorKind<_>| anyhow!("{error}");
+        for panel in 0..panels {
+            let corner = (
+                MARGIN + (panel % 2) as i32 * (WIDTH as i32 + MARGIN),
+                LABEL + (panel / 2) as i32 * (HEIGHT as i32 + LABEL),
+            );
+            let title = match panel {
+                0 => "the square Y: azimuth across, elevation down".to_owned(),
+                _ => format!("{} over {map}: KL {:.4} nats", figures[panel - 1].kind.name(), figures[panel - 1].kl),
+            };
+            let style = ("sans-serif", 17).into_font().color(&RGBColor(30, 30, 30));
+            area.draw(&Text::new(title, (corner.0, corner.1 - 26), style)).map_err(failed)?;
+            let pixel = |k: usize| {
+                let x = Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5)
+                    / Vec2::new(WIDTH as f32, HEIGHT as f32);
+                color(if panel == 0 { x } else { tails[panel - 1].inverse(x).0 })
+            };
+            let colors: Vec<RGBColor> = (0..WIDTH * HEIGHT).into_par_iter().map(pixel).collect();
+            for (k, color) in colors.iter().enumerate() {
+                let place = (corner.0 + (k % WIDTH) as i32, corner.1 + (k / WIDTH) as i32);
+                area.draw_pixel(place, color).map_err(failed)?;
+            }
+        }
+        area.present().map_err(failed)?;
+    }
+    let (pixels, _) = buffer.as_chunks::<3>();
+    Ok(encode_png_rgb8(width as usize, height as usize, pixels)?)
+}

@@ -1,0 +1,223 @@
+//! The methods: what is trained in a regime, and the samplers made of it.
+
+use std::{
+    cell::OnceCell,
+    sync::{Arc, atomic::AtomicBool},
+};
+
+use anyhow::Result;
+use headtail_render::{
+    environment::Environment,
+    head::{Head, Linear},
+    sampler::{
+        BrdfSampler, CompactEmitters, DirectionSampler, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler,
+        WithCompactEmitters,
+    },
+    tail::TailKind,
+};
+use headtail_train::{FitConfig, Run, TrainingLight, Viewpoints, build_target, fit, native_head};
+
+use super::{
+    measure::{Bench, Figures},
+    picture::Pictures,
+    regime::{Change, Regime, to_half_precision},
+};
+
+/// What a method is, in a sentence.
+pub const METHODS: [(&str, &str); 6] = [
+    (MIS, "one-sample MIS of emitter and BRDF sampling: the baseline"),
+    ("head", "the head alone: the plain method"),
+    ("head+mis", "the head and BRDF sampling, one half each"),
+    ("selection", "the same with a learned share, trained jointly"),
+    ("emitters", "compact emitters on their own, the head for the rest of the light"),
+    (DEFAULT, "all remedies: learned share, compact emitters, and no head that is worse than none"),
+];
+
+/// The baseline.
+pub const MIS: &str = "mis";
+/// All remedies.
+pub const DEFAULT: &str = "all remedies";
+
+/// One row of the table.
+pub struct Row {
+    /// The regime's name.
+    pub regime: String,
+    /// One of [`METHODS`].
+    pub method: &'static str,
+    /// The figures, or why there are none.
+    pub outcome: Result<Figures, String>,
+    /// Steps that training left out.
+    pub skipped: usize,
+    /// What there is to say of the training.
+    pub note: String,
+}
+
+/// A trained head with its light.
+#[derive(Clone)]
+struct Trained {
+    head: Head,
+    light: EnvironmentLight,
+    compact: Option<Arc<CompactEmitters>>,
+    skipped: usize,
+    fell_back: bool,
+}
+
+/// Everything that is measured in a regime.
+pub struct Laboratory<'a> {
+    regime: &'a Regime,
+    bench: Bench,
+    config: FitConfig,
+    rows: Vec<Row>,
+    pictures: Pictures,
+    /// Of the whole map, and without its compact emitters.
+    lights: [OnceCell<TrainingLight>; 2],
+}
+
+impl<'a> Laboratory<'a> {
+    /// Measures every method in a regime.
+    pub fn run(regime: &'a Regime, config: FitConfig, effort: super::measure::Effort) -> Result<(Vec<Row>, Pictures)> {
+        let light = EnvironmentLight::new(regime.environment.clone(), TailKind::Hierarchical)?;
+        let bench = Bench::new(regime, &light, effort);
+        anyhow::ensure!(bench.lit() > 1, "{}: no shading point sees light", regime.name);
+        let pictures = Pictures::new(bench.brightest(), &regime.environment);
+        let mut laboratory = Self { regime, bench, config, rows: Vec::new(), pictures, lights: Default::default() };
+        let emitter = EmitterSampler::new(light);
+        let mis = OneSampleMis::new(emitter, BrdfSampler::new(regime.environment.clone()));
+        laboratory.add(MIS, &mis, 0, "");
+        laboratory.heads();
+        Ok((laboratory.rows, laboratory.pictures))
+    }
+
+    fn heads(&mut self) {
+        let plain = self.config.clone();
+        let selecting = |fall_back, compact_emitters| {
+            let mut config = plain.clone();
+            config.head.selection = true;
+            FitConfig { fall_back, compact_emitters, ..config }
+        };
+        match self.train(&plain) {
+            Ok(trained) => {
+                let product = trained.product();
+                self.add("head", &product, trained.skipped, "");
+                self.add("head+mis", &OneSampleMis::new(product, self.brdf()), trained.skipped, "");
+            }
+            Err(error) => ["head", "head+mis"].into_iter().for_each(|method| self.stop(method, &error)),
+        }
+        let guarded = self.train(&selecting(true, true));
+        // The same head, unless emitters were taken out of its light or it was given up.
+        let unguarded = match &guarded {
+            Ok(trained) if trained.compact.is_none() && !trained.fell_back => Ok(trained.clone()),
+            _ => self.train(&selecting(false, false)),
+        };
+        match unguarded {
+            Ok(trained) => {
+                let mixture = OneSampleMis::new(trained.product(), self.brdf());
+                self.add("selection", &mixture, trained.skipped, "");
+            }
+            Err(error) => self.stop("selection", &error),
+        }
+        let has_emitters = guarded.as_ref().map_or_else(|_| self.has_emitters(), |trained| trained.compact.is_some());
+        if has_emitters {
+            match self.train(&FitConfig { compact_emitters: true, ..plain.clone() }) {
+                Ok(Trained { compact: Some(compact), skipped, head, light, .. }) => {
+                    let sampler = WithCompactEmitters::new(compact, ProductSampler::new(light, head));
+                    self.add("emitters", &sampler, skipped, "");
+                }
+                Ok(_) => {}
+                Err(error) => self.stop("emitters", &error),
+            }
+        }
+        match guarded {
+            Ok(trained) => {
+                let note = match (&trained.compact, trained.fell_back) {
+                    (_, true) => "training did not help: the untrained head was kept".to_owned(),
+                    (Some(compact), false) => format!("{} compact emitters", compact.count()),
+                    (None, false) => "no compact emitter in this map: as selection".to_owned(),
+                };
+                let mixture = OneSampleMis::new(trained.product(), self.brdf());
+                match trained.compact {
+                    Some(compact) => {
+                        self.add(DEFAULT, &WithCompactEmitters::new(compact, mixture), trained.skipped, &note);
+                    }
+                    None => self.add(DEFAULT, &mixture, trained.skipped, &note),
+                }
+            }
+            Err(error) => self.stop(DEFAULT, &error),
+        }
+    }
+
+    fn has_emitters(&self) -> bool {
+        let config = FitConfig { compact_emitters: true, ..self.config.clone() };
+        TrainingLight::luminance_of(&config, &self.regime.environment) != self.regime.environment.luminance()
+    }
+
+    fn brdf(&self) -> BrdfSampler {
+        BrdfSampler::new(self.regime.environment.clone())
+    }
+
+    fn add<S: DirectionSampler>(&mut self, method: &'static str, sampler: &S, skipped: usize, note: &str) {
+        let figures = self.bench.measure(sampler);
+        self.pictures.add(method, sampler);
+        let regime = self.regime.name.clone();
+        self.rows.push(Row { regime, method, outcome: Ok(figures), skipped, note: note.to_owned() });
+    }
+
+    fn stop(&mut self, method: &'static str, error: &anyhow::Error) {
+        let regime = self.regime.name.clone();
+        self.rows.push(Row { regime, method, outcome: Err(format!("{error:#}")), skipped: 0, note: String::new() });
+    }
+
+    /// The light of a configuration; a flow tail is fitted once for all methods.
+    fn light(&self, config: &FitConfig) -> Result<TrainingLight> {
+        let kept = &self.lights[usize::from(config.compact_emitters && self.has_emitters())];
+        if let Some(light) = kept.get() {
+            return Ok(light.clone());
+        }
+        let run =
+            Run { progress: &mut |_| Ok(()), interrupt: &AtomicBool::new(false), checkpoints: None, warn: &mut |_| {} };
+        let (light, _) = TrainingLight::fit(config, &self.regime.environment, run)?;
+        Ok(kept.get_or_init(|| light).clone())
+    }
+
+    fn train(&self, config: &FitConfig) -> Result<Trained> {
+        let environment: &Arc<Environment> = &self.regime.environment;
+        let source = self.light(config)?;
+        let target = build_target(config, &source.tail, Viewpoints::Sphere);
+        let fitted = fit(config, &*target, &mut |_| {}, &AtomicBool::new(false))?;
+        let mut head = native_head(&fitted.head)?;
+        if self.regime.change == Change::HalfWeights {
+            head = with_half_weights(&head)?;
+        }
+        let compact = if source.luminance == environment.luminance() {
+            None
+        } else {
+            Some(Arc::new(CompactEmitters::new(environment, &source.luminance)?))
+        };
+        let light = EnvironmentLight::with_tail(environment.clone(), source.tail.clone());
+        Ok(Trained { head, light, compact, skipped: fitted.summary.skipped, fell_back: fitted.summary.fell_back })
+    }
+}
+
+impl Trained {
+    fn product(&self) -> ProductSampler<Head> {
+        ProductSampler::new(self.light.clone(), self.head.clone())
+    }
+}
+
+/// The head with its weights in half precision.
+fn with_half_weights(head: &Head) -> Result<Head> {
+    let rounded = |values: &[f32]| values.iter().map(|&value| to_half_precision(value)).collect::<Vec<f32>>();
+    let part = |prefix: &str| -> Result<Vec<Linear>> {
+        let layers = head.layers();
+        let of_part = layers.iter().filter(|(name, _)| name.starts_with(prefix));
+        let round = |(name, layer): &(String, &Linear)| {
+            let (weight, bias) = (rounded(&layer.weight()), rounded(layer.bias()));
+            Ok(Linear::new(name, layer.inputs(), layer.outputs(), &weight, bias)?)
+        };
+        of_part.map(round).collect()
+    };
+    let networks = [part("layer0.")?, part("layer1.")?];
+    let head = Head::new(head.condition(), head.mode(), head.leaky_slope(), part("encoder.")?, networks)?
+        .with_selection(part("selection.")?)?;
+    Ok(head)
+}

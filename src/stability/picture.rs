@@ -1,0 +1,69 @@
+//! Pictures of a target and of the samplers' densities, on one logarithmic scale.
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use glam::Vec2;
+use headtail_render::{
+    color::luminance,
+    environment::Environment,
+    image::encode_png_rgb8,
+    latlong,
+    sampler::{DirectionSampler, ShadingPoint},
+};
+use plotters::style::colors::colormaps::{ColorMap, ViridisRGB};
+
+use crate::report::picture::data_address;
+
+const WIDTH: usize = 160;
+const HEIGHT: usize = 80;
+/// Powers of ten below the brightest value.
+const DECADES: f64 = 6.0;
+
+/// Densities over solid angle at one shading point, as lat-long pictures.
+pub struct Pictures {
+    at: ShadingPoint,
+    /// The target first.
+    densities: Vec<(&'static str, Vec<f64>)>,
+}
+
+impl Pictures {
+    /// Of the target.
+    pub fn new(at: ShadingPoint, environment: &Arc<Environment>) -> Self {
+        let target = each_pixel(|wi| f64::from(luminance(at.brdf_cosine(wi) * environment.radiance(wi))));
+        let solid_angle =
+            |k: usize| f64::from(latlong::sin_theta((k / WIDTH) as f32 / HEIGHT as f32 + 0.5 / HEIGHT as f32));
+        let pixel = 2.0 * std::f64::consts::PI.powi(2) / (WIDTH * HEIGHT) as f64;
+        let total: f64 = target.iter().enumerate().map(|(k, f)| f * solid_angle(k) * pixel).sum();
+        let target = target.into_iter().map(|f| f / total.max(f64::MIN_POSITIVE)).collect();
+        Self { at, densities: vec![("target", target)] }
+    }
+
+    /// Adds a sampler's density.
+    pub fn add<S: DirectionSampler>(&mut self, method: &'static str, sampler: &S) {
+        let prepared = sampler.prepare(&self.at);
+        self.densities.push((method, each_pixel(|wi| f64::from(sampler.pdf(&prepared, &self.at, wi)))));
+    }
+
+    /// Names and `data:` addresses, all on the target's scale.
+    pub fn encode(&self) -> Result<Vec<(&'static str, String)>> {
+        let top = self.densities[0].1.iter().copied().fold(f64::MIN_POSITIVE, f64::max).log10();
+        let picture = |(name, values): &(&'static str, Vec<f64>)| {
+            let color = |value: &f64| {
+                let level = 1.0 + (value.max(f64::MIN_POSITIVE).log10() - top) / DECADES;
+                let color = ViridisRGB.get_color(level.clamp(0.0, 1.0) as f32);
+                [color.0, color.1, color.2]
+            };
+            let pixels: Vec<[u8; 3]> = values.iter().map(color).collect();
+            Ok((*name, data_address(&encode_png_rgb8(WIDTH, HEIGHT, &pixels)?)))
+        };
+        self.densities.iter().map(picture).collect()
+    }
+}
+
+fn each_pixel(value: impl Fn(glam::Vec3A) -> f64) -> Vec<f64> {
+    let at = |k: usize| {
+        Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
+    };
+    (0..WIDTH * HEIGHT).map(|k| value(latlong::direction(at(k)))).collect()
+}

@@ -1,0 +1,260 @@
+//! The regimes: light, surfaces and training under which importance samplers are known to fail.
+
+use std::{path::Path, sync::Arc};
+
+use anyhow::Result;
+use glam::{Vec2, Vec3A};
+use headtail_render::{
+    brdf::{Brdf, Ggx, Lambert},
+    environment::{Environment, built_in},
+    image::Image,
+    latlong,
+    random::{Purpose, Stream},
+    sampler::ShadingPoint,
+    tail::TailKind,
+};
+use headtail_train::{FitConfig, Loss, Material, Preset, Viewpoints};
+
+/// What is measured under.
+#[derive(Clone)]
+pub struct Regime {
+    /// Its name in the table.
+    pub name: String,
+    /// What is hard about it, in a sentence.
+    pub why: &'static str,
+    /// The map.
+    pub environment: Arc<Environment>,
+    /// The surfaces.
+    pub material: Material,
+    /// Which normals and view directions.
+    pub directions: Directions,
+    /// What is different in training or in the weights.
+    pub change: Change,
+}
+
+/// Distributions of normal and view direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Directions {
+    /// Those of training.
+    Sphere,
+    /// View directions 0.6 to 3 degrees above the surface.
+    Grazing,
+    /// Normals within half a degree of the poles of the map.
+    Poles,
+    /// Normals within half a degree of the seam of the map.
+    Seam,
+}
+
+/// What is different from the default training.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Change {
+    /// Nothing.
+    None,
+    /// Weights are rounded to half precision.
+    HalfWeights,
+    /// Ten times the learning rate.
+    LearningRate,
+    /// Another loss.
+    Loss(Loss),
+    /// Another tail.
+    Tail(TailKind),
+}
+
+impl Regime {
+    /// The configuration of a head for this regime.
+    pub fn config(&self, quick: bool) -> FitConfig {
+        let mut config = Preset::fast_for(self.material).config().for_material(self.material);
+        config.head.selection = false;
+        config.fall_back = false;
+        config.validate_every = 0;
+        if quick {
+            config.steps = 160;
+            config.flow.steps = 300;
+        }
+        match self.change {
+            Change::LearningRate => config.learning_rate *= 10.0,
+            Change::Loss(loss) => config.loss = loss,
+            Change::Tail(tail) => config.tail = tail,
+            Change::None | Change::HalfWeights => {}
+        }
+        config
+    }
+
+    /// The shading point of a number.
+    pub fn shading_point(&self, index: u64) -> ShadingPoint {
+        let mut stream = Stream::new(7, Purpose::Test, index);
+        let (wo, n) = self.directions.draw(index, &mut stream);
+        let brdf = match self.material {
+            Material::Lambert => Brdf::Lambert(Lambert { albedo: Vec3A::ONE }),
+            Material::Ggx { low, high } => Brdf::Ggx(Ggx::new(low + (high - low) * stream.uniform(), Vec3A::ONE)),
+        };
+        ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, brdf }
+    }
+}
+
+impl Directions {
+    /// `(wo, n)`.
+    fn draw(self, index: u64, stream: &mut Stream) -> (Vec3A, Vec3A) {
+        let [wo, n] = Viewpoints::Sphere.draw(stream);
+        match self {
+            Self::Sphere => (wo, n),
+            Self::Grazing => {
+                let along = (wo - wo.dot(n) * n).normalize_or(n.any_orthonormal_vector());
+                let cosine = 0.01 + 0.04 * stream.uniform();
+                ((along * (1.0 - cosine * cosine).sqrt() + cosine * n).normalize(), n)
+            }
+            Self::Poles | Self::Seam => {
+                let at = if self == Self::Poles {
+                    if index.is_multiple_of(2) { Vec3A::Y } else { -Vec3A::Y }
+                } else {
+                    latlong::direction(Vec2::new(0.0, 0.1 + 0.8 * stream.uniform()))
+                };
+                let n = (at + 0.008 * stream.direction()).normalize();
+                (if wo.dot(n) < 0.0 { -wo } else { wo }, n)
+            }
+        }
+    }
+}
+
+/// A map made by code, texel by texel.
+fn made(name: &str, width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Result<Arc<Environment>> {
+    let pixels = (0..width * height).map(|k| [value(k % width, k / width); 3]).collect();
+    Ok(Arc::new(Environment::from_image(name, Image { width, height, pixels })?))
+}
+
+/// A sun of half a degree in a sky of luminance 1, towards `(u, v)` of the map.
+fn sun_at(name: &str, centre: Vec2) -> Result<Arc<Environment>> {
+    let (width, height) = (1024, 512);
+    let sun = latlong::direction(centre);
+    made(name, width, height, |i, j| {
+        let x = Vec2::new((i as f32 + 0.5) / width as f32, j as f32 / (height - 1) as f32);
+        let towards = latlong::direction(x);
+        let angle = towards.dot(sun).clamp(-1.0, 1.0).acos();
+        let sky = if towards.y > 0.0 { 1.0 } else { 0.2 };
+        sky + if angle < 0.006 { 5e4 } else { 0.0 }
+    })
+}
+
+/// Every regime whose map is there; the names of those whose file is not in `maps`, each with its file.
+pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<(String, String)>)> {
+    let built_in = |name: &str| Arc::new(built_in(name).expect("it is one of the built-in maps"));
+    let lambert = |name: &str, why, environment| Regime {
+        name: name.to_owned(),
+        why,
+        environment,
+        material: Material::Lambert,
+        directions: Directions::Sphere,
+        change: Change::None,
+    };
+    let studio = built_in("studio");
+    let mut all = vec![
+        lambert("soft light", "nothing: the control", built_in("overcast")),
+        lambert("low sun", "half of the light from a disc near the horizon", built_in("sunset")),
+        lambert("hard sun", "a disc of half a degree, 5e4 times the sky", sun_at("hard sun", Vec2::new(0.3, 0.3))?),
+        lambert("sun at the pole", "the same at the pole of the map", sun_at("sun at the pole", Vec2::new(0.3, 0.0))?),
+    ];
+    let mut missing = Vec::new();
+    for (name, file) in
+        [("spiaggia_di_mondello", "a real hard sun"), ("noon_grass", "a real sun 4 degrees from the pole")]
+    {
+        let path = maps.map(|folder| folder.join(format!("{name}_1k.hdr"))).filter(|path| path.exists());
+        match path {
+            Some(path) => all.push(lambert(name, file, Arc::new(Environment::load(&path)?))),
+            None => missing.push((name.to_owned(), format!("{name}_1k.hdr"))),
+        }
+    }
+    all.push(lambert(
+        "one lit texel",
+        "all light from one of 1024 x 512 texels",
+        made("one lit texel", 1024, 512, |i, j| f32::from(i == 700 && j == 200))?,
+    ));
+    all.push(lambert("constant map", "nothing to learn from the light", made("constant", 64, 32, |_, _| 1.0)?));
+    all.push(lambert(
+        "black half",
+        "no light from half of the sphere",
+        made("black half", 256, 128, |i, _| f32::from(i < 128))?,
+    ));
+    all.push(lambert(
+        "1e6 : 1",
+        "a lamp 1e6 times brighter than the room",
+        made("1e6 : 1", 256, 128, |i, j| if i / 4 == 40 && j / 4 == 10 { 1e6 } else { 1.0 })?,
+    ));
+    for alpha in [0.4, 0.2, 0.1, 0.05, 0.02] {
+        let material = Material::Ggx { low: alpha, high: alpha };
+        all.push(Regime {
+            material,
+            ..lambert(&format!("alpha = {alpha}"), "narrow lobes among small lights", studio.clone())
+        });
+    }
+    let rough = Material::Ggx { low: 0.2, high: 0.2 };
+    all.push(Regime {
+        material: rough,
+        directions: Directions::Grazing,
+        ..lambert("grazing view", "alpha = 0.2, seen from 0.6 to 3 degrees above the surface", studio.clone())
+    });
+    for (name, directions) in [("normals at the poles", Directions::Poles), ("normals on the seam", Directions::Seam)] {
+        all.push(Regime { directions, ..lambert(name, "where the map's coordinates are singular", studio.clone()) });
+    }
+    for (name, why, change) in [
+        ("half-precision weights", "weights rounded to 11 bits", Change::HalfWeights),
+        ("learning rate x 10", "steps too large", Change::LearningRate),
+        ("forward KL", "the paper's loss", Change::Loss(Loss::ForwardKl)),
+        ("reverse KL", "a loss that the paper found unstable", Change::Loss(Loss::ReverseKl)),
+        ("chi-square loss", "a loss with unbounded gradients", Change::Loss(Loss::ChiSquare)),
+        ("row-column tail", "a tail with tears", Change::Tail(TailKind::RowColumn)),
+        ("flow tail", "a smooth tail that is not exact, of a map with hard edges", Change::Tail(TailKind::Flow)),
+    ] {
+        all.push(Regime { change, ..lambert(name, why, studio.clone()) });
+    }
+    Ok((all, missing))
+}
+
+/// A number with the precision of IEEE half floats: 11 significant bits, up to 65504, subnormal below 6.1e-5.
+pub fn to_half_precision(x: f32) -> f32 {
+    let held = x.clamp(-65_504.0, 65_504.0);
+    // Adding and subtracting a power of two 13 binary places up rounds away the bits below; halves have no exponent under -14.
+    let exponent = held.abs().max(6.103_515_6e-5).log2().floor();
+    let unit = (exponent - 10.0).exp2();
+    (held / unit).round_ties_even() * unit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_precision_keeps_eleven_bits() {
+        for (x, half) in
+            [(1.0, 1.0), (1.0 + 1.0 / 2048.0, 1.0), (1.0 + 3.0 / 2048.0, 1.0 + 2.0 / 1024.0), (1e9, 65_504.0)]
+        {
+            assert_eq!(to_half_precision(x), half);
+            assert_eq!(to_half_precision(-x), -half);
+        }
+        assert_eq!(to_half_precision(0.0), 0.0);
+        // The smallest subnormal half is 2^-24.
+        assert_eq!(to_half_precision(5e-8), 5.960_464_5e-8);
+        assert_eq!(to_half_precision(1e-8), 0.0);
+    }
+
+    #[test]
+    fn directions_are_where_their_names_say() {
+        let (regimes, missing) = regimes(None).unwrap();
+        assert_eq!(missing.len(), 2);
+        for regime in &regimes {
+            regime.config(true).validate().unwrap();
+            for index in 0..50 {
+                let at = regime.shading_point(index);
+                assert!(at.ns.is_normalized() && at.wo.is_normalized() && at.ns.dot(at.wo) > 0.0);
+                match regime.directions {
+                    Directions::Sphere => {}
+                    Directions::Grazing => assert!((0.009..0.051).contains(&at.ns.dot(at.wo))),
+                    Directions::Poles => assert!(at.ns.y.abs() > 0.9999),
+                    Directions::Seam => {
+                        let u = latlong::square(at.ns).x;
+                        assert!(u.min(1.0 - u) < 0.01);
+                    }
+                }
+            }
+        }
+    }
+}

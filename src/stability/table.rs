@@ -1,0 +1,111 @@
+//! `stability.csv`: a row for each regime and method, in full precision.
+
+use anyhow::Result;
+
+use super::{
+    measure::{Figures, variance_ratio},
+    method::{MIS, Row},
+};
+
+/// The columns of the figures, in this order.
+const COLUMNS: [&str; 22] = [
+    "regime",
+    "method",
+    "state",
+    "message",
+    "skipped_steps",
+    "kl",
+    "chi_square",
+    "integral_error",
+    "largest_weight",
+    "weight_9999",
+    "effective_sample_share",
+    "uncovered",
+    "bias",
+    "bias_half_width",
+    "variance_over_mis",
+    "variance_over_mis_low",
+    "variance_over_mis_high",
+    "ns_per_sample",
+    "seed",
+    "version",
+    "machine",
+    "command",
+];
+
+/// What a row is compared by: its variance over that of one-sample MIS, with the interval.
+pub fn ratio(rows: &[Row], row: &Row) -> Option<(f64, f64, f64)> {
+    let baseline = rows.iter().find(|other| other.regime == row.regime && other.method == MIS)?;
+    match (&row.outcome, &baseline.outcome) {
+        (Ok(figures), Ok(mis)) => Some(variance_ratio(&figures.variances, &mis.variances)),
+        _ => None,
+    }
+}
+
+/// The bytes of the file. A method that stopped has its message and no figures.
+pub fn encode(rows: &[Row], missing: &[(String, String)], machine: &str, command: &str) -> Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(COLUMNS)?;
+    let tail = ["0".to_owned(), env!("CARGO_PKG_VERSION").to_owned(), machine.to_owned(), command.to_owned()];
+    for row in rows {
+        let (state, message) = match &row.outcome {
+            Ok(_) => ("finished", &row.note),
+            Err(message) => ("stopped", message),
+        };
+        let head = [row.regime.clone(), row.method.into(), state.into(), message.clone(), row.skipped.to_string()];
+        let figures = row.outcome.as_ref().ok().map_or_else(|| vec![String::new(); 9], numbers);
+        let ratio = ratio(rows, row).map_or([const { String::new() }; 3], |(a, b, c)| [a, b, c].map(|x| x.to_string()));
+        let time = row.outcome.as_ref().map_or(String::new(), |figures| figures.nanoseconds.to_string());
+        writer.write_record(head.iter().chain(&figures).chain(&ratio).chain([&time]).chain(&tail))?;
+    }
+    for (regime, file) in missing {
+        let message = format!("give --maps DIR with {file}");
+        let mut record = vec![regime.clone(), String::new(), "not run".into(), message];
+        record.resize(COLUMNS.len() - tail.len(), String::new());
+        writer.write_record(record.iter().chain(&tail))?;
+    }
+    Ok(writer.into_inner()?)
+}
+
+fn numbers(figures: &Figures) -> Vec<String> {
+    let Figures { kl, chi_square, integral_error, largest_weight, weight_9999, effective, uncovered, bias, .. } =
+        figures;
+    [kl, chi_square, integral_error, largest_weight, weight_9999, effective, uncovered, &bias.0, &bias.1]
+        .map(f64::to_string)
+        .to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(method: &'static str, outcome: Result<f64, &str>) -> Row {
+        let figures = |variance: f64| Figures {
+            kl: 0.1,
+            chi_square: variance,
+            integral_error: 0.0,
+            largest_weight: 2.0,
+            weight_9999: 1.5,
+            effective: 0.9,
+            uncovered: 0.0,
+            bias: (0.0, 0.01),
+            variances: vec![variance, 2.0 * variance],
+            nanoseconds: 100.0,
+        };
+        let outcome = outcome.map(figures).map_err(str::to_owned);
+        Row { regime: "r".into(), method, outcome, skipped: 0, note: String::new() }
+    }
+
+    #[test]
+    fn every_row_has_every_column() {
+        let rows = [row(MIS, Ok(2.0)), row("head", Ok(1.0)), row("emitters", Err("diverged, \"badly\""))];
+        let missing = [("noon".to_owned(), "noon.hdr".to_owned())];
+        let bytes = encode(&rows, &missing, "a, b", "headtail stability").unwrap();
+        let mut reader = csv::Reader::from_reader(bytes.as_slice());
+        let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+        assert_eq!(records.len(), 4);
+        assert_eq!(&records[1][14], "0.5");
+        assert_eq!((&records[2][2], &records[2][3], &records[2][14]), ("stopped", "diverged, \"badly\"", ""));
+        assert_eq!(&records[3][2], "not run");
+    }
+}

@@ -1,0 +1,51 @@
+//! The gradient of a flow's likelihood, on the host or by burn.
+
+use headtail_model::{
+    Flow,
+    burn::{
+        optim::GradientsParams,
+        prelude::{Device, Tensor, TensorData},
+    },
+};
+
+use crate::{FitConfig, GradientForm, StepGradient, fused::FusedFlow};
+
+/// Computes `-mean ln q` and its gradient. Both forms give the same to rounding.
+pub enum FlowGradient {
+    /// In one pass over SIMD lanes, on the host.
+    Fused(Box<FusedFlow>),
+    /// In the tensor library's graph, on any backend: the reference.
+    InGraph {
+        /// A flow of the shape.
+        flow: Box<Flow>,
+        /// With autodiff.
+        device: Device,
+    },
+}
+
+impl FlowGradient {
+    /// The form that a configuration asks for; what is injected for heads is in the graph here.
+    pub fn new(config: &FitConfig, flow: &Flow, device: &Device) -> Self {
+        match config.gradient.on(config.backend) {
+            GradientForm::Fused | GradientForm::Auto => Self::Fused(Box::new(FusedFlow::new(flow))),
+            GradientForm::Injected | GradientForm::InGraph => {
+                Self::InGraph { flow: Box::new(flow.clone()), device: device.clone().autodiff() }
+            }
+        }
+    }
+
+    /// At points of X, `[samples, 2]`. A result that is not finite is the caller's to leave out.
+    pub fn gradient(&mut self, weights: &[f32], points: &[f32]) -> StepGradient {
+        match self {
+            Self::Fused(fused) => fused.gradient(weights, points),
+            Self::InGraph { flow, device } => {
+                let flow = flow.clone().with_flat_weights(weights, device);
+                let x = Tensor::<2>::from_data(TensorData::new(points.to_vec(), [points.len() / 2, 2]), &*device);
+                let loss = flow.inverse(&x).1.mean().neg();
+                let value = loss.clone().into_scalar::<f32>();
+                let gradients = GradientsParams::from_grads(loss.backward(), &flow);
+                StepGradient { loss: value, by_weight: flow.flat_gradients(&gradients) }
+            }
+        }
+    }
+}

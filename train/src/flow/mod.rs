@@ -1,0 +1,170 @@
+//! Fitting a flow tail to the light of a map, and tabulating it.
+//!
+//! Points are drawn in proportion to the light by an exact tail, and the flow's likelihood at them is maximised: with `p` the
+//! density of the light over X, the loss is `KL(p || q)` up to a constant.
+
+mod gradient;
+mod invert;
+mod settings;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use std::{sync::atomic::Ordering, time::Instant};
+
+use glam::Vec2;
+use headtail_model::Flow;
+use headtail_render::{
+    random::{Purpose, Stream},
+    tail::{Repair, Tail, TailWarp},
+};
+
+pub use gradient::FlowGradient;
+pub use settings::{FlowSettings, FlowSize};
+pub use table::tabulate;
+
+use crate::{Error, FitConfig, Progress, Result, Run, checkpoint::SavedRun, state::TrainingState};
+
+/// Strata along a side of the validation points.
+const VALIDATION_STRATA: usize = 96;
+/// How often in a run its divergence is measured.
+const VALIDATIONS: usize = 20;
+
+/// A fitted flow tail.
+pub struct FittedFlow {
+    /// The tabulated tail.
+    pub tail: Tail,
+    /// The flow itself.
+    pub flow: Flow,
+    /// The figures.
+    pub summary: FlowSummary,
+}
+
+/// A flow's fit in figures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlowSummary {
+    /// Steps done; fewer than configured where the target was met, or the run interrupted.
+    pub steps: usize,
+    /// `KL(p || q)` in nats of the flow on points of its own.
+    pub kl: f64,
+    /// The same of the table, at the same points.
+    pub table_kl: f64,
+    /// The same of the untrained flow: of uniform points of X.
+    pub initial_kl: f64,
+    /// What had to be repaired in the table.
+    pub repair: Repair,
+    /// Wall-clock seconds, table included.
+    pub seconds: f64,
+    /// Steps left out because loss or gradient was not finite.
+    pub skipped: usize,
+}
+
+/// Fits a flow to the light of an exact tail, with the settings `config.flow`, on `config.backend`; the optimiser's other settings are
+/// those of the head. `run.progress` has no divergence but the KL. A run that is resumed ends with the same bits.
+///
+/// # Errors
+/// As [`crate::fit_with`].
+pub fn fit_flow(config: &FitConfig, exact: &Tail, run: Run<'_>) -> Result<FittedFlow> {
+    let Run { progress, interrupt, checkpoints, warn } = run;
+    let config = config.flow.optimizer(config);
+    config.flow.validate()?;
+    let device = config.backend.device()?;
+    let blank = Flow::new(config.flow.shape, config.seed, &device)?;
+    let mut state = TrainingState::new(&config, blank.flat_weights());
+    let start = Instant::now();
+    let mut earlier = 0.0;
+    if let Some(checkpoints) = checkpoints
+        && let Some(saved) = checkpoints.open(&config, blank.weight_count(), warn)?
+    {
+        earlier = saved.seconds;
+        state = TrainingState::restore(&config, saved.state);
+    }
+    let mut gradient = FlowGradient::new(&config, &blank, &device);
+    let validation = Validation::new(exact, config.seed);
+    let initial_kl = validation.kl(&mut gradient, &blank.flat_weights());
+    let mut kl = validation.kl(&mut gradient, state.weights());
+    let (first_step, every) = (state.step, (config.steps / VALIDATIONS).max(1));
+    let seconds = || earlier + start.elapsed().as_secs_f64();
+    let save = |state: &TrainingState| match checkpoints {
+        Some(checkpoints) => checkpoints.save(&config, &SavedRun { state: state.save(), seconds: seconds() }),
+        None => Ok(()),
+    };
+    let points_per_step = config.flow.strata * config.flow.strata;
+    while state.step < config.steps && !(config.flow.kl_target > 0.0 && kl <= config.flow.kl_target) {
+        if interrupt.load(Ordering::Relaxed) {
+            break;
+        }
+        let points = draw(exact, config.flow.strata, config.flow.uniform, config.seed, state.step as u64);
+        let step = gradient.gradient(state.weights(), &points);
+        state.apply(&config, Some(step))?;
+        if state.step.is_multiple_of(every) || state.step == config.steps {
+            kl = validation.kl(&mut gradient, state.weights());
+        }
+        progress(&Progress {
+            step: state.step,
+            steps: config.steps,
+            loss: state.loss,
+            divergence: None,
+            learning_rate: state.last_rate(),
+            samples_per_second: ((state.step - first_step) * points_per_step) as f64 / start.elapsed().as_secs_f64(),
+            seconds: seconds(),
+            skipped: state.skipped,
+        })?;
+        if checkpoints.is_some_and(|checkpoints| checkpoints.is_due(state.step)) {
+            save(&state)?;
+        }
+    }
+    save(&state)?;
+    if !kl.is_finite() {
+        return Err(Error::Diverged { step: state.step, skipped: state.skipped });
+    }
+    let flow = blank.with_flat_weights(state.weights(), &device);
+    let (map, repair) = tabulate(&flow, config.flow.cells)?;
+    let table_kl = validation.table_kl(|x| map.inverse(x).1);
+    let tail = Tail::Flow(headtail_render::tail::FlowTail::new(map, exact.light().clone()));
+    let (steps, skipped) = (state.step, state.skipped);
+    let summary = FlowSummary { steps, kl, table_kl, initial_kl, repair, seconds: seconds(), skipped };
+    Ok(FittedFlow { tail, flow, summary })
+}
+
+/// A point of X in each stratum of Y, `[strata^2, 2]`: distributed like the light, but for a share that is uniform over X.
+fn draw(exact: &Tail, strata: usize, uniform: f32, seed: u64, index: u64) -> Vec<f32> {
+    let mut stream = Stream::new(seed, Purpose::Tail, index);
+    let stratum = |k: usize| Vec2::new((k % strata) as f32, (k / strata) as f32);
+    let y: Vec<Vec2> = (0..strata * strata).map(|k| (stratum(k) + stream.uniform2()) / strata as f32).collect();
+    let mut x = vec![(Vec2::ZERO, 0.0); y.len()];
+    exact.forward_batch(&y, &mut x);
+    for (x, _) in &mut x {
+        if stream.uniform() < uniform {
+            *x = stream.uniform2();
+        }
+    }
+    x.iter().flat_map(|(x, _)| x.to_array()).collect()
+}
+
+/// Fixed points with the density of the light.
+struct Validation {
+    points: Vec<f32>,
+    /// The mean of its logarithm.
+    entropy: f64,
+    densities: Vec<f32>,
+}
+
+impl Validation {
+    fn new(exact: &Tail, seed: u64) -> Self {
+        let points = draw(exact, VALIDATION_STRATA, 0.0, seed, u64::MAX);
+        let densities: Vec<f32> = points.chunks_exact(2).map(|x| exact.density(Vec2::from_slice(x))).collect();
+        let entropy = densities.iter().map(|&p| f64::from(p).ln()).sum::<f64>() / densities.len() as f64;
+        Self { points, entropy, densities }
+    }
+
+    fn kl(&self, gradient: &mut FlowGradient, weights: &[f32]) -> f64 {
+        self.entropy + f64::from(gradient.gradient(weights, &self.points).loss)
+    }
+
+    fn table_kl(&self, density: impl Fn(Vec2) -> f32) -> f64 {
+        let logs = self.points.chunks_exact(2).zip(&self.densities);
+        let sum: f64 = logs.map(|(x, &p)| f64::from(p).ln() - f64::from(density(Vec2::from_slice(x))).ln()).sum();
+        sum / self.densities.len() as f64
+    }
+}

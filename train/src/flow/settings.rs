@@ -1,0 +1,140 @@
+//! What the fit of a flow tail is set by.
+
+use std::{fmt, str::FromStr};
+
+use headtail_model::FlowConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::{Error, FitConfig, Result};
+
+/// Settings of a flow tail, `[flow]` in files.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FlowSettings {
+    /// Optimiser steps.
+    pub steps: usize,
+    /// Strata per side of Y; a step has a point in each.
+    pub strata: usize,
+    /// Peak learning rate.
+    pub learning_rate: f64,
+    /// The fit ends when `KL(light || flow)`, measured twenty times in a run, is at most this many nats; 0 goes through all steps.
+    pub kl_target: f64,
+    /// Share of points that are uniform over X, not distributed like the light: without them dark regions are thinner in Y than a cell of
+    /// the table. What the light lacks there is left to the head.
+    pub uniform: f32,
+    /// Cells along a side of the table: a power of two from 4 to 1024.
+    pub cells: usize,
+    /// The flow's shape.
+    pub shape: FlowConfig,
+}
+
+/// Settings by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FlowSize {
+    /// A minute on two cores.
+    Small,
+    /// Some minutes on two cores.
+    Medium,
+    /// The paper's size, for a GPU or a night.
+    Paper,
+}
+
+impl FlowSize {
+    /// Every size.
+    pub const ALL: [Self; 3] = [Self::Small, Self::Medium, Self::Paper];
+
+    /// The name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Small => "small",
+            Self::Medium => "medium",
+            Self::Paper => "paper",
+        }
+    }
+
+    /// The settings.
+    pub const fn settings(self) -> FlowSettings {
+        const SMALL: FlowSettings = FlowSettings {
+            steps: 1500,
+            strata: 64,
+            learning_rate: 5e-3,
+            kl_target: 0.0,
+            uniform: 0.05,
+            cells: 256,
+            shape: FlowConfig::SMALL,
+        };
+        match self {
+            Self::Small => SMALL,
+            Self::Medium => {
+                let shape = FlowConfig { bins: 128, couplings: 2, hidden: 128, octaves: 6, ..FlowConfig::SMALL };
+                FlowSettings { steps: 3000, learning_rate: 3e-3, cells: 512, shape, ..SMALL }
+            }
+            Self::Paper => {
+                FlowSettings { steps: 100_000, learning_rate: 1e-3, cells: 1024, shape: FlowConfig::PAPER, ..SMALL }
+            }
+        }
+    }
+}
+
+impl fmt::Display for FlowSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for FlowSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let known = Self::ALL.into_iter().find(|size| size.name() == text);
+        known.ok_or_else(|| format!("'{text}' is no size of a flow: there are small, medium and paper"))
+    }
+}
+
+impl Default for FlowSettings {
+    /// [`FlowSize::Small`].
+    fn default() -> Self {
+        FlowSize::Small.settings()
+    }
+}
+
+impl FlowSettings {
+    /// A configuration whose optimiser is that of the flow.
+    pub fn optimizer(&self, config: &FitConfig) -> FitConfig {
+        FitConfig {
+            steps: self.steps,
+            learning_rate: self.learning_rate,
+            weight_decay: 0.0,
+            ema_decay: 0.0,
+            ..config.clone()
+        }
+    }
+
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::Config`] or [`Error::Model`] names the first field that is out of range.
+    pub fn validate(&self) -> Result<()> {
+        self.shape.validate()?;
+        let refuse = |field, value: String, requirement| Err(Error::Config { field, value, requirement });
+        if !(1..=100_000_000).contains(&self.steps) {
+            return refuse("flow.steps", self.steps.to_string(), "in 1..=1e8");
+        }
+        if !(1..=1024).contains(&self.strata) {
+            return refuse("flow.strata", self.strata.to_string(), "in 1..=1024");
+        }
+        if !(f64::MIN_POSITIVE..=1.0).contains(&self.learning_rate) {
+            return refuse("flow.learning_rate", self.learning_rate.to_string(), "in (0, 1]");
+        }
+        if !(0.0..=100.0).contains(&self.kl_target) {
+            return refuse("flow.kl_target", self.kl_target.to_string(), "in [0, 100]");
+        }
+        if !(0.0..=0.9).contains(&self.uniform) {
+            return refuse("flow.uniform", self.uniform.to_string(), "in [0, 0.9]");
+        }
+        if !((4..=1024).contains(&self.cells) && self.cells.is_power_of_two()) {
+            return refuse("flow.cells", self.cells.to_string(), "a power of two in 4..=1024");
+        }
+        Ok(())
+    }
+}
