@@ -1,0 +1,5 @@
+//! x
+use super::Model;
+pub fn model() -> Model {
+    super::simple::plane()
+}
