@@ -15,7 +15,7 @@ use headtail_render::{
 /// Which picture to take.
 #[derive(Args, Clone, Debug)]
 pub struct ViewArguments {
-    /// A built-in scene (temple, dishes, sphere, plane) or a glTF 2.0 file (.glb, .gltf).
+    /// A built-in scene (temple, dishes, diorama, droid, bedroom, cloth, sphere, plane) or a glTF 2.0 file (.glb, .gltf).
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: String,
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.

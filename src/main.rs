@@ -10,6 +10,7 @@ mod inspect;
 mod progress;
 mod render;
 mod report;
+mod scenes;
 
 use std::process::ExitCode;
 
@@ -31,6 +32,7 @@ enum Command {
     Render(render::Arguments),
     Compare(compare::Arguments),
     Inspect(inspect::Arguments),
+    Scenes(scenes::Arguments),
     Backends(backends::Arguments),
 }
 
@@ -42,6 +44,7 @@ fn main() -> ExitCode {
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Scenes(arguments) => scenes::run(&arguments),
         Command::Backends(arguments) => backends::run(&arguments),
     };
     match result {

@@ -97,7 +97,7 @@ pub fn attributes(sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attrib
 
 /// The exposure in stops that puts the mean luminance of the surfaces (of the whole picture, where there is none) at a middle
 /// grey. The mean does not depend on noise, so pictures of one view by different samplers are equally bright.
-fn exposure(rendering: &Rendering) -> f32 {
+pub fn exposure(rendering: &Rendering) -> f32 {
     let mean = |image: &Image, area: f32| {
         image.pixels.iter().map(|&pixel| luminance(pixel.into())).sum::<f32>() / area.max(1.0)
     };

@@ -94,7 +94,7 @@ const SMALL: &str = "--width 24 --height 18";
 #[test]
 fn the_help_of_every_command_ends_with_examples() {
     let here = folder();
-    for name in ["demo", "fit", "bake", "render", "compare", "inspect"] {
+    for name in ["demo", "fit", "bake", "render", "compare", "inspect", "scenes"] {
         let help = succeed(here.path(), &format!("{name} --help"));
         let (_, examples) = help.split_once("Examples:").unwrap_or_else(|| panic!("{name}: no examples"));
         assert!(examples.contains(&format!("headtail {name}")), "{help}");
@@ -234,7 +234,10 @@ fn gltf_files_are_scenes() {
     succeed(here.path(), &format!("{view} triangle.gltf"));
     fs::write(here.path().join("broken.gltf"), &scene[..200]).unwrap();
     assert!(fail(here.path(), &format!("{view} broken.gltf")).starts_with("broken.gltf: "));
-    assert!(fail(here.path(), &format!("{view} nowhere")).contains("temple, dishes, sphere, plane"));
+    assert!(
+        fail(here.path(), &format!("{view} nowhere"))
+            .contains("temple, dishes, diorama, droid, bedroom, cloth, sphere, plane")
+    );
 }
 
 #[test]

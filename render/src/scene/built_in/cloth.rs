@@ -19,8 +19,8 @@ const BALL: f32 = 0.5;
 const SKIN: f32 = 0.012;
 
 /// Time steps of 1/120 s, and rounds of corrections in each.
-const STEPS: usize = 330;
-const ROUNDS: usize = 14;
+const STEPS: usize = 300;
+const ROUNDS: usize = 8;
 
 /// Pieces into which the gap between two threads is divided when the cloth is drawn.
 const REFINEMENT: usize = 3;

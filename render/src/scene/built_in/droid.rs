@@ -219,7 +219,7 @@ fn crates(model: &mut Model, paints: Paints) {
     for (half, turn, at) in [
         (Vec3::new(0.34, 0.26, 0.27), 12.0, [-1.15, 0.26, -0.95]),
         (Vec3::new(0.24, 0.19, 0.22), -18.0, [-1.10, 0.71, -0.98]),
-        (Vec3::new(0.30, 0.22, 0.24), -8.0, [0.72, 0.22, -0.95]),
+        (Vec3::new(0.30, 0.22, 0.24), -8.0, [0.62, 0.22, -1.0]),
     ] {
         model.add_turned(shadow, &mapped(cushion(half, 14.0, 96), WEAR), turn, at);
         for x in [-0.55, 0.55] {
