@@ -246,6 +246,7 @@ fn glossy_surfaces_in_a_white_furnace_show_their_albedo() {
         metallic: 0.2,
         roughness: 0.5,
         metallic_roughness_texture: None,
+        normal_map: None,
     });
     let materials =
         [("ggx 0.4", spec("ggx:alpha=0.4")), ("ggx 0.2 to 0.8", spec("ggx:alpha=0.2..0.8")), ("mixture", dielectric)];

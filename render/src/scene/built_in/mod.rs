@@ -86,6 +86,7 @@ impl Model {
             metallic,
             roughness,
             metallic_roughness_texture: wear.map(Arc::new),
+            normal_map: None,
         }));
         Paint(self.materials.len() - 1)
     }
