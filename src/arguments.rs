@@ -177,10 +177,11 @@ impl OpenedView {
         }
     }
 
-    /// The scene's name, with the material that it was given.
+    /// The scene's name, with the material that it was given, and whether it is without shadows.
     pub fn scene_name(&self) -> String {
         let name = self.scene.name();
-        self.material.map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"))
+        let name = self.material.map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"));
+        if self.unshadowed { name + ", unshadowed" } else { name }
     }
 
     /// Whether all surfaces reflect like Lambert's BRDF.

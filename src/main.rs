@@ -3,6 +3,7 @@
 mod arguments;
 mod backends;
 mod bake;
+mod chart;
 mod compare;
 mod demo;
 mod fit;
@@ -31,6 +32,7 @@ enum Command {
     Bake(bake::Arguments),
     Render(render::Arguments),
     Compare(compare::Arguments),
+    Chart(chart::Arguments),
     Inspect(inspect::Arguments),
     Scenes(scenes::Arguments),
     Backends(backends::Arguments),
@@ -43,6 +45,7 @@ fn main() -> ExitCode {
         Command::Bake(arguments) => bake::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Chart(arguments) => chart::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Scenes(arguments) => scenes::run(&arguments),
         Command::Backends(arguments) => backends::run(&arguments),

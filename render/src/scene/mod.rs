@@ -5,6 +5,7 @@ mod bvh;
 mod camera;
 mod gltf;
 mod ground;
+mod hash;
 mod material;
 mod material_spec;
 mod mesh;

@@ -2,6 +2,8 @@
 //!
 //! `demo` takes too long for a test; the script that runs every check runs it.
 
+mod browser;
+
 use std::{
     fs,
     path::Path,
@@ -94,7 +96,7 @@ const SMALL: &str = "--width 24 --height 18";
 #[test]
 fn the_help_of_every_command_ends_with_examples() {
     let here = folder();
-    for name in ["demo", "fit", "bake", "render", "compare", "inspect", "scenes"] {
+    for name in ["demo", "fit", "bake", "render", "compare", "chart", "inspect", "scenes"] {
         let help = succeed(here.path(), &format!("{name} --help"));
         let (_, examples) = help.split_once("Examples:").unwrap_or_else(|| panic!("{name}: no examples"));
         assert!(examples.contains(&format!("headtail {name}")), "{help}");
@@ -282,11 +284,26 @@ fn compare_writes_the_table_the_page_and_the_images() {
     assert!(page.contains("data:image/png;base64,") && page.contains("<svg"));
     assert!(!page.contains("src=\"http") && !page.contains("href=\"http"), "the page needs nothing but itself");
     let images = names(&path.join("results"));
-    assert_eq!(images.iter().filter(|name| name.ends_with(".exr")).count(), 1 + 3 * 3, "{images:?}");
+    assert_eq!(images.iter().filter(|name| name.ends_with(".exr")).count(), 1 + 2 * 3 * 3, "{images:?}");
+    let errors = picture(&path.join("results/mis_2spp_error.exr"));
+    assert!(mean(&errors) > 0.0 && errors.pixels.len() == 24 * 18);
 
     // A reference that was rendered before is taken, and one of another size is refused.
     let again = format!("{view} --samplers mis --spp 2 --runs 1 --reference results/reference.exr --out again");
     succeed(path, &again);
+
+    // One that is in the cache is not rendered again: the same rows come of it, but for the seconds.
+    let cached = format!("{view} --samplers mis --spp 2 --runs 1 --reference-cache cache --out");
+    succeed(path, &format!("{cached} first"));
+    succeed(path, &format!("{cached} second"));
+    assert_eq!(names(&path.join("cache")).len(), 2);
+    let mse = |folder: &str| fs::read_to_string(path.join(folder).join("results.csv")).unwrap();
+    let mse = |folder: &str| mse(folder).lines().nth(1).unwrap().split(',').nth(8).unwrap().to_owned();
+    assert_eq!(mse("first"), mse("second"));
+    assert!(fs::read_to_string(path.join("second/report.html")).unwrap().contains("found in the cache"));
+    succeed(path, &format!("{cached} third --seed 9"));
+    assert_eq!(names(&path.join("cache")).len(), 4);
+
     let other_size = again.replace("--width 24", "--width 25");
     assert!(fail(path, &other_size).contains("24 x 18"));
 }
