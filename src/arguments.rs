@@ -33,6 +33,9 @@ pub struct ViewArguments {
     /// Leave out shadow rays: every point sees the whole environment.
     #[arg(long)]
     pub unshadowed: bool,
+    /// Surfaces that light may visit on its way to the camera: 1 is direct light alone.
+    #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "unshadowed", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub depth: u32,
     /// Threads to render with. Default: all cores.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
@@ -132,6 +135,7 @@ pub struct OpenedView {
     width: usize,
     height: usize,
     unshadowed: bool,
+    depth: u32,
 }
 
 impl ViewArguments {
@@ -160,6 +164,7 @@ impl ViewArguments {
             width: self.camera.width as usize,
             height: self.camera.height as usize,
             unshadowed: self.unshadowed,
+            depth: self.depth,
         })
     }
 }
@@ -174,6 +179,7 @@ impl OpenedView {
             width: self.width,
             height: self.height,
             unshadowed: self.unshadowed,
+            depth: self.depth,
         }
     }
 
@@ -181,7 +187,11 @@ impl OpenedView {
     pub fn scene_name(&self) -> String {
         let name = self.scene.name();
         let name = self.material.map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"));
-        if self.unshadowed { name + ", unshadowed" } else { name }
+        match (self.unshadowed, self.depth) {
+            (true, _) => name + ", unshadowed",
+            (false, 1) => name,
+            (false, depth) => format!("{name}, depth {depth}"),
+        }
     }
 
     /// Whether all surfaces reflect like Lambert's BRDF.

@@ -209,14 +209,18 @@ impl Entry {
     }
 }
 
-/// The budget of samples that takes `seconds`, found by rendering for half as long.
+/// The budget of samples that takes `seconds`: a short rendering says about how many, one with that many sets it right.
 ///
 /// All runs of a sampler then take the same number of samples, which does not depend on what else the machine does.
 fn calibrated(opened: &OpenedView, entry: &Entry, seconds: f64, seed: u64) -> Budget {
-    let trial = Budget::Time(Duration::from_secs_f64(0.5 * seconds));
-    let rendering = quietly(opened.view(), &*entry.estimator, trial, seed);
-    let spp = f64::from(rendering.spp) * seconds / rendering.seconds;
-    Budget::Spp((spp.round() as u32).max(1))
+    let mut trial = Budget::Time(Duration::from_secs_f64(0.25 * seconds));
+    // A long rendering is faster per sample than a short one: passes are longer.
+    for _ in 0..2 {
+        let rendering = quietly(opened.view(), &*entry.estimator, trial, seed);
+        let spp = f64::from(rendering.spp) * seconds / rendering.seconds;
+        trial = Budget::Spp((spp.round() as u32).max(1));
+    }
+    trial
 }
 
 /// Squared error of each pixel and channel over the squared reference (plus the same small number as in relMSE); black where

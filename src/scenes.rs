@@ -34,6 +34,9 @@ pub struct Arguments {
     /// Samples per pixel.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     spp: u32,
+    /// Surfaces that light may visit on its way to the camera: 1 is direct light alone.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    depth: u32,
     /// Image width in pixels; three quarters of it are the height.
     #[arg(long, default_value_t = 480, value_parser = clap::value_parser!(u32).range(4..=4096))]
     width: u32,
@@ -64,7 +67,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for scene in &scenes {
         let (width, height) = (arguments.width as usize, (arguments.width * 3 / 4) as usize);
         let (camera, environment) = (&scene.camera(), &*environment);
-        let view = View { scene, camera, environment, width, height, unshadowed: false };
+        let view = View { scene, camera, environment, width, height, unshadowed: false, depth: arguments.depth };
         let rendering = quietly(view, estimator, Budget::Spp(arguments.spp), 1);
         write_png(&folder.join(scene.name()).with_extension("png"), &rendering.composite(), exposure(&rendering))?;
         bar.inc(1);

@@ -31,6 +31,7 @@ struct Setting {
     scene: Scene,
     environment: Arc<Environment>,
     unshadowed: bool,
+    depth: u32,
 }
 
 impl Setting {
@@ -49,7 +50,8 @@ impl Setting {
         let estimator = sampler.build(&self.environment).unwrap();
         let (camera, unshadowed) = (self.scene.camera(), self.unshadowed);
         let (scene, environment) = (&self.scene, &*self.environment);
-        let view = View { scene, camera: &camera, environment, width: WIDTH, height: HEIGHT, unshadowed };
+        let view =
+            View { scene, camera: &camera, environment, width: WIDTH, height: HEIGHT, unshadowed, depth: self.depth };
         render(view, &*estimator, Budget::Spp(spp), seed, stop, progress)
     }
 }
@@ -141,7 +143,7 @@ fn a_white_furnace_is_white() {
         // What the smooth normals of a tessellated sphere reflect to below its facets is lost: with normals that lean by up to
         // 0.02 rad, a share of 0.02^2 / 4 = 1e-4 at most.
         let lost = if name == "sphere" { 1e-4 } else { 0.0 };
-        let setting = Setting { scene, environment: environment.clone(), unshadowed: true };
+        let setting = Setting { scene, environment: environment.clone(), unshadowed: true, depth: 1 };
         let spp = 16;
 
         let cosine = setting.render(&SamplerSpec::Cosine, spp, 1).composite();
@@ -183,7 +185,7 @@ fn all_samplers_render_the_same_picture() {
         let environment = Arc::new(built_in(map).unwrap());
         for name in built_in_names() {
             let scene = Scene::built_in(name).unwrap();
-            let setting = Setting { scene, environment: environment.clone(), unshadowed: false };
+            let setting = Setting { scene, environment: environment.clone(), unshadowed: false, depth: 1 };
             let mut tested: Vec<(SamplerSpec, u32)> =
                 samplers(folder.path(), &environment).into_iter().map(|sampler| (sampler, 32)).collect();
             // Under a sun, cosine sampling has half of its mean in one sample of 1e5: the normal approximation of the test does
@@ -256,7 +258,7 @@ fn glossy_surfaces_in_a_white_furnace_show_their_albedo() {
     for (name, material) in materials {
         let scene = plane().with_material(material);
         let truth = furnace(&scene);
-        let setting = Setting { scene, environment: environment.clone(), unshadowed: true };
+        let setting = Setting { scene, environment: environment.clone(), unshadowed: true, depth: 1 };
         for sampler in &tested {
             let spp = if *sampler == SamplerSpec::Oracle { 1 } else { 16 };
             let image = setting.render(sampler, spp, 2).composite();
@@ -279,7 +281,7 @@ fn all_samplers_render_the_same_glossy_picture() {
         let scene = Scene::built_in("dishes").unwrap();
         let bounds = scene.bounds();
         let scene = scene.with_material(material.parse::<MaterialSpec>().unwrap().material(&bounds));
-        let setting = Setting { scene, environment: environment.clone(), unshadowed: false };
+        let setting = Setting { scene, environment: environment.clone(), unshadowed: false, depth: 1 };
         let mut tested: Vec<(SamplerSpec, u32)> =
             samplers(folder.path(), &environment).into_iter().map(|sampler| (sampler, 48)).collect();
         tested.push((SamplerSpec::Cosine, 64));
@@ -300,12 +302,48 @@ fn all_samplers_render_the_same_glossy_picture() {
 }
 
 #[test]
+fn paths_of_every_sampler_have_the_same_mean_and_white_crockery_is_white_in_a_furnace() {
+    let folder = tempfile::tempdir().unwrap();
+    let environment = Arc::new(built_in("window").unwrap());
+    let setting = Setting { scene: Scene::built_in("dishes").unwrap(), environment, unshadowed: false, depth: 4 };
+    let images: Vec<(String, Image)> = samplers(folder.path(), &setting.environment)
+        .iter()
+        .enumerate()
+        .map(|(k, sampler)| (sampler.to_string(), setting.render(sampler, 32, 40 + k as u64).surfaces))
+        .collect();
+    let significance = sidak(SIGNIFICANCE, images.len() * (images.len() - 1) / 2);
+    for (k, (first, a)) in images.iter().enumerate() {
+        for (second, b) in &images[k + 1..] {
+            let test = compare_images(a, b, 16, significance).unwrap();
+            assert!(test.passed(), "{first} against {second}: {test}");
+        }
+    }
+
+    // Between white surfaces under a white sky everything is white, if only paths are long enough.
+    let white = Image { width: 32, height: 16, pixels: vec![[1.0; 3]; 32 * 16] };
+    let environment = Arc::new(Environment::from_image("white", white).unwrap());
+    let scene = || Scene::built_in("dishes").unwrap().with_material(Material::diffuse(Vec3A::ONE));
+    let mean = |depth: u32| {
+        let setting = Setting { scene: scene(), environment: environment.clone(), unshadowed: false, depth };
+        let image = setting.render(&SamplerSpec::Cosine, 64, 3).composite();
+        let values: Vec<f64> = image.pixels.iter().map(|pixel| f64::from(pixel[1])).collect();
+        let moments = Moments::of(&values).unwrap();
+        (moments.mean, (moments.variance / values.len() as f64).sqrt())
+    };
+    let ((direct, _), (paths, error)) = (mean(1), mean(64));
+    assert!(direct < 0.95, "{direct}");
+    // Lost are paths in the deepest folds, and what smooth normals reflect to below their facets: some 0.5 %.
+    assert!(paths < 1.0 + 4.0 * error && paths > 0.99 - 4.0 * error, "{paths} +- {error}");
+}
+
+#[test]
 fn a_sampler_of_other_energy_is_told_apart() {
     // The comparison above can fail: 6 % more light is seen with images and samples like those.
     let setting = Setting {
         scene: Scene::built_in("dishes").unwrap(),
         environment: Arc::new(built_in("window").unwrap()),
         unshadowed: false,
+        depth: 1,
     };
     let significance = sidak(SIGNIFICANCE, 8 * 45);
     let a = setting.render(&SamplerSpec::Ris(4), 32, 1).surfaces;
@@ -323,7 +361,7 @@ fn pictures_do_not_depend_on_threads() {
     let environment = Arc::new(built_in("studio").unwrap());
     let scene = Scene::built_in("dishes").unwrap();
     let direct = exported(folder.path(), &environment).pop().unwrap();
-    let setting = Setting { scene, environment, unshadowed: false };
+    let setting = Setting { scene, environment, unshadowed: false, depth: 1 };
     for sampler in [direct, SamplerSpec::Ris(4)] {
         let with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -346,6 +384,7 @@ fn an_interrupted_rendering_holds_the_finished_passes() {
         scene: Scene::built_in("temple").unwrap(),
         environment: Arc::new(built_in("overcast").unwrap()),
         unshadowed: false,
+        depth: 1,
     };
     let (stop, passes) = (AtomicBool::new(false), AtomicUsize::new(0));
     let after_two = |share: f64| {
@@ -370,6 +409,7 @@ fn a_budget_of_no_samples_ends() {
         scene: Scene::built_in("plane").unwrap(),
         environment: Arc::new(built_in("overcast").unwrap()),
         unshadowed: true,
+        depth: 1,
     };
     let rendering = setting.render(&SamplerSpec::Mis, 0, 1);
     assert_eq!(rendering.spp, 1);

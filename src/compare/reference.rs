@@ -112,13 +112,14 @@ fn covered(coverage: &[f32]) -> Vec<bool> {
 fn key(arguments: &Arguments, opened: &OpenedView) -> String {
     let view = opened.view();
     let content = format!(
-        "{CACHE_VERSION} {} {} {:?} {} x {} {} {} {}",
+        "{CACHE_VERSION} {} {} {:?} {} x {} {} {} {} {}",
         view.scene.content_hash(),
         view.environment.hash(),
         view.camera,
         view.width,
         view.height,
         view.unshadowed,
+        view.depth,
         arguments.reference_spp,
         seed(arguments)
     );

@@ -1,4 +1,4 @@
-//! The direct-illumination integrator: camera rays through a box filter, one light estimate at each hit.
+//! The integrator: camera rays through a box filter, one light estimate (or path) at each hit.
 
 use std::{
     sync::atomic::{AtomicBool, Ordering},
@@ -8,7 +8,11 @@ use std::{
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 
-use super::estimator::{DirectEstimator, Unshadowed, Visibility};
+use super::{
+    estimator::{DirectEstimator, Unshadowed, Visibility},
+    path::reflected,
+    timings::{Stage, flush, timed},
+};
 use crate::{
     environment::Environment,
     image::Image,
@@ -48,6 +52,8 @@ pub struct View<'a> {
     pub height: usize,
     /// Leave out shadow rays: the environment is seen from everywhere.
     pub unshadowed: bool,
+    /// Surfaces that light may visit on its way to the camera: 1 is direct light, and 0 counts as 1.
+    pub depth: u32,
 }
 
 /// A finished or interrupted image.
@@ -170,8 +176,12 @@ fn sample_pixel(
     for _ in 0..count {
         let jitter = random.uniform2();
         let ray = view.camera.ray(x as f32 + jitter.x, y as f32 + jitter.y, view.width, view.height);
-        if let Some(at) = view.scene.intersect(&ray) {
-            let estimate = estimator.estimate(&at, visibility, &mut random);
+        if let Some(at) = timed(Stage::CameraRays, || view.scene.intersect(&ray)) {
+            let estimate = if view.depth > 1 {
+                reflected(view, estimator, visibility, at, &mut random)
+            } else {
+                estimator.estimate(&at, visibility, &mut random)
+            };
             pixel.surfaces += estimate.radiance.as_dvec3();
             pixel.estimates += 1;
             pixel.rays += u64::from(estimate.rays);
@@ -180,6 +190,7 @@ fn sample_pixel(
             pixel.background += view.environment.radiance(ray.direction).as_dvec3();
         }
     }
+    flush();
     pixel
 }
 

@@ -2,6 +2,7 @@
 
 use glam::Vec3A;
 
+use super::timings::{Stage, timed};
 use crate::{
     color::luminance,
     random::Stream,
@@ -42,7 +43,7 @@ impl Estimate {
         if weight > 0.0 {
             self.max_weight = self.max_weight.max(weight);
             self.rays += 1;
-            if visibility.visible(at, wi) {
+            if timed(Stage::ShadowRays, || visibility.visible(at, wi)) {
                 self.radiance += contribution;
             }
         }
@@ -69,9 +70,11 @@ impl<S: CoversIntegrand> SingleSample<S> {
 impl<S: CoversIntegrand> DirectEstimator for SingleSample<S> {
     fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
         let mut estimate = Estimate::default();
-        let prepared = self.0.prepare(at);
-        if let Some(DirectionSample { wi, pdf, radiance }) = self.0.sample(&prepared, at, random.uniform2()) {
-            estimate.add(at, visibility, wi, at.brdf_cosine(wi) * radiance / pdf);
+        let u = random.uniform2();
+        let drawn = timed(Stage::Sampling, || self.0.sample(&self.0.prepare(at), at, u));
+        if let Some(DirectionSample { wi, pdf, radiance }) = drawn {
+            let contribution = timed(Stage::Shading, || at.brdf_cosine(wi) * radiance / pdf);
+            estimate.add(at, visibility, wi, contribution);
         }
         estimate
     }
@@ -95,15 +98,17 @@ impl<A: DirectionSampler, B: CoversIntegrand> TwoSampleMis<A, B> {
 impl<A: DirectionSampler, B: CoversIntegrand> DirectEstimator for TwoSampleMis<A, B> {
     fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
         let mut estimate = Estimate::default();
-        let (first, second) = (self.first.prepare(at), self.second.prepare(at));
+        let (first, second) = timed(Stage::Sampling, || (self.first.prepare(at), self.second.prepare(at)));
         let mut add = |sample: Option<DirectionSample>, other_pdf: &dyn Fn(Vec3A) -> f32| {
             let Some(DirectionSample { wi, pdf, radiance }) = sample else { return };
             // p^2 / (p^2 + q^2), written so that a large p does not overflow.
-            let ratio = other_pdf(wi) / pdf;
-            estimate.add(at, visibility, wi, at.brdf_cosine(wi) * radiance / (pdf * (1.0 + ratio * ratio)));
+            let ratio = timed(Stage::Pdf, || other_pdf(wi)) / pdf;
+            let weight = 1.0 / (pdf * (1.0 + ratio * ratio));
+            estimate.add(at, visibility, wi, timed(Stage::Shading, || at.brdf_cosine(wi) * radiance * weight));
         };
-        add(self.first.sample(&first, at, random.uniform2()), &|wi| self.second.pdf(&second, at, wi));
-        add(self.second.sample(&second, at, random.uniform2()), &|wi| self.first.pdf(&first, at, wi));
+        let (u, v) = (random.uniform2(), random.uniform2());
+        add(timed(Stage::Sampling, || self.first.sample(&first, at, u)), &|wi| self.second.pdf(&second, at, wi));
+        add(timed(Stage::Sampling, || self.second.sample(&second, at, v)), &|wi| self.first.pdf(&first, at, wi));
         estimate
     }
 }
@@ -122,8 +127,9 @@ impl<S: ResampledSampler> ResampledEstimator<S> {
 impl<S: ResampledSampler> DirectEstimator for ResampledEstimator<S> {
     fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
         let mut estimate = Estimate::default();
-        if let Some(drawn) = self.0.sample(at, random) {
-            let contribution = at.brdf_cosine(drawn.wi) * drawn.radiance * drawn.contribution_weight;
+        if let Some(drawn) = timed(Stage::Sampling, || self.0.sample(at, random)) {
+            let contribution =
+                timed(Stage::Shading, || at.brdf_cosine(drawn.wi) * drawn.radiance * drawn.contribution_weight);
             estimate.add(at, visibility, drawn.wi, contribution);
         }
         estimate

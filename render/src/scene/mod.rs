@@ -206,6 +206,11 @@ impl Scene {
         Some(ShadingPoint { p, ng, ns: shading_normal(bent, ng, wo), wo, brdf })
     }
 
+    /// The ray that leaves a surface towards `wi`, which is above it.
+    pub fn leaving(&self, at: &ShadingPoint, wi: Vec3A) -> Ray {
+        Ray::new(self.above(at), wi)
+    }
+
     /// Where a shadow ray from `at` starts: above the surface by more than the rounding error of position and ray.
     ///
     /// The error of the intersection grows with the size of the triangle and with its distance from the origin of
