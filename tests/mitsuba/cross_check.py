@@ -30,6 +30,7 @@ def arguments():
     parser.add_argument("--scene", type=pathlib.Path, help=".glb file; default: a ball and two blocks")
     parser.add_argument("--env", type=pathlib.Path, help="map; default: a sky with a small lamp")
     parser.add_argument("--material", default="lambert:albedo=0.5", help="lambert:albedo=A or ggx:alpha=A")
+    parser.add_argument("--wrong-material", help="give headtail this one instead: the images must then differ")
     parser.add_argument("--sampler", default="mis2", help="headtail's sampler; mis2 is what Mitsuba's direct integrator does")
     parser.add_argument("--width", type=int, default=96)
     parser.add_argument("--spp", type=int, default=64)
@@ -127,7 +128,7 @@ class Headtail:
         triple = lambda point: ",".join(f"{x:.9g}" for x in point)
         self.out = folder / "ours.exr"
         self.command = [
-            options.headtail.resolve(), "render", "--scene", folder / "scene.glb", "--env", map_file, "--material", options.material,
+            options.headtail.resolve(), "render", "--scene", folder / "scene.glb", "--env", map_file, "--material", options.wrong_material or options.material,
             f"--look-from={triple(origin)}", f"--look-at={triple(target)}", "--fov", fov, "--sampler", options.sampler,
             "--width", options.width, "--height", height, "--out", self.out,
         ]  # fmt: skip
