@@ -34,7 +34,10 @@ fn main() {
     let (triangles, width, spp) = BASE;
     let measure = |scene: &Scene, width: usize, spp: u32| best(scene, &environment, &*estimator, width, spp);
 
-    println!("sampler {sampler}, {} threads; {triangles} triangles, {width} wide, {spp} spp unless said otherwise", rayon::current_num_threads());
+    println!(
+        "sampler {sampler}, {} threads; {triangles} triangles, {width} wide, {spp} spp unless said otherwise",
+        rayon::current_num_threads()
+    );
     println!("\n{:>10} {:>9} {:>9} {:>9} {:>9} {:>9}", "triangles", "balls", "build s", "MB", "render s", "Mrays/s");
     for wanted in [1_000, 10_000, 100_000, 1_000_000].into_iter().filter(|&wanted| wanted <= most) {
         let (before, start) = (resident(), Instant::now());
@@ -65,7 +68,13 @@ fn main() {
 }
 
 /// The fastest of three renderings.
-fn best(scene: &Scene, environment: &Environment, estimator: &dyn DirectEstimator, width: usize, spp: u32) -> Rendering {
+fn best(
+    scene: &Scene,
+    environment: &Environment,
+    estimator: &dyn DirectEstimator,
+    width: usize,
+    spp: u32,
+) -> Rendering {
     let camera = Camera::new(Vec3A::new(0.0, 5.0, 11.0), Vec3A::new(0.0, 0.0, 0.5), 40.0).expect("a direction");
     let view = View { scene, camera: &camera, environment, width, height: width * 3 / 4, unshadowed: false, depth: 1 };
     let once = |seed| render(view, estimator, Budget::Spp(spp), seed, &AtomicBool::new(false), &|_| {});

@@ -1,6 +1,7 @@
 //! A scene's content as a hash: what an image of it depends on besides camera and light.
 
 use blake3::Hasher;
+use glam::{Vec2, Vec3, Vec4};
 
 use super::{Material, Scene, Texture};
 
@@ -11,12 +12,12 @@ impl Scene {
         for mesh in &self.meshes {
             let space = mesh.tangent_space.clone().unwrap_or_default();
             let own = mesh.roughness_texcoords.as_deref().unwrap_or_default();
-            add_floats(&mut hasher, mesh.positions.iter().map(|p| p.to_array()));
-            add_floats(&mut hasher, mesh.normals.iter().map(|n| n.to_array()));
+            add_floats(&mut hasher, mesh.positions.iter().map(Vec3::to_array));
+            add_floats(&mut hasher, mesh.normals.iter().map(Vec3::to_array));
             for texcoords in [&mesh.texcoords[..], own, &space.texcoords] {
-                add_floats(&mut hasher, texcoords.iter().map(|uv| uv.to_array()));
+                add_floats(&mut hasher, texcoords.iter().map(Vec2::to_array));
             }
-            add_floats(&mut hasher, space.tangents.iter().map(|t| t.to_array()));
+            add_floats(&mut hasher, space.tangents.iter().map(Vec4::to_array));
             add(&mut hasher, &mesh.triangles.iter().flatten().flat_map(|i| i.to_le_bytes()).collect::<Vec<_>>());
             let own = u64::from(mesh.roughness_texcoords.is_some());
             add(&mut hasher, &[(mesh.material as u64).to_le_bytes(), own.to_le_bytes()].concat());
