@@ -138,11 +138,16 @@ fn a_white_furnace_is_white() {
     let folder = tempfile::tempdir().unwrap();
     let white = Image { width: 32, height: 16, pixels: vec![[1.0; 3]; 32 * 16] };
     let environment = Arc::new(Environment::from_image("white", white).unwrap());
-    for name in ["sphere", "plane"] {
+    for name in built_in_names() {
         let scene = Scene::built_in(name).unwrap().with_material(Material::diffuse(Vec3A::ONE));
         // What the smooth normals of a tessellated sphere reflect to below its facets is lost: with normals that lean by up to
         // 0.02 rad, a share of 0.02^2 / 4 = 1e-4 at most.
-        let lost = if name == "sphere" { 1e-4 } else { 0.0 };
+        // The other scenes have thin bars and folds of a dozen pieces around, whose normals lean by 0.3 rad: up to 2 % of what they reflect.
+        let most_lost = match name {
+            "plane" => 0.0,
+            "sphere" => 1e-4,
+            _ => 0.02,
+        };
         let setting = Setting { scene, environment: environment.clone(), unshadowed: true, depth: 1 };
         let spp = 16;
 
@@ -156,21 +161,23 @@ fn a_white_furnace_is_white() {
                 missing += shortage.round() / spp as f32;
             }
         }
-        assert!(missing / (3 * WIDTH * HEIGHT) as f32 <= lost, "{name}: {missing} samples are lost");
+        let lost = missing / (3 * WIDTH * HEIGHT) as f32;
+        assert!(lost <= most_lost, "{name}: a share of {lost} is lost");
 
         let mut others = samplers(folder.path(), &environment);
         others.push(SamplerSpec::Cosine);
-        let significance = sidak(SIGNIFICANCE, 2 * others.len());
+        let significance = sidak(SIGNIFICANCE, 8 * others.len());
         for sampler in &others {
             let image = setting.render(sampler, 16, 2).composite();
             let values: Vec<f64> = image.pixels.iter().map(|pixel| f64::from(pixel[1])).collect();
             let moments = Moments::of(&values).unwrap();
             let error = (moments.variance / values.len() as f64).sqrt();
-            // Normal quantile of 0.01 / 20 tests, two-sided, from above: 4 standard errors.
+            // Normal quantile of 0.01 / 80 tests, two-sided, from above: 4 standard errors. The cosine sampler's own loss is known to a few
+            // per cent of it.
             assert!(significance > 6.4e-5);
-            let deviation = (moments.mean - 1.0).abs();
+            let deviation = (moments.mean - 1.0 + f64::from(lost)).abs();
             assert!(
-                deviation <= 4.0 * error + f64::from(lost) + 1e-5,
+                deviation <= 4.0 * error + 0.1 * f64::from(lost) + 1e-4,
                 "{name}, {sampler}: {} +- {error}",
                 moments.mean
             );

@@ -205,6 +205,37 @@ fn shadows_ground_and_camera_change_the_picture() {
 }
 
 #[test]
+fn light_over_several_surfaces_adds_to_direct_light() {
+    let here = folder();
+    let path = here.path();
+    let view = format!("render --scene dishes --env overcast --sampler mis --spp 16 {SMALL}");
+    let said = succeed(path, &format!("{view} --timings --out direct.exr"));
+    for stage in ["camera rays", "sampling", "pdf evaluation", "shadow rays", "shading", "everything else"] {
+        assert!(said.contains(&format!("\n{stage} ")), "{said}");
+    }
+    assert!(!succeed(path, &format!("{view} --depth 1 --out same.exr")).contains("camera rays"));
+    assert_eq!(fs::read(path.join("direct.png")).unwrap(), fs::read(path.join("same.png")).unwrap());
+    succeed(path, &format!("{view} --depth 5 --out paths.exr"));
+    let [direct, paths] = ["direct.exr", "paths.exr"].map(|file| mean(&picture(&path.join(file))));
+    assert!(paths > 1.02 * direct, "{direct} {paths}");
+    assert!(refuse(path, &format!("{view} --depth 0 --out a.exr")).contains("--depth"));
+    assert!(refuse(path, &format!("{view} --depth 2 --unshadowed --out a.exr")).contains("--unshadowed"));
+}
+
+#[test]
+fn built_in_scenes_are_listed_and_pictured() {
+    let here = folder();
+    let path = here.path();
+    let said = succeed(path, "scenes --out pictures --spp 1 --width 16 --env overcast");
+    for name in ["temple", "dishes", "diorama", "droid", "bedroom", "cloth", "sphere", "plane"] {
+        assert!(said.contains(&format!("\n{name} ")), "{said}");
+        assert!(is_png(&path.join("pictures").join(name).with_extension("png")));
+    }
+    assert!(fail(path, "scenes --out pictures --env nowhere").contains("nowhere"));
+    assert!(fail(path, "chart nowhere --out chart.html").starts_with("nowhere"));
+}
+
+#[test]
 fn one_material_can_be_given_to_every_surface() {
     let here = folder();
     let path = here.path();
