@@ -117,13 +117,13 @@ mod tests {
     fn means_over_all_are_geometric_and_of_samplers_that_all_have() {
         let comparisons = [
             vec![row("mis", 1.0, 1.0), row("head:a/head.safetensors", 2.0, 0.1), row("ris:4", 3.0, 0.2)],
-            vec![row("mis", 2.0, 3.0), row("head:b/head.safetensors", 16.0, 1.2)],
+            vec![row("mis", 2.0, 3.0), row("head:b/head.safetensors", 4.0, 1.2)],
         ];
         let page = page(&comparisons).unwrap();
-        // Time: sqrt(2 * 8) = 4; error: sqrt(0.1 * 0.4) = 0.2; gain 1 / 0.8.
+        // Time: sqrt(2 * 2) = 2; error: sqrt(0.1 * 0.4) = 0.2; gain 1 / 0.4.
         assert!(
             page.contains(
-                "head:head</th><td class=\"number\">4.0</td><td class=\"number\">0.20</td><td class=\"number\">1.3</td>"
+                "head:head</th><td class=\"number\">2.0</td><td class=\"number\">0.20</td><td class=\"number\">2.5</td>"
             ),
             "{page}"
         );
