@@ -112,12 +112,15 @@ class Mitsuba:
     def coverage(self, width, height):
         """Share of pixel centres that see a surface."""
         sensor = self.scene.sensors()[0]
-        places = [((x + 0.5) / width, (y + 0.5) / height) for y in range(height) for x in range(width)]
-        hits = 0
-        for x, y in places[:: max(1, len(places) // 4000)]:
-            ray, _ = sensor.sample_ray(0.0, 0.5, mi.ScalarPoint2f(x, y), mi.ScalarPoint2f(0.5)) if "scalar" in mi.variant() else sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
-            hits += int(np.all(self.scene.ray_test(ray)))
-        return hits / len(places[:: max(1, len(places) // 4000)])
+        y, x = np.meshgrid((np.arange(height) + 0.5) / height, (np.arange(width) + 0.5) / width, indexing="ij")
+
+        def hits(place, aperture):
+            ray, _ = sensor.sample_ray(0.0, 0.5, place, aperture)
+            return np.mean(np.array(self.scene.ray_test(ray)))
+
+        if "scalar" not in mi.variant():
+            return float(hits(mi.Point2f(x.ravel(), y.ravel()), mi.Point2f(0.5)))
+        return float(np.mean([hits(mi.Point2f(u, v), mi.Point2f(0.5)) for u, v in zip(x.ravel(), y.ravel())]))
 
 
 class Headtail:
