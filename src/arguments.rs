@@ -15,7 +15,7 @@ use headtail_render::{
 /// Which picture to take.
 #[derive(Args, Clone, Debug)]
 pub struct ViewArguments {
-    /// A built-in scene (temple, dishes, sphere, plane) or a glTF 2.0 file (.glb, .gltf).
+    /// A built-in scene (temple, dishes, diorama, droid, bedroom, cloth, sphere, plane) or a glTF 2.0 file (.glb, .gltf).
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: String,
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
@@ -33,6 +33,9 @@ pub struct ViewArguments {
     /// Leave out shadow rays: every point sees the whole environment.
     #[arg(long)]
     pub unshadowed: bool,
+    /// Surfaces that light may visit on its way to the camera: 1 is direct light alone.
+    #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "unshadowed", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub depth: u32,
     /// Threads to render with. Default: all cores.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
@@ -135,6 +138,7 @@ pub struct OpenedView {
     width: usize,
     height: usize,
     unshadowed: bool,
+    depth: u32,
 }
 
 impl ViewArguments {
@@ -163,6 +167,7 @@ impl ViewArguments {
             width: self.camera.width as usize,
             height: self.camera.height as usize,
             unshadowed: self.unshadowed,
+            depth: self.depth,
         })
     }
 }
@@ -177,13 +182,19 @@ impl OpenedView {
             width: self.width,
             height: self.height,
             unshadowed: self.unshadowed,
+            depth: self.depth,
         }
     }
 
-    /// The scene's name, with the material that it was given.
+    /// The scene's name, with the material that it was given, and whether it is without shadows.
     pub fn scene_name(&self) -> String {
         let name = self.scene.name();
-        self.material.map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"))
+        let name = self.material.map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"));
+        match (self.unshadowed, self.depth) {
+            (true, _) => name + ", unshadowed",
+            (false, 1) => name,
+            (false, depth) => format!("{name}, depth {depth}"),
+        }
     }
 
     /// Whether all surfaces reflect like Lambert's BRDF.

@@ -1,27 +1,29 @@
 //! `headtail compare`: samplers side by side, at equal samples or equal time.
 
+mod reference;
+
 use std::{
     fs,
     path::{Path, PathBuf},
-    sync::atomic::{AtomicBool, Ordering},
-    time::Instant,
+    sync::atomic::Ordering,
+    time::{Duration, Instant},
 };
 
 use anyhow::{Result, ensure};
 use clap::Args;
 use headtail_render::{
-    bake::{CellGrid, NormalGrid},
     color::luminance,
     export::{ExportedSampler, Intermediate},
-    image::{Image, read_radiance, write_exr},
-    integrator::{Budget, DirectEstimator, Rendering, ResampledEstimator, SingleSample, render},
-    sampler::{BrdfSampler, EnvironmentLight, ProductSampler, Resampled, SamplerSpec},
-    statistics::{ErrorMetrics, ttuv},
+    image::{Image, write_exr},
+    integrator::{Budget, DirectEstimator, Rendering},
+    sampler::SamplerSpec,
+    statistics::{ErrorMetrics, RELATIVE_EPSILON, ttuv},
 };
+use reference::Reference;
 
 use crate::{
-    arguments::{OpenedView, TailArgument, ViewArguments, budget, make_folder},
-    bake, progress,
+    arguments::{OpenedView, ViewArguments, budget, make_folder},
+    progress,
     render::{attributes, quietly},
     report::{self, Comparison, Preparation, RenderedImage, Row},
 };
@@ -44,7 +46,8 @@ pub struct Arguments {
     /// Samples per pixel; several are separated by commas.
     #[arg(long, value_name = "N,...", value_delimiter = ',', required_unless_present = "seconds")]
     spp: Vec<u32>,
-    /// Seconds per image; several are separated by commas.
+    /// Seconds per image; several are separated by commas. Each sampler is timed beforehand, and then takes the
+    /// number of samples that fits.
     #[arg(long, value_name = "T,...", value_delimiter = ',')]
     seconds: Vec<f64>,
     /// Runs with different seeds for each sampler and budget.
@@ -60,6 +63,9 @@ pub struct Arguments {
     /// Samples per pixel of the reference that is rendered.
     #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..))]
     reference_spp: u32,
+    /// Folder in which rendered references are kept and looked for, by a hash of all that they depend on.
+    #[arg(long, value_name = "DIR", conflicts_with = "reference")]
+    reference_cache: Option<PathBuf>,
     /// Folder for the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -69,7 +75,18 @@ impl Arguments {
     /// The comparison that `headtail demo` makes.
     pub fn new(view: ViewArguments, samplers: Vec<SamplerSpec>, out: PathBuf) -> Self {
         let (spp, seconds) = (vec![1, 4, 16], vec![1.0]);
-        Self { view, samplers, spp, seconds, runs: 3, seed: 1, reference: None, reference_spp: 512, out }
+        Self {
+            view,
+            samplers,
+            spp,
+            seconds,
+            runs: 3,
+            seed: 1,
+            reference: None,
+            reference_spp: 512,
+            reference_cache: None,
+            out,
+        }
     }
 }
 
@@ -100,7 +117,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     make_folder(&arguments.out)?;
     let stop = progress::stop_flag()?;
 
-    let (reference, covered, reference_note) = reference(arguments, &opened, &stop)?;
+    let Reference { image: reference, covered, note: reference_note } = Reference::obtain(arguments, &opened, &stop)?;
     ensure!(covered.iter().any(|covered| *covered), "no pixel is covered by a surface: move the camera");
     let reference_pixels = select(&reference, &covered);
 
@@ -121,23 +138,31 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let bar = progress::bar((budgets.len() * entries.len()) as u64 * u64::from(arguments.runs), "comparing");
     for (budget_label, budget) in &budgets {
+        let taken = |entry: &Entry| match budget {
+            Budget::Time(limit) => calibrated(&opened, entry, limit.as_secs_f64(), arguments.seed),
+            Budget::Spp(_) => *budget,
+        };
+        let taken: Vec<Budget> = entries.iter().map(taken).collect();
         // Runs outside, samplers inside: a machine that slows down for a while slows all samplers down.
         for run in 0..arguments.runs {
-            for entry in &entries {
+            for (entry, &budget) in entries.iter().zip(&taken) {
                 if stop.load(Ordering::Relaxed) {
                     break;
                 }
                 bar.set_message(format!("{} {budget_label}", entry.label));
                 let seed = arguments.seed + u64::from(run);
-                let rendering = quietly(opened.view(), &*entry.estimator, *budget, seed);
+                let rendering = quietly(opened.view(), &*entry.estimator, budget, seed);
                 let pixels = select(&rendering.surfaces, &covered);
                 let metrics = ErrorMetrics::of(&pixels, &reference_pixels)?;
                 let measured = Measured { metrics, mean_luminance: mean_luminance(&pixels) };
                 comparison.rows.push(row(&comparison, entry, budget_label, run, seed, &rendering, &measured));
                 if run == 0 {
                     let image = rendering.composite();
-                    let file = format!("{}_{budget_label}.exr", file_name(&entry.label));
-                    write_exr(&arguments.out.join(file), &image, &attributes(&entry.label, &rendering, seed))?;
+                    let stem = format!("{}_{budget_label}", file_name(&entry.label));
+                    let attributes = attributes(&entry.label, &rendering, seed);
+                    write_exr(&arguments.out.join(format!("{stem}.exr")), &image, &attributes)?;
+                    let errors = error_image(&image, &comparison.reference, &covered);
+                    write_exr(&arguments.out.join(format!("{stem}_error.exr")), &errors, &attributes)?;
                     comparison.images.push(RenderedImage {
                         sampler: entry.label.clone(),
                         budget: budget_label.clone(),
@@ -165,10 +190,16 @@ impl Entry {
         let built = start.elapsed().as_secs_f64();
         let mut preparation = Preparation { sampler: label.clone(), seconds: built, text: "tables built".into() };
         if let SamplerSpec::Head(file) | SamplerSpec::Baked(file) = spec
-            && let Some(training) = ExportedSampler::read(file)?.training
+            && let exported = ExportedSampler::read(file)?
+            && let Some(training) = exported.training
         {
             preparation.text =
                 format!("file read; trained before for {} steps on {}", training.steps, training.backend);
+            if let Intermediate::Head(head) = &exported.intermediate {
+                let parameters: usize =
+                    head.layers().iter().map(|(_, layer)| (layer.inputs() + 1) * layer.outputs()).sum();
+                preparation.text += &format!("; {parameters} parameters");
+            }
             if let Some(seconds) = training.seconds {
                 preparation.seconds += seconds;
                 preparation.text += &format!(" ({seconds:.1} s)");
@@ -178,51 +209,28 @@ impl Entry {
     }
 }
 
-/// The reference without background, the pixels that surfaces cover entirely, and how it came about.
-fn reference(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool) -> Result<(Image, Vec<bool>, String)> {
-    let environment = &opened.environment;
-    let baked =
-        bake::direct(environment, TailArgument::Hierarchical, NormalGrid::new(16, 32)?, CellGrid::new(64, 64)?)?;
-    let Intermediate::DirectBake(table) = baked.intermediate else { unreachable!("a direct bake was asked for") };
-    let light = EnvironmentLight::with_tail(environment.clone(), baked.tail);
-    let product = ProductSampler::new(light, table);
-    // The table knows the cosine, not the lobes of glossy surfaces: they are left to BRDF samples.
-    let (estimator, by): (Box<dyn DirectEstimator>, &str) = if opened.is_diffuse() {
-        (Box::new(SingleSample::new(product)), "the direct bake (64 x 64 cells)")
-    } else {
-        let brdf = BrdfSampler::new(environment.clone());
-        let resampled = ResampledEstimator::new(Resampled::new(product, brdf, 8)?);
-        (Box::new(resampled), "RIS of 8 candidates, from the direct bake (64 x 64 cells) and the BRDF,")
-    };
-    // A seed far from those of the runs.
-    let seed = arguments.seed ^ 0x5eed_0000_0000;
-    let spp = if arguments.reference.is_some() { 64 } else { arguments.reference_spp };
-    let bar = progress::bar(1000, "reference");
-    let show = |spent: f64| bar.set_position((1000.0 * spent) as u64);
-    let rendering = render(opened.view(), &*estimator, Budget::Spp(spp), seed, stop, &show);
-    bar.finish_and_clear();
-    let covered = rendering.coverage.iter().map(|share| *share == 1.0).collect();
-    if let Some(file) = &arguments.reference {
-        let image = read_radiance(file)?;
-        let (width, height) = (arguments.view.camera.width as usize, arguments.view.camera.height as usize);
-        ensure!(
-            (image.width, image.height) == (width, height),
-            "{}: the image is {} x {}; the comparison is {width} x {height}",
-            file.display(),
-            image.width,
-            image.height
-        );
-        return Ok((image, covered, format!("Read from {}.", file.display())));
+/// The budget of samples that takes `seconds`: a short rendering says about how many, one with that many sets it right.
+///
+/// All runs of a sampler then take the same number of samples, which does not depend on what else the machine does.
+fn calibrated(opened: &OpenedView, entry: &Entry, seconds: f64, seed: u64) -> Budget {
+    let mut trial = Budget::Time(Duration::from_secs_f64(0.25 * seconds));
+    // A long rendering is faster per sample than a short one: passes are longer.
+    for _ in 0..2 {
+        let rendering = quietly(opened.view(), &*entry.estimator, trial, seed);
+        let spp = f64::from(rendering.spp) * seconds / rendering.seconds;
+        trial = Budget::Spp((spp.round() as u32).max(1));
     }
-    let file = arguments.out.join("reference.exr");
-    let image = rendering.composite();
-    write_exr(
-        &file,
-        &image,
-        &attributes(if opened.is_diffuse() { "direct" } else { "ris:8:direct" }, &rendering, seed),
-    )?;
-    let note = format!("Rendered with {by} at {} samples per pixel.", rendering.spp);
-    Ok((image, covered, note))
+    trial
+}
+
+/// Squared error of each pixel and channel over the squared reference (plus the same small number as in relMSE); black where
+/// nothing is measured.
+fn error_image(image: &Image, reference: &Image, covered: &[bool]) -> Image {
+    let error = |((x, r), covered): ((&[f32; 3], &[f32; 3]), &bool)| {
+        let of = |c: usize| (x[c] - r[c]).powi(2) / (r[c] * r[c] + RELATIVE_EPSILON as f32);
+        if *covered { [of(0), of(1), of(2)] } else { [0.0; 3] }
+    };
+    Image { pixels: image.pixels.iter().zip(&reference.pixels).zip(covered).map(error).collect(), ..*image }
 }
 
 /// The chosen pixels as an image of one row.

@@ -65,6 +65,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ground: false,
         material: None,
         unshadowed: false,
+        depth: 1,
         threads: None,
     };
     let samplers = vec![

@@ -3,6 +3,7 @@
 mod arguments;
 mod backends;
 mod bake;
+mod chart;
 mod compare;
 mod demo;
 mod fit;
@@ -10,6 +11,7 @@ mod inspect;
 mod progress;
 mod render;
 mod report;
+mod scenes;
 mod stability;
 
 use std::process::ExitCode;
@@ -31,8 +33,10 @@ enum Command {
     Bake(bake::Arguments),
     Render(render::Arguments),
     Compare(compare::Arguments),
+    Chart(chart::Arguments),
     Inspect(inspect::Arguments),
     Stability(stability::Arguments),
+    Scenes(scenes::Arguments),
     Backends(backends::Arguments),
 }
 
@@ -43,8 +47,10 @@ fn main() -> ExitCode {
         Command::Bake(arguments) => bake::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Chart(arguments) => chart::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Stability(arguments) => stability::run(&arguments),
+        Command::Scenes(arguments) => scenes::run(&arguments),
         Command::Backends(arguments) => backends::run(&arguments),
     };
     match result {

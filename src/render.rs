@@ -7,7 +7,7 @@ use clap::Args;
 use headtail_render::{
     color::luminance,
     image::{Attribute, Image, write_exr, write_png},
-    integrator::{self, Budget, DirectEstimator, Rendering, View},
+    integrator::{self, Budget, DirectEstimator, Rendering, Timings, View},
     sampler::SamplerSpec,
 };
 
@@ -16,7 +16,7 @@ use crate::{
     progress,
 };
 
-/// Render direct light with one sampler; writes FILE.exr (linear) and FILE.png (tone-mapped).
+/// Render with one sampler; writes FILE.exr (linear) and FILE.png (tone-mapped).
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail render --scene temple --env studio --sampler mis --spp 64 --out out/temple.exr
@@ -43,6 +43,9 @@ pub struct Arguments {
     /// Stops by which the PNG is made brighter than its automatic exposure.
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     exposure: f32,
+    /// Print where the time went. Reading the clock slows rendering down by a few per cent.
+    #[arg(long)]
+    timings: bool,
     /// Linear OpenEXR file; the PNG lies beside it.
     #[arg(long, value_name = "FILE.exr")]
     out: PathBuf,
@@ -67,6 +70,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
     let bar = progress::bar(1000, "rendering");
     let show = |spent: f64| bar.set_position((1000.0 * spent) as u64);
+    if arguments.timings {
+        Timings::start();
+    }
     let rendering = integrator::render(opened.view(), &*estimator, budget, arguments.seed, &stop, &show);
     bar.finish_and_clear();
 
@@ -79,6 +85,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         "{sampler}: {} spp in {:.2} s, {:.2} shadow rays per sample, largest weight {:.3}",
         rendering.spp, rendering.seconds, rendering.rays_per_sample, rendering.max_weight
     );
+    if arguments.timings {
+        println!("{}", Timings::take(rendering.seconds, rayon::current_num_threads()));
+    }
     println!("{} and {} written", arguments.out.display(), png.display());
     Ok(())
 }
@@ -97,7 +106,7 @@ pub fn attributes(sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attrib
 
 /// The exposure in stops that puts the mean luminance of the surfaces (of the whole picture, where there is none) at a middle
 /// grey. The mean does not depend on noise, so pictures of one view by different samplers are equally bright.
-fn exposure(rendering: &Rendering) -> f32 {
+pub fn exposure(rendering: &Rendering) -> f32 {
     let mean = |image: &Image, area: f32| {
         image.pixels.iter().map(|&pixel| luminance(pixel.into())).sum::<f32>() / area.max(1.0)
     };

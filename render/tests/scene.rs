@@ -218,3 +218,20 @@ fn empty_scenes_and_missing_materials() {
     let camera = Camera::new(Vec3A::Z, Vec3A::ZERO, 40.0).ok();
     assert!(Scene::new("bad", vec![mesh], vec![Material::diffuse(Vec3A::ONE)], camera).is_err());
 }
+
+#[test]
+fn scenes_have_equal_hashes_if_and_only_if_their_contents_are_equal() {
+    let of = |name: &str| Scene::built_in(name).unwrap().content_hash();
+    let mut hashes: Vec<String> = built_in_names().map(of).collect();
+    assert_eq!(hashes[0], of("temple"));
+    let sphere = || Scene::built_in("sphere").unwrap();
+    hashes.push(sphere().with_material(Material::diffuse(Vec3A::splat(0.5))).content_hash());
+    hashes.push(sphere().with_material(Material::diffuse(Vec3A::new(0.5, 0.5, 0.500_000_06))).content_hash());
+    let mut grounded = sphere();
+    grounded.add_ground();
+    hashes.push(grounded.content_hash());
+    let count = hashes.len();
+    hashes.sort();
+    hashes.dedup();
+    assert_eq!(hashes.len(), count);
+}

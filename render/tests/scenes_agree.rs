@@ -31,6 +31,7 @@ struct Setting {
     scene: Scene,
     environment: Arc<Environment>,
     unshadowed: bool,
+    depth: u32,
 }
 
 impl Setting {
@@ -49,7 +50,8 @@ impl Setting {
         let estimator = sampler.build(&self.environment).unwrap();
         let (camera, unshadowed) = (self.scene.camera(), self.unshadowed);
         let (scene, environment) = (&self.scene, &*self.environment);
-        let view = View { scene, camera: &camera, environment, width: WIDTH, height: HEIGHT, unshadowed };
+        let view =
+            View { scene, camera: &camera, environment, width: WIDTH, height: HEIGHT, unshadowed, depth: self.depth };
         render(view, &*estimator, Budget::Spp(spp), seed, stop, progress)
     }
 }
@@ -136,12 +138,17 @@ fn a_white_furnace_is_white() {
     let folder = tempfile::tempdir().unwrap();
     let white = Image { width: 32, height: 16, pixels: vec![[1.0; 3]; 32 * 16] };
     let environment = Arc::new(Environment::from_image("white", white).unwrap());
-    for name in ["sphere", "plane"] {
+    for name in built_in_names() {
         let scene = Scene::built_in(name).unwrap().with_material(Material::diffuse(Vec3A::ONE));
         // What the smooth normals of a tessellated sphere reflect to below its facets is lost: with normals that lean by up to
         // 0.02 rad, a share of 0.02^2 / 4 = 1e-4 at most.
-        let lost = if name == "sphere" { 1e-4 } else { 0.0 };
-        let setting = Setting { scene, environment: environment.clone(), unshadowed: true };
+        // The other scenes have thin bars and folds of a dozen pieces around, whose normals lean by 0.3 rad: up to 2 % of what they reflect.
+        let most_lost = match name {
+            "plane" => 0.0,
+            "sphere" => 1e-4,
+            _ => 0.02,
+        };
+        let setting = Setting { scene, environment: environment.clone(), unshadowed: true, depth: 1 };
         let spp = 16;
 
         let cosine = setting.render(&SamplerSpec::Cosine, spp, 1).composite();
@@ -154,21 +161,23 @@ fn a_white_furnace_is_white() {
                 missing += shortage.round() / spp as f32;
             }
         }
-        assert!(missing / (3 * WIDTH * HEIGHT) as f32 <= lost, "{name}: {missing} samples are lost");
+        let lost = missing / (3 * WIDTH * HEIGHT) as f32;
+        assert!(lost <= most_lost, "{name}: a share of {lost} is lost");
 
         let mut others = samplers(folder.path(), &environment);
         others.push(SamplerSpec::Cosine);
-        let significance = sidak(SIGNIFICANCE, 2 * others.len());
+        let significance = sidak(SIGNIFICANCE, 8 * others.len());
         for sampler in &others {
             let image = setting.render(sampler, 16, 2).composite();
             let values: Vec<f64> = image.pixels.iter().map(|pixel| f64::from(pixel[1])).collect();
             let moments = Moments::of(&values).unwrap();
             let error = (moments.variance / values.len() as f64).sqrt();
-            // Normal quantile of 0.01 / 20 tests, two-sided, from above: 4 standard errors.
+            // Normal quantile of 0.01 / 80 tests, two-sided, from above: 4 standard errors. The cosine sampler's own loss is known to a few
+            // per cent of it.
             assert!(significance > 6.4e-5);
-            let deviation = (moments.mean - 1.0).abs();
+            let deviation = (moments.mean - 1.0 + f64::from(lost)).abs();
             assert!(
-                deviation <= 4.0 * error + f64::from(lost) + 1e-5,
+                deviation <= 4.0 * error + 0.1 * f64::from(lost) + 1e-4,
                 "{name}, {sampler}: {} +- {error}",
                 moments.mean
             );
@@ -183,7 +192,7 @@ fn all_samplers_render_the_same_picture() {
         let environment = Arc::new(built_in(map).unwrap());
         for name in built_in_names() {
             let scene = Scene::built_in(name).unwrap();
-            let setting = Setting { scene, environment: environment.clone(), unshadowed: false };
+            let setting = Setting { scene, environment: environment.clone(), unshadowed: false, depth: 1 };
             let mut tested: Vec<(SamplerSpec, u32)> =
                 samplers(folder.path(), &environment).into_iter().map(|sampler| (sampler, 32)).collect();
             // Under a sun, cosine sampling has half of its mean in one sample of 1e5: the normal approximation of the test does
@@ -246,6 +255,7 @@ fn glossy_surfaces_in_a_white_furnace_show_their_albedo() {
         metallic: 0.2,
         roughness: 0.5,
         metallic_roughness_texture: None,
+        normal_map: None,
     });
     let materials =
         [("ggx 0.4", spec("ggx:alpha=0.4")), ("ggx 0.2 to 0.8", spec("ggx:alpha=0.2..0.8")), ("mixture", dielectric)];
@@ -255,7 +265,7 @@ fn glossy_surfaces_in_a_white_furnace_show_their_albedo() {
     for (name, material) in materials {
         let scene = plane().with_material(material);
         let truth = furnace(&scene);
-        let setting = Setting { scene, environment: environment.clone(), unshadowed: true };
+        let setting = Setting { scene, environment: environment.clone(), unshadowed: true, depth: 1 };
         for sampler in &tested {
             let spp = if *sampler == SamplerSpec::Oracle { 1 } else { 16 };
             let image = setting.render(sampler, spp, 2).composite();
@@ -278,7 +288,7 @@ fn all_samplers_render_the_same_glossy_picture() {
         let scene = Scene::built_in("dishes").unwrap();
         let bounds = scene.bounds();
         let scene = scene.with_material(material.parse::<MaterialSpec>().unwrap().material(&bounds));
-        let setting = Setting { scene, environment: environment.clone(), unshadowed: false };
+        let setting = Setting { scene, environment: environment.clone(), unshadowed: false, depth: 1 };
         let mut tested: Vec<(SamplerSpec, u32)> =
             samplers(folder.path(), &environment).into_iter().map(|sampler| (sampler, 48)).collect();
         tested.push((SamplerSpec::Cosine, 64));
@@ -299,12 +309,48 @@ fn all_samplers_render_the_same_glossy_picture() {
 }
 
 #[test]
+fn paths_of_every_sampler_have_the_same_mean_and_white_crockery_is_white_in_a_furnace() {
+    let folder = tempfile::tempdir().unwrap();
+    let environment = Arc::new(built_in("window").unwrap());
+    let setting = Setting { scene: Scene::built_in("dishes").unwrap(), environment, unshadowed: false, depth: 4 };
+    let images: Vec<(String, Image)> = samplers(folder.path(), &setting.environment)
+        .iter()
+        .enumerate()
+        .map(|(k, sampler)| (sampler.to_string(), setting.render(sampler, 32, 40 + k as u64).surfaces))
+        .collect();
+    let significance = sidak(SIGNIFICANCE, images.len() * (images.len() - 1) / 2);
+    for (k, (first, a)) in images.iter().enumerate() {
+        for (second, b) in &images[k + 1..] {
+            let test = compare_images(a, b, 16, significance).unwrap();
+            assert!(test.passed(), "{first} against {second}: {test}");
+        }
+    }
+
+    // Between white surfaces under a white sky everything is white, if only paths are long enough.
+    let white = Image { width: 32, height: 16, pixels: vec![[1.0; 3]; 32 * 16] };
+    let environment = Arc::new(Environment::from_image("white", white).unwrap());
+    let scene = || Scene::built_in("dishes").unwrap().with_material(Material::diffuse(Vec3A::ONE));
+    let mean = |depth: u32| {
+        let setting = Setting { scene: scene(), environment: environment.clone(), unshadowed: false, depth };
+        let image = setting.render(&SamplerSpec::Cosine, 64, 3).composite();
+        let values: Vec<f64> = image.pixels.iter().map(|pixel| f64::from(pixel[1])).collect();
+        let moments = Moments::of(&values).unwrap();
+        (moments.mean, (moments.variance / values.len() as f64).sqrt())
+    };
+    let ((direct, _), (paths, error)) = (mean(1), mean(64));
+    assert!(direct < 0.95, "{direct}");
+    // Lost are paths in the deepest folds, and what smooth normals reflect to below their facets: some 0.5 %.
+    assert!(paths < 1.0 + 4.0 * error && paths > 0.99 - 4.0 * error, "{paths} +- {error}");
+}
+
+#[test]
 fn a_sampler_of_other_energy_is_told_apart() {
     // The comparison above can fail: 6 % more light is seen with images and samples like those.
     let setting = Setting {
         scene: Scene::built_in("dishes").unwrap(),
         environment: Arc::new(built_in("window").unwrap()),
         unshadowed: false,
+        depth: 1,
     };
     let significance = sidak(SIGNIFICANCE, 8 * 45);
     let a = setting.render(&SamplerSpec::Ris(4), 32, 1).surfaces;
@@ -322,7 +368,7 @@ fn pictures_do_not_depend_on_threads() {
     let environment = Arc::new(built_in("studio").unwrap());
     let scene = Scene::built_in("dishes").unwrap();
     let direct = exported(folder.path(), &environment).pop().unwrap();
-    let setting = Setting { scene, environment, unshadowed: false };
+    let setting = Setting { scene, environment, unshadowed: false, depth: 1 };
     for sampler in [direct, SamplerSpec::Ris(4)] {
         let with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -345,6 +391,7 @@ fn an_interrupted_rendering_holds_the_finished_passes() {
         scene: Scene::built_in("temple").unwrap(),
         environment: Arc::new(built_in("overcast").unwrap()),
         unshadowed: false,
+        depth: 1,
     };
     let (stop, passes) = (AtomicBool::new(false), AtomicUsize::new(0));
     let after_two = |share: f64| {
@@ -369,6 +416,7 @@ fn a_budget_of_no_samples_ends() {
         scene: Scene::built_in("plane").unwrap(),
         environment: Arc::new(built_in("overcast").unwrap()),
         unshadowed: true,
+        depth: 1,
     };
     let rendering = setting.render(&SamplerSpec::Mis, 0, 1);
     assert_eq!(rendering.spp, 1);

@@ -4,6 +4,8 @@
 //! are CSS variables and `currentColor`), lines are labelled where they end, and each chart comes in two layouts, since
 //! shrinking a wide one to a telephone's width would leave its text unreadable.
 
+pub mod pareto;
+
 use std::fmt::Write;
 
 use super::number::{escape, text, times};
@@ -146,57 +148,13 @@ impl Layout {
              time, both logarithmic, one line for each sampler\">",
             self.class, self.width, self.height
         );
-        self.draw_grid(&mut svg, &x, &y);
+        self.draw_frame(&mut svg, &x, &y, "rendering time in seconds", "mean squared error");
         self.draw_guides(&mut svg, &x, &y, lines);
         for line in lines {
             self.draw_line(&mut svg, &x, &y, summary, line);
         }
         self.draw_labels(&mut svg, &x, &y, summary, lines);
         svg + "</svg>"
-    }
-
-    fn draw_grid(&self, svg: &mut String, x: &Axis, y: &Axis) {
-        for (value, labelled) in y.ticks() {
-            let (at, class) = (y.at(value), if labelled { "grid" } else { "grid minor" });
-            push(svg, format_args!("<path class=\"{class}\" d=\"M{:.1} {at:.1}H{:.1}\"/>", x.start, x.end));
-            if labelled {
-                let label = power_label(value);
-                push(
-                    svg,
-                    format_args!(
-                        "<text class=\"tick\" x=\"{:.1}\" y=\"{at:.1}\" dy=\".35em\" text-anchor=\"end\">{label}</text>",
-                        x.start - 7.0
-                    ),
-                );
-            }
-        }
-        for (value, labelled) in x.ticks() {
-            let (at, class) = (x.at(value), if labelled { "grid" } else { "grid minor" });
-            push(svg, format_args!("<path class=\"{class}\" d=\"M{at:.1} {:.1}V{:.1}\"/>", y.start, y.end));
-            if labelled {
-                let label = power_label(value);
-                push(
-                    svg,
-                    format_args!(
-                        "<text class=\"tick\" x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{label}</text>",
-                        y.start + 18.0
-                    ),
-                );
-            }
-        }
-        push(
-            svg,
-            format_args!("<path class=\"frame\" d=\"M{:.1} {:.1}V{:.1}H{:.1}\"/>", x.start, y.end, y.start, x.end),
-        );
-        let middle = 0.5 * (x.start + x.end);
-        push(
-            svg,
-            format_args!(
-                "<text class=\"axis\" x=\"{middle:.1}\" y=\"{:.1}\" text-anchor=\"middle\">rendering time in seconds</text>",
-                self.height - 8.0
-            ),
-        );
-        push(svg, format_args!("<text class=\"axis\" x=\"{:.1}\" y=\"14\">mean squared error</text>", 4.0));
     }
 
     /// Lines of slope -1, along which MSE x time stays the same, as it does for Monte Carlo; one for each power of ten.

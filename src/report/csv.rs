@@ -1,6 +1,6 @@
 //! `results.csv`: every run and the means, in full precision.
 
-use anyhow::Result;
+use anyhow::{Context, Result, ensure};
 
 use super::Row;
 use super::summary::Summary;
@@ -36,6 +36,41 @@ pub fn encode(rows: &[Row], summary: &Summary) -> Result<Vec<u8>> {
         }
     }
     Ok(writer.into_inner()?)
+}
+
+/// The runs in the bytes of such a file; rows of means are left out.
+pub fn decode(bytes: &[u8]) -> Result<Vec<Row>> {
+    let mut reader = csv::Reader::from_reader(bytes);
+    ensure!(reader.headers()?.iter().eq(COLUMNS), "the columns are not those of results.csv: {}", COLUMNS.join(","));
+    let mut rows = Vec::new();
+    for (index, record) in reader.records().enumerate() {
+        let record = record?;
+        let number = |column: usize| -> Result<f64> {
+            record[column].parse().with_context(|| format!("row {}: {} is not a number", index + 1, COLUMNS[column]))
+        };
+        if &record[4] == "mean" {
+            continue;
+        }
+        rows.push(Row {
+            scene: record[0].to_owned(),
+            env: record[1].to_owned(),
+            sampler: record[2].to_owned(),
+            budget: record[3].to_owned(),
+            run: Some(number(4)? as u32),
+            spp: number(5)?,
+            rays_per_sample: number(6)?,
+            seconds: number(7)?,
+            mse: number(8)?,
+            relmse: number(9)?,
+            relmse_trimmed: number(10)?,
+            ttuv: number(11)?,
+            mean_luminance: number(12)?,
+            max_weight: number(13)?,
+            seed: record[14].parse().with_context(|| format!("row {}: seed is not a number", index + 1))?,
+            version: record[15].to_owned(),
+        });
+    }
+    Ok(rows)
 }
 
 /// Floats are the shortest decimals that read back to the same bits.
@@ -90,6 +125,29 @@ mod tests {
             });
             assert!(found, "{row:?}");
         }
+    }
+
+    #[test]
+    fn what_is_written_is_read_and_damage_is_named() {
+        let comparison = synthetic::comparison();
+        let bytes = encode(&comparison.rows, &Summary::of(&comparison.rows).unwrap()).unwrap();
+        let mut rows = decode(&bytes).unwrap();
+        let mut expected = comparison.rows;
+        for rows in [&mut rows, &mut expected] {
+            rows.sort_by_key(|row| (row.sampler.clone(), row.budget.clone(), row.run));
+        }
+        assert_eq!(rows, expected);
+        let text = String::from_utf8(bytes).unwrap();
+        let damaged = |from: &str, to: &str| decode(text.replacen(from, to, 1).as_bytes()).unwrap_err().to_string();
+        assert!(damaged("scene,", "place,").contains("the columns are not"));
+        let mse = comparison_mse(&text);
+        assert!(damaged(&mse, "much").contains("row 1: mse is not a number"), "{}", damaged(&mse, "much"));
+        assert!(decode(b"").is_err() && decode(&text.as_bytes()[..text.len() / 2]).is_err());
+    }
+
+    /// The MSE of the first run, as it is written.
+    fn comparison_mse(text: &str) -> String {
+        text.lines().nth(1).and_then(|line| line.split(',').nth(8)).unwrap().to_owned()
     }
 
     #[test]

@@ -6,6 +6,7 @@ use anyhow::Result;
 use headtail_render::statistics::{MeanInterval, RELATIVE_EPSILON, TRIMMED_FRACTION};
 
 use super::chart;
+use super::chart::pareto::{self, Place};
 use super::number::{amount, duration, escape, html, html_digits, html_uncertainty, times};
 use super::picture::{self, ErrorMap, ErrorScale};
 use super::reading;
@@ -19,17 +20,7 @@ const SCRIPT: &str = include_str!("page.js");
 pub fn page(comparison: &Comparison, summary: &Summary) -> Result<String> {
     let gallery = Gallery::of(comparison, summary)?;
     let title = format!("{} under {}", comparison.scene, comparison.env);
-    let mut page = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n\
-         <meta name=\"color-scheme\" content=\"light dark\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
-         style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n\
-         <meta name=\"generator\" content=\"headtail {}\">\n<link rel=\"icon\" href=\"data:,\">\n\
-         <title>{} \u{b7} headtail comparison</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n",
-        escape(&comparison.version),
-        escape(&title),
-    );
+    let mut page = format!("{}<body>\n", head(&comparison.version, &format!("{title} \u{b7} headtail comparison")));
     page += &header(comparison, summary);
     page += "<main>\n";
     page += &reading_section(comparison, summary);
@@ -41,6 +32,21 @@ pub fn page(comparison: &Comparison, summary: &Summary) -> Result<String> {
     page += "</main>\n";
     push(&mut page, format_args!("<script>\n{SCRIPT}</script>\n</body>\n</html>\n"));
     Ok(page)
+}
+
+/// The page up to its body: it asks for nothing from outside.
+pub fn head(version: &str, title: &str) -> String {
+    format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
+         style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n\
+         <meta name=\"generator\" content=\"headtail {}\">\n<link rel=\"icon\" href=\"data:,\">\n\
+         <title>{}</title>\n<style>\n{STYLE}</style>\n</head>\n",
+        escape(version),
+        escape(title),
+    )
 }
 
 /// The pictures of the page, each embedded once.
@@ -312,6 +318,9 @@ fn charts(summary: &Summary) -> String {
     } else {
         svg
     };
+    let budget = &summary.shown_first();
+    let places: Vec<Place> = summary.at(&budget.name).map(|group| Place::of(summary, group)).collect();
+    let speed = pareto::scatter(&places, "rendering time in seconds", "mean squared error");
     let several = summary.groups.iter().any(|group| group.runs > 1);
     let intervals = if several { " Bars are 95\u{a0}% confidence intervals." } else { "" };
     let baseline = escape(&summary.baseline_words());
@@ -319,9 +328,11 @@ fn charts(summary: &Summary) -> String {
         "<section>\n<h2>Error and time</h2>\n<div class=\"charts\">\n<figure>{error}<figcaption>MSE against rendering time, \
          one line per sampler over its budgets; lower and further left is better.{intervals} Along dotted lines MSE \u{d7} time stays the same, as it does for Monte Carlo.</figcaption></figure>\n\
          <figure>{}<figcaption>How many times lower the MSE is than that of {baseline}; bars to the right of 1 are better. \
-         Logarithmic.{}</figcaption></figure>\n</div>\n</section>\n",
+         Logarithmic.{}</figcaption></figure>\n<figure>{speed}<figcaption>Speed and accuracy at {}: one point for each sampler, further down and left is \
+         better. The broad line is the Pareto front; no other sampler is both faster and more accurate than those on it, whose names are bold.</figcaption></figure>\n</div>\n</section>\n",
         chart::ratio_bars(summary),
         if several { " Whiskers are 95\u{a0}% confidence intervals." } else { "" },
+        escape(&budget.words()),
     )
 }
 
@@ -359,7 +370,7 @@ impl Cell {
     }
 }
 
-const COLUMNS: [Column; 10] = [
+const COLUMNS: [Column; 11] = [
     Column { title: "spp", unit: "", cell: |_, group| Cell::amount(group.mean.spp), marked: false },
     Column {
         title: "Rays",
@@ -373,9 +384,24 @@ const COLUMNS: [Column; 10] = [
     Column { title: "relMSE", unit: "", cell: |_, group| Cell::interval(&group.relmse), marked: true },
     Column { title: "relMSE", unit: "trimmed", cell: |_, group| Cell::interval(&group.relmse_trimmed), marked: true },
     Column { title: "TTUV", unit: "MSE \u{d7} s", cell: |_, group| Cell::interval(&group.ttuv), marked: true },
+    Column {
+        title: "Fireflies",
+        unit: "% of relMSE",
+        cell: |_, group| Cell::amount(firefly_share(group)),
+        marked: false,
+    },
     Column { title: "Luminance", unit: "mean", cell: |_, group| Cell::luminance(&group.mean_luminance), marked: false },
     Column { title: "Weight", unit: "largest", cell: |_, group| Cell::number(group.mean.max_weight), marked: false },
 ];
+
+/// How much of the relative squared error the worst pixels have, in per cent.
+fn firefly_share(group: &Group) -> f64 {
+    if group.mean.relmse_trimmed == group.mean.relmse {
+        return 0.0;
+    }
+    let kept = (1.0 - TRIMMED_FRACTION) * group.mean.relmse_trimmed / group.mean.relmse;
+    (1000.0 * (1.0 - kept)).round() / 10.0
+}
 
 fn ratio_cell(summary: &Summary, group: &Group) -> Cell {
     match summary.ratio(group, Measure::Mse) {
@@ -489,7 +515,7 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
             "relMSE",
             format!(
                 "Mean of (x \u{2212} r)<sup>2</sup> / (r<sup>2</sup> + {RELATIVE_EPSILON}); \u{201c}trimmed\u{201d} leaves out the worst \
-                 {}\u{a0}% of pixels.",
+                 {0}\u{a0}% of pixels, and \u{201c}fireflies\u{201d} is the share of the error that these have.",
                 100.0 * TRIMMED_FRACTION
             ),
         ),

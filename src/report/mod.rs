@@ -4,6 +4,7 @@ mod chart;
 mod csv;
 mod html;
 pub mod number;
+mod overview;
 pub mod picture;
 mod reading;
 mod summary;
@@ -12,7 +13,7 @@ mod synthetic;
 
 use std::path::Path;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use glam::Vec3A;
 use headtail_render::color::luminance;
 use headtail_render::file;
@@ -119,6 +120,21 @@ impl Comparison {
         let luminances: Vec<f64> = measured.map(|(_, &pixel)| f64::from(luminance(Vec3A::from_array(pixel)))).collect();
         luminances.iter().sum::<f64>() / luminances.len() as f64
     }
+}
+
+/// Writes a page with a chart of speed and accuracy for each of the given folders of results, and one over all.
+///
+/// # Errors
+/// If a folder has no readable `results.csv`, or the page cannot be written.
+pub fn write_overview(page: &Path, folders: &[std::path::PathBuf]) -> Result<()> {
+    let mut scenes = Vec::new();
+    for folder in folders {
+        let path = folder.join("results.csv");
+        let bytes = std::fs::read(&path).with_context(|| format!("{}", path.display()))?;
+        scenes.push(csv::decode(&bytes).with_context(|| format!("{}", path.display()))?);
+    }
+    file::replace(page, overview::page(&scenes)?.as_bytes())?;
+    Ok(())
 }
 
 /// Writes `results.csv` and `report.html` into an existing folder.

@@ -1,4 +1,4 @@
-//! The direct-illumination integrator: camera rays through a box filter, one light estimate at each hit.
+//! The integrator: camera rays through a box filter, one light estimate (or path) at each hit.
 
 use std::{
     sync::atomic::{AtomicBool, Ordering},
@@ -8,7 +8,11 @@ use std::{
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 
-use super::estimator::{DirectEstimator, Unshadowed, Visibility};
+use super::{
+    estimator::{DirectEstimator, Unshadowed, Visibility},
+    path::reflected,
+    timings::{Stage, flush, timed},
+};
 use crate::{
     environment::Environment,
     image::Image,
@@ -48,6 +52,8 @@ pub struct View<'a> {
     pub height: usize,
     /// Leave out shadow rays: the environment is seen from everywhere.
     pub unshadowed: bool,
+    /// Surfaces that light may visit on its way to the camera: 1 is direct light, and 0 counts as 1.
+    pub depth: u32,
 }
 
 /// A finished or interrupted image.
@@ -176,14 +182,18 @@ fn sample_tile(
         for (index, ((x, y), random)) in places.iter().zip(&mut streams).enumerate() {
             let jitter = random.uniform2();
             let ray = view.camera.ray(*x as f32 + jitter.x, *y as f32 + jitter.y, view.width, view.height);
-            if let Some(at) = view.scene.intersect(&ray) {
+            if let Some(at) = timed(Stage::CameraRays, || view.scene.intersect(&ray)) {
                 hits.push(at);
                 of.push(index);
             } else {
                 pixels[index].background += view.environment.radiance(ray.direction).as_dvec3();
             }
         }
-        let estimates = estimator.estimate_batch(&hits, visibility, &mut Streams::new(&mut streams, &of));
+        let estimates = if view.depth > 1 {
+            reflected(view, estimator, visibility, &hits, (&mut streams, &of))
+        } else {
+            estimator.estimate_batch(&hits, visibility, &mut Streams::new(&mut streams, &of))
+        };
         for (&index, estimate) in of.iter().zip(estimates) {
             let pixel = &mut pixels[index];
             pixel.surfaces += estimate.radiance.as_dvec3();
@@ -192,6 +202,7 @@ fn sample_tile(
             pixel.max_weight = pixel.max_weight.max(estimate.max_weight);
         }
     }
+    flush();
     pixels
 }
 

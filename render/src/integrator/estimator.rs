@@ -2,6 +2,7 @@
 
 use glam::Vec3A;
 
+use super::timings::{Stage, timed};
 use crate::{
     color::luminance,
     random::{Stream, Streams},
@@ -42,7 +43,7 @@ impl Estimate {
         if weight > 0.0 {
             self.max_weight = self.max_weight.max(weight);
             self.rays += 1;
-            if visibility.visible(at, wi) {
+            if timed(Stage::ShadowRays, || visibility.visible(at, wi)) {
                 self.radiance += contribution;
             }
         }
@@ -80,9 +81,11 @@ impl<S: CoversIntegrand> SingleSample<S> {
 impl<S: CoversIntegrand> DirectEstimator for SingleSample<S> {
     fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
         let mut estimate = Estimate::default();
-        let prepared = self.0.prepare(at);
-        if let Some(DirectionSample { wi, pdf, radiance }) = self.0.sample(&prepared, at, random.uniform2()) {
-            estimate.add(at, visibility, wi, at.brdf_cosine(wi) * radiance / pdf);
+        let u = random.uniform2();
+        let drawn = timed(Stage::Sampling, || self.0.sample(&self.0.prepare(at), at, u));
+        if let Some(DirectionSample { wi, pdf, radiance }) = drawn {
+            let contribution = timed(Stage::Shading, || at.brdf_cosine(wi) * radiance / pdf);
+            estimate.add(at, visibility, wi, contribution);
         }
         estimate
     }
@@ -94,11 +97,13 @@ impl<S: CoversIntegrand> DirectEstimator for SingleSample<S> {
         random: &mut Streams<'_>,
     ) -> Vec<Estimate> {
         let mut samples = vec![None; at.len()];
-        self.0.sample_batch(at, &random.uniform2(), &mut samples);
+        let u = random.uniform2();
+        timed(Stage::Sampling, || self.0.sample_batch(at, &u, &mut samples));
         let estimate = |(at, sample): (&ShadingPoint, Option<DirectionSample>)| {
             let mut estimate = Estimate::default();
             if let Some(DirectionSample { wi, pdf, radiance }) = sample {
-                estimate.add(at, visibility, wi, at.brdf_cosine(wi) * radiance / pdf);
+                let contribution = timed(Stage::Shading, || at.brdf_cosine(wi) * radiance / pdf);
+                estimate.add(at, visibility, wi, contribution);
             }
             estimate
         };
@@ -124,15 +129,17 @@ impl<A: DirectionSampler, B: CoversIntegrand> TwoSampleMis<A, B> {
 impl<A: DirectionSampler, B: CoversIntegrand> DirectEstimator for TwoSampleMis<A, B> {
     fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
         let mut estimate = Estimate::default();
-        let (first, second) = (self.first.prepare(at), self.second.prepare(at));
+        let (first, second) = timed(Stage::Sampling, || (self.first.prepare(at), self.second.prepare(at)));
         let mut add = |sample: Option<DirectionSample>, other_pdf: &dyn Fn(Vec3A) -> f32| {
             let Some(DirectionSample { wi, pdf, radiance }) = sample else { return };
             // p^2 / (p^2 + q^2), written so that a large p does not overflow.
-            let ratio = other_pdf(wi) / pdf;
-            estimate.add(at, visibility, wi, at.brdf_cosine(wi) * radiance / (pdf * (1.0 + ratio * ratio)));
+            let ratio = timed(Stage::Pdf, || other_pdf(wi)) / pdf;
+            let weight = 1.0 / (pdf * (1.0 + ratio * ratio));
+            estimate.add(at, visibility, wi, timed(Stage::Shading, || at.brdf_cosine(wi) * radiance * weight));
         };
-        add(self.first.sample(&first, at, random.uniform2()), &|wi| self.second.pdf(&second, at, wi));
-        add(self.second.sample(&second, at, random.uniform2()), &|wi| self.first.pdf(&first, at, wi));
+        let (u, v) = (random.uniform2(), random.uniform2());
+        add(timed(Stage::Sampling, || self.first.sample(&first, at, u)), &|wi| self.second.pdf(&second, at, wi));
+        add(timed(Stage::Sampling, || self.second.sample(&second, at, v)), &|wi| self.first.pdf(&first, at, wi));
         estimate
     }
 
@@ -142,7 +149,7 @@ impl<A: DirectionSampler, B: CoversIntegrand> DirectEstimator for TwoSampleMis<A
         visibility: &dyn Visibility,
         random: &mut Streams<'_>,
     ) -> Vec<Estimate> {
-        let (first, second) = (self.first.prepare_batch(at), self.second.prepare_batch(at));
+        let (first, second) = timed(Stage::Sampling, || (self.first.prepare_batch(at), self.second.prepare_batch(at)));
         let at: Vec<&ShadingPoint> = at.iter().collect();
         let (first, second): (Vec<_>, Vec<_>) = (first.iter().collect(), second.iter().collect());
         let mut samples = vec![None; at.len()];
@@ -152,15 +159,18 @@ impl<A: DirectionSampler, B: CoversIntegrand> DirectEstimator for TwoSampleMis<A
             for ((at, estimate), (sample, other)) in at.iter().zip(&mut estimates).zip(samples.iter().zip(others)) {
                 let Some(DirectionSample { wi, pdf, radiance }) = *sample else { continue };
                 let ratio = other / pdf;
-                let contribution = at.brdf_cosine(wi) * radiance / (pdf * (1.0 + ratio * ratio));
+                let contribution =
+                    timed(Stage::Shading, || at.brdf_cosine(wi) * radiance / (pdf * (1.0 + ratio * ratio)));
                 estimate.add(at, visibility, wi, contribution);
             }
         };
-        self.first.sample_prepared(&first, &at, &random.uniform2(), &mut samples);
-        self.second.pdf_prepared(&second, &at, &directions(&samples), &mut others);
+        let u = random.uniform2();
+        timed(Stage::Sampling, || self.first.sample_prepared(&first, &at, &u, &mut samples));
+        timed(Stage::Pdf, || self.second.pdf_prepared(&second, &at, &directions(&samples), &mut others));
         add(&samples, &others);
-        self.second.sample_prepared(&second, &at, &random.uniform2(), &mut samples);
-        self.first.pdf_prepared(&first, &at, &directions(&samples), &mut others);
+        let u = random.uniform2();
+        timed(Stage::Sampling, || self.second.sample_prepared(&second, &at, &u, &mut samples));
+        timed(Stage::Pdf, || self.first.pdf_prepared(&first, &at, &directions(&samples), &mut others));
         add(&samples, &others);
         estimates
     }
@@ -185,8 +195,9 @@ impl<S: ResampledSampler> ResampledEstimator<S> {
 impl<S: ResampledSampler> DirectEstimator for ResampledEstimator<S> {
     fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
         let mut estimate = Estimate::default();
-        if let Some(drawn) = self.0.sample(at, random) {
-            let contribution = at.brdf_cosine(drawn.wi) * drawn.radiance * drawn.contribution_weight;
+        if let Some(drawn) = timed(Stage::Sampling, || self.0.sample(at, random)) {
+            let contribution =
+                timed(Stage::Shading, || at.brdf_cosine(drawn.wi) * drawn.radiance * drawn.contribution_weight);
             estimate.add(at, visibility, drawn.wi, contribution);
         }
         estimate
@@ -201,11 +212,13 @@ impl<S: ResampledSampler> DirectEstimator for ResampledEstimator<S> {
         let estimate = |(at, drawn): (&ShadingPoint, Option<ResampledDirection>)| {
             let mut estimate = Estimate::default();
             if let Some(drawn) = drawn {
-                let contribution = at.brdf_cosine(drawn.wi) * drawn.radiance * drawn.contribution_weight;
+                let contribution =
+                    timed(Stage::Shading, || at.brdf_cosine(drawn.wi) * drawn.radiance * drawn.contribution_weight);
                 estimate.add(at, visibility, drawn.wi, contribution);
             }
             estimate
         };
-        at.iter().zip(self.0.sample_batch(at, random)).map(estimate).collect()
+        let drawn = timed(Stage::Sampling, || self.0.sample_batch(at, random));
+        at.iter().zip(drawn).map(estimate).collect()
     }
 }

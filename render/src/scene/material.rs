@@ -4,7 +4,7 @@ use std::{f32::consts::TAU, sync::Arc};
 
 use glam::{Vec2, Vec3A};
 
-use super::{Bounds, texture::Texture};
+use super::{Bounds, normal_map::NormalMap, texture::Texture};
 use crate::brdf::{Brdf, Ggx, Lambert, MetallicRoughness};
 
 /// What a surface is made of.
@@ -45,6 +45,14 @@ impl Material {
         matches!(self, Self::Diffuse(_))
     }
 
+    /// The map that its shading normals come from, if it has one.
+    pub fn normal_map(&self) -> Option<&NormalMap> {
+        match self {
+            Self::MetallicRoughness(textured) => textured.normal_map.as_ref(),
+            Self::Diffuse(_) | Self::Ggx { .. } => None,
+        }
+    }
+
     /// The BRDF at a point.
     pub fn brdf(&self, at: &SurfacePoint) -> Brdf {
         match self {
@@ -68,6 +76,8 @@ pub struct TexturedMetallicRoughness {
     pub roughness: f32,
     /// Roughness in green and metalness in blue, linear.
     pub metallic_roughness_texture: Option<Arc<Texture>>,
+    /// Shading normals.
+    pub normal_map: Option<NormalMap>,
 }
 
 impl TexturedMetallicRoughness {

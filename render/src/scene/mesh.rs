@@ -2,6 +2,7 @@
 
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 
+use super::normal_map::TangentSpace;
 use crate::error::{Error, Result};
 
 /// The largest coordinate, in metres: areas and squared lengths of everything smaller stay finite in f32.
@@ -18,6 +19,8 @@ pub struct Mesh {
     pub(super) texcoords: Vec<Vec2>,
     /// The same for metalness and roughness, where they have coordinates of their own.
     pub(super) roughness_texcoords: Option<Vec<Vec2>>,
+    /// What a normal map needs, where the material has one.
+    pub(super) tangent_space: Option<TangentSpace>,
     /// `[triangles]` vertex indices, counter-clockwise as seen from outside.
     pub(super) triangles: Vec<[u32; 3]>,
     /// Index into the scene's materials.
@@ -57,7 +60,7 @@ impl Mesh {
                 format!("index {index} is out of range: there are {vertices} vertices"),
             ));
         }
-        Ok(Self { positions, normals, texcoords, roughness_texcoords: None, triangles, material })
+        Ok(Self { positions, normals, texcoords, triangles, material, ..Self::default() })
     }
 
     /// The mesh with texture coordinates `[vertices]` (or none) for metalness and roughness that are not those of the base colour.
@@ -67,6 +70,23 @@ impl Mesh {
     pub fn with_roughness_texcoords(mut self, texcoords: Vec<Vec2>) -> Result<Self> {
         check_texcoords(&texcoords, self.positions.len())?;
         self.roughness_texcoords = Some(texcoords);
+        Ok(self)
+    }
+
+    /// The mesh with coordinates and tangents (or none) for a normal map.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_tangent_space(mut self, space: TangentSpace) -> Result<Self> {
+        check_texcoords(&space.texcoords, self.positions.len())?;
+        let (tangents, vertices) = (&space.tangents, self.positions.len());
+        if !tangents.is_empty() && tangents.len() != vertices {
+            return Err(Error::argument("tangents", format!("there are {}, but {vertices} positions", tangents.len())));
+        }
+        if let Some(i) = tangents.iter().position(|t| !t.is_finite()) {
+            return Err(Error::argument("tangents", format!("vertex {i} has {}, which is not finite", tangents[i])));
+        }
+        self.tangent_space = (!space.texcoords.is_empty()).then_some(space);
         Ok(self)
     }
 
@@ -90,7 +110,12 @@ impl Mesh {
         for n in &mut self.normals {
             *n = normals * *n;
         }
-        if transform.matrix3.determinant() < 0.0 {
+        let mirrors = transform.matrix3.determinant() < 0.0;
+        for t in self.tangent_space.iter_mut().flat_map(|space| &mut space.tangents) {
+            let along = transform.transform_vector3(t.truncate()).normalize_or_zero();
+            *t = along.extend(if mirrors { -t.w } else { t.w });
+        }
+        if mirrors {
             for triangle in &mut self.triangles {
                 triangle.swap(1, 2);
             }
@@ -98,7 +123,7 @@ impl Mesh {
         self
     }
 
-    /// Adds the triangles of `other`, which has the same attributes.
+    /// Adds the triangles of `other`, which has the same attributes and no normal map.
     pub(super) fn append(&mut self, other: &Self) {
         let first = self.positions.len() as u32;
         self.positions.extend(&other.positions);

@@ -5,9 +5,11 @@ mod bvh;
 mod camera;
 mod gltf;
 mod ground;
+mod hash;
 mod material;
 mod material_spec;
 mod mesh;
+mod normal_map;
 mod ray;
 mod texture;
 
@@ -17,6 +19,7 @@ pub use camera::Camera;
 pub use material::{AlphaField, Material, SurfacePoint, TexturedMetallicRoughness};
 pub use material_spec::{AlphaRange, MaterialSpec};
 pub use mesh::{MAX_COORDINATE, Mesh};
+pub use normal_map::{NormalMap, TangentSpace};
 pub use ray::{Bounds, Ray};
 pub use texture::{Texture, Wrap};
 
@@ -182,8 +185,30 @@ impl Scene {
         };
         let color_uv = uv(&mesh.texcoords);
         let roughness_uv = mesh.roughness_texcoords.as_ref().map_or(color_uv, |own| uv(own));
-        let brdf = self.materials[mesh.material].brdf(&SurfacePoint { p, color_uv, roughness_uv });
-        Some(ShadingPoint { p, ng, ns: shading_normal(interpolated.unwrap_or(ng), ng, wo), wo, brdf })
+        let material = &self.materials[mesh.material];
+        let brdf = material.brdf(&SurfacePoint { p, color_uv, roughness_uv });
+        let smooth = interpolated.unwrap_or(ng);
+        let bent = match (material.normal_map(), &mesh.tangent_space, interpolated.unwrap_or(wound).try_normalize()) {
+            (Some(map), Some(space), Some(outside)) => {
+                let uv = vertices.map(|i| space.texcoords[i]);
+                let tangent = if space.tangents.is_empty() {
+                    TangentSpace::of_triangle(mesh.corners(triangle), uv, outside)
+                } else {
+                    (0..3).map(|k| weights[k] * space.tangents[vertices[k]]).sum()
+                };
+                let bent = map.bend(outside, tangent, (0..3).map(|k| weights[k] * uv[k]).sum());
+                // The map speaks of the outside; from within, the whole normal is turned.
+                let bent = if outside.dot(ng) < 0.0 { -bent } else { bent };
+                if bent.dot(ng) > 0.0 { bent } else { smooth }
+            }
+            _ => smooth,
+        };
+        Some(ShadingPoint { p, ng, ns: shading_normal(bent, ng, wo), wo, brdf })
+    }
+
+    /// The ray that leaves a surface towards `wi`, which is above it.
+    pub fn leaving(&self, at: &ShadingPoint, wi: Vec3A) -> Ray {
+        Ray::new(self.above(at), wi)
     }
 
     /// Where a shadow ray from `at` starts: above the surface by more than the rounding error of position and ray.

@@ -73,6 +73,11 @@ impl Texture {
         self.interpolate(uv, |code| f32::from(code) / 255.0)
     }
 
+    /// Size and wrap modes as a text, and the texels.
+    pub(super) fn content(&self) -> (String, &[u8]) {
+        (format!("{} x {} {:?}", self.width, self.height, self.wrap), self.texels.as_flattened())
+    }
+
     fn interpolate(&self, uv: Vec2, decode: impl Fn(u8) -> f32) -> Vec3A {
         let x = uv.x * self.width as f32 - 0.5;
         let y = uv.y * self.height as f32 - 0.5;

@@ -1,20 +1,36 @@
 //! Scenes that are made by code: always there, and without a licence to follow.
 
+mod bedroom;
+mod cloth;
+mod diorama;
 mod dishes;
+mod droid;
 mod shapes;
 mod simple;
 mod temple;
+mod worn;
 
-use glam::{Affine3A, Vec3A};
+use std::sync::Arc;
 
-use super::{Camera, Material, Mesh, Scene};
+use glam::{Affine3A, Quat, Vec3, Vec3A};
+
+use super::{Camera, Material, Mesh, Scene, Texture, TexturedMetallicRoughness};
+use crate::brdf::tabulate_lobe_albedo;
 
 /// Makes the parts of one scene.
 type Generator = fn() -> Model;
 
-/// Every built-in scene by name.
-const SCENES: [(&str, Generator); 4] =
-    [("temple", temple::model), ("dishes", dishes::model), ("sphere", simple::sphere), ("plane", simple::plane)];
+/// Every built-in scene by name: stand-ins for the six of the paper, then two for tests.
+const SCENES: [(&str, Generator); 8] = [
+    ("temple", temple::model),
+    ("dishes", dishes::model),
+    ("diorama", diorama::model),
+    ("droid", droid::model),
+    ("bedroom", bedroom::model),
+    ("cloth", cloth::model),
+    ("sphere", simple::sphere),
+    ("plane", simple::plane),
+];
 
 /// The names that [`Scene::built_in`] knows.
 pub fn built_in_names() -> impl Iterator<Item = &'static str> {
@@ -25,6 +41,7 @@ pub fn built_in_names() -> impl Iterator<Item = &'static str> {
 pub(super) fn build(name: &str) -> Option<Scene> {
     let &(name, generate) = SCENES.iter().find(|(known, _)| *known == name)?;
     let Model { meshes, materials, camera } = generate();
+    tabulate_lobe_albedo();
     Some(Scene::new(name, meshes, materials, Some(camera)).expect("generators use their own materials"))
 }
 
@@ -50,6 +67,34 @@ impl Model {
     fn paint(&mut self, albedo: [f32; 3]) -> Paint {
         self.materials.push(Material::diffuse(Vec3A::from_array(albedo)));
         Paint(self.materials.len() - 1)
+    }
+
+    /// A new metallic-roughness material of a linear Rec.709 base colour.
+    fn gloss(&mut self, base_color: [f32; 3], metallic: f32, roughness: f32) -> Paint {
+        self.textured(base_color, metallic, roughness, None)
+    }
+
+    /// [`Self::gloss`] whose roughness changes over the surface between the two given; shapes need [`worn::mapped`].
+    fn worn(&mut self, base_color: [f32; 3], metallic: f32, roughness: [f32; 2]) -> Paint {
+        self.textured(base_color, metallic, roughness[1], Some(worn::texture(roughness[0] / roughness[1])))
+    }
+
+    fn textured(&mut self, base_color: [f32; 3], metallic: f32, roughness: f32, wear: Option<Texture>) -> Paint {
+        self.materials.push(Material::MetallicRoughness(TexturedMetallicRoughness {
+            base_color: base_color.into(),
+            base_color_texture: None,
+            metallic,
+            roughness,
+            metallic_roughness_texture: wear.map(Arc::new),
+            normal_map: None,
+        }));
+        Paint(self.materials.len() - 1)
+    }
+
+    /// Adds a shape, turned by `turn` degrees about the y axis, at a place.
+    fn add_turned(&mut self, paint: Paint, shape: &Mesh, turn: f32, place: [f32; 3]) {
+        let turn = Quat::from_rotation_y(turn.to_radians());
+        self.add(paint, shape.clone().transformed(&Affine3A::from_rotation_translation(turn, Vec3::from(place))));
     }
 
     /// Adds a shape.

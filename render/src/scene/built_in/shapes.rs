@@ -1,8 +1,8 @@
-//! The shapes of which built-in scenes are made: blocks, prisms, surfaces of revolution, tubes.
+//! The shapes of which built-in scenes are made: blocks, prisms, surfaces of revolution, tubes, sheets, cushions.
 
-use std::f32::consts::TAU;
+use std::f32::consts::{PI, TAU};
 
-use glam::{Vec2, Vec3};
+use glam::{Affine3A, Quat, Vec2, Vec3};
 
 use super::super::Mesh;
 
@@ -89,6 +89,67 @@ pub fn tube(path: &[Vec3], radii: &[f32], segments: usize) -> Mesh {
     mesh
 }
 
+/// The surface of `at(u, v)` over `[0, 1]^2` in `columns` x `rows` pieces; its outside is where u to the right and v upwards
+/// turn counter-clockwise.
+pub fn sheet([columns, rows]: [usize; 2], at: impl Fn(f32, f32) -> Vec3) -> Mesh {
+    const STEP: f32 = 1e-3;
+    let mut mesh = Mesh::default();
+    for row in 0..=rows {
+        for column in 0..=columns {
+            let (u, v) = (column as f32 / columns as f32, row as f32 / rows as f32);
+            let (right, up) = (at(u + STEP, v) - at(u - STEP, v), at(u, v + STEP) - at(u, v - STEP));
+            mesh.positions.push(at(u, v));
+            mesh.normals.push(right.cross(up).normalize_or(Vec3::Y));
+        }
+    }
+    mesh.triangles.extend(grid(0, rows as u32 + 1, columns as u32 + 1));
+    mesh
+}
+
+/// The body `|x / half.x|^p + |y / half.y|^p + |z / half.z|^p = 1` around the origin: an ellipsoid for p = 2, a pillow, a box with round
+/// edges for p = 6 and more.
+pub fn cushion(half: Vec3, p: f32, segments: usize) -> Mesh {
+    let mut mesh = Mesh::default();
+    let rings = segments / 2;
+    for ring in 0..=rings {
+        for segment in 0..=segments {
+            let (latitude, longitude) =
+                (PI * (ring as f32 / rings as f32 - 0.5), TAU * segment as f32 / segments as f32);
+            let [(sin, cos), (s, c)] = [latitude.sin_cos(), longitude.sin_cos()];
+            let direction = Vec3::new(cos.max(0.0) * s, sin, cos.max(0.0) * c);
+            let power = |x: f32| x.abs().powf(p);
+            let norm = (power(direction.x) + power(direction.y) + power(direction.z)).powf(1.0 / p);
+            let unit = direction / norm;
+            mesh.positions.push(half * unit);
+            let slope = |x: f32, half: f32| x.abs().powf(p - 1.0).copysign(x) / half;
+            let normal = Vec3::new(slope(unit.x, half.x), slope(unit.y, half.y), slope(unit.z, half.z));
+            mesh.normals.push(normal.normalize_or(Vec3::Y));
+        }
+    }
+    mesh.triangles.extend(grid(0, rings as u32 + 1, segments as u32 + 1));
+    mesh
+}
+
+/// A ball around the origin.
+pub fn ball(radius: f32, segments: usize) -> Mesh {
+    cushion(Vec3::splat(radius), 2.0, segments)
+}
+
+/// A straight round bar from one point to another, with flat ends.
+pub fn bar(from: Vec3, to: Vec3, radius: f32, segments: usize) -> Mesh {
+    let length = (to - from).length();
+    let bar = lathe(
+        &[
+            line([0.0, 0.0], [radius, 0.0]),
+            line([radius, 0.0], [radius, length]),
+            line([radius, length], [0.0, length]),
+        ],
+        segments,
+    );
+    let turn = Quat::from_rotation_arc(Vec3::Y, (to - from) / length);
+    bar.transformed(&Affine3A::from_rotation_translation(turn, from))
+}
+
 /// The smooth curve through the given points (Catmull and Rom 1974), with `steps` pieces between neighbours.
 pub fn curve<const N: usize>(points: [[f32; 2]; N], steps: usize) -> Vec<Vec2> {
     let control = |i: isize| Vec2::from(points[i.clamp(0, N as isize - 1) as usize]);
@@ -161,5 +222,24 @@ mod tests {
         assert_normals_agree_with_windings(&column);
         let path = [Vec3::ZERO, Vec3::new(0.3, 1.0, 0.0), Vec3::new(1.0, 1.5, 0.4)];
         assert_normals_agree_with_windings(&tube(&path, &[0.1, 0.15, 0.1], 12));
+    }
+
+    #[test]
+    fn cushions_balls_bars_and_sheets_have_outward_normals() {
+        let bodies = [
+            cushion(Vec3::new(0.5, 0.2, 0.3), 4.0, 48),
+            ball(0.7, 24),
+            bar(Vec3::X, Vec3::new(0.2, -1.0, 0.4), 0.1, 12),
+        ];
+        for body in bodies {
+            assert!(signed_volume(&body) > 0.0);
+            assert_normals_agree_with_windings(&body);
+        }
+        let volume = signed_volume(&ball(1.0, 96)) / 6.0;
+        // Sagitta of facets of 2 pi / 96: 2e-3 of the volume.
+        assert!((volume / (4.0 / 3.0 * PI) - 1.0).abs() < 4e-3, "{volume}");
+        let hill = sheet([16, 16], |u, v| Vec3::new(u, 0.1 * (6.0 * u).sin() * (5.0 * v).cos(), -v));
+        assert_normals_agree_with_windings(&hill);
+        assert!(hill.normals.iter().all(|normal| normal.y > 0.5));
     }
 }

@@ -27,7 +27,8 @@ pub fn read_vectors<const N: usize>(
 ) -> Result<Vec<[f32; N]>> {
     let kind = match N {
         2 => Type::Vec2,
-        _ => Type::Vec3,
+        3 => Type::Vec3,
+        _ => Type::Vec4,
     };
     let elements = elements(document, accessor, kind, N, field)?;
     let size = elements.component.size();

@@ -14,7 +14,7 @@ use super::{default_material, document::Document, in_field};
 use crate::{
     brdf::tabulate_lobe_albedo,
     error::Result,
-    scene::{Material, Texture, TexturedMetallicRoughness, Wrap},
+    scene::{Material, NormalMap, Texture, TexturedMetallicRoughness, Wrap},
 };
 
 /// The largest width or height of an image.
@@ -60,6 +60,16 @@ fn read_material(
     unit("baseColorFactor", &color.to_array())?;
     unit("metallicFactor", &[pbr.metallic_factor.0])?;
     unit("roughnessFactor", &[pbr.roughness_factor.0])?;
+    let normal_map = match &material.normal_texture {
+        Some(info) if !info.scale.is_finite() => {
+            return Err(document.invalid(format!("materials[{index}].normalTexture.scale"), "is not finite"));
+        }
+        Some(info) => {
+            let texture = textures.get(info.index, &format!("materials[{index}].normalTexture.index"))?;
+            Some(NormalMap { texture, scale: info.scale })
+        }
+        None => None,
+    };
     let mut texture = |info: &Option<json::texture::Info>, name: &str| match info {
         Some(info) => textures.get(info.index, &format!("{field}.{name}.index")).map(Some),
         None => Ok(None),
@@ -70,6 +80,7 @@ fn read_material(
         metallic: pbr.metallic_factor.0.min(1.0),
         roughness: pbr.roughness_factor.0.min(1.0),
         metallic_roughness_texture: texture(&pbr.metallic_roughness_texture, "metallicRoughnessTexture")?,
+        normal_map,
     }))
 }
 

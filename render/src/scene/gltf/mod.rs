@@ -24,8 +24,8 @@ impl Scene {
     /// Loads the default scene of a glTF 2.0 file (`.gltf` or `.glb`), with its first perspective camera if it has one.
     ///
     /// Read are the node hierarchy, triangles with normals and texture coordinates, and metallic-roughness materials with
-    /// their textures. Skins, morph targets, transparency and the other textures are left out, as is the roll of
-    /// the camera.
+    /// their textures of base colour, metalness with roughness, and normals. Skins, morph targets, transparency and the other textures
+    /// are left out, as is the roll of the camera.
     ///
     /// # Errors
     /// When the file or one that it names cannot be read, or a field does not hold what glTF asks of it. External files
@@ -63,5 +63,6 @@ fn default_material() -> Material {
         metallic: 1.0,
         roughness: 1.0,
         metallic_roughness_texture: None,
+        normal_map: None,
     })
 }

@@ -1,6 +1,6 @@
 //! From the primitives of a mesh to triangles in world space.
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 use gltf::{
     Semantic,
     json::{
@@ -15,7 +15,10 @@ use super::{
     in_field,
     nodes::Instance,
 };
-use crate::{error::Result, scene::Mesh};
+use crate::{
+    error::Result,
+    scene::{Mesh, TangentSpace},
+};
 
 /// The triangles of an instance, one mesh per primitive; points and lines are left out.
 pub fn read_mesh(document: &Document, instance: &Instance) -> Result<Vec<Mesh>> {
@@ -23,11 +26,14 @@ pub fn read_mesh(document: &Document, instance: &Instance) -> Result<Vec<Mesh>> 
     for (i, primitive) in document.root().meshes[instance.mesh].primitives.iter().enumerate() {
         let field = format!("meshes[{}].primitives[{i}]", instance.mesh);
         let Some(mesh) = read_primitive(document, primitive, &field)? else { continue };
-        let Mesh { positions, normals, texcoords, roughness_texcoords, triangles, material } =
+        let Mesh { positions, normals, texcoords, roughness_texcoords, tangent_space, triangles, material } =
             mesh.transformed(&instance.to_world);
         // Checked a second time: the transform may have made them infinite.
-        let placed = Mesh::new(positions, normals, texcoords, triangles, material)
-            .map(|mesh| Mesh { roughness_texcoords, ..mesh });
+        let placed = Mesh::new(positions, normals, texcoords, triangles, material).map(|mesh| Mesh {
+            roughness_texcoords,
+            tangent_space,
+            ..mesh
+        });
         meshes.push(placed.map_err(|error| in_field(document, &format!("{field}, placed by its node"), error))?);
     }
     Ok(meshes)
@@ -52,7 +58,7 @@ fn read_primitive(document: &Document, primitive: &Primitive, field: &str) -> Re
         Some(normals) => read_vectors(document, normals, &at("NORMAL"))?,
         None => Vec::new(),
     };
-    let (material, [color_set, roughness_set]) = material(document, primitive, field)?;
+    let (material, [color_set, roughness_set, normal_set]) = material(document, primitive, field)?;
     let texcoords = |set: Option<u32>| -> Result<Vec<Vec2>> {
         Ok(match set.and_then(|set| attribute(Semantic::TexCoords(set))) {
             Some(texcoords) => {
@@ -62,6 +68,15 @@ fn read_primitive(document: &Document, primitive: &Primitive, field: &str) -> Re
         })
     };
     let roughness_texcoords = if roughness_set == color_set { None } else { Some(texcoords(roughness_set)?) };
+    let tangent_space = TangentSpace {
+        texcoords: texcoords(normal_set)?,
+        tangents: match attribute(Semantic::Tangents).filter(|_| normal_set.is_some()) {
+            Some(tangents) => {
+                read_vectors(document, tangents, &at("TANGENT"))?.into_iter().map(Vec4::from_array).collect()
+            }
+            None => Vec::new(),
+        },
+    };
     let texcoords = texcoords(color_set)?;
     let indices = match primitive.indices {
         Some(indices) => read_indices(document, indices, &format!("{field}.indices"))?,
@@ -81,21 +96,23 @@ fn read_primitive(document: &Document, primitive: &Primitive, field: &str) -> Re
         Some(texcoords) => mesh.with_roughness_texcoords(texcoords),
         None => Ok(mesh),
     })
+    .and_then(|mesh| mesh.with_tangent_space(tangent_space))
     .map(Some)
     .map_err(|error| in_field(document, field, error))
 }
 
-/// The index of the primitive's material, and the sets of texture coordinates that its base-colour and its
-/// metallic-roughness texture want.
+/// The index of the primitive's material, and the sets of texture coordinates that its base-colour, its
+/// metallic-roughness and its normal texture want.
 ///
 /// The index after the last one is the default material.
-fn material(document: &Document, primitive: &Primitive, field: &str) -> Result<(usize, [Option<u32>; 2])> {
-    let Some(index) = primitive.material else { return Ok((document.root().materials.len(), [None; 2])) };
+fn material(document: &Document, primitive: &Primitive, field: &str) -> Result<(usize, [Option<u32>; 3])> {
+    let Some(index) = primitive.material else { return Ok((document.root().materials.len(), [None; 3])) };
     let material = document.get(index, &format!("{field}.material"))?;
     let pbr = &material.pbr_metallic_roughness;
-    let sets = [&pbr.base_color_texture, &pbr.metallic_roughness_texture]
+    let [color, roughness] = [&pbr.base_color_texture, &pbr.metallic_roughness_texture]
         .map(|texture| texture.as_ref().map(|texture| texture.tex_coord));
-    Ok((index.value(), sets))
+    let normal = material.normal_texture.as_ref().map(|texture| texture.tex_coord);
+    Ok((index.value(), [color, roughness, normal]))
 }
 
 /// The triangles of a list, strip or fan of vertices; a rest that makes no triangle is left out.

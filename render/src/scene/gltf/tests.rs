@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use crate::{
     brdf::{Brdf, MetallicRoughness},
     error::Result,
+    image::encode_png_rgb8,
     random::{Purpose, Stream},
     scene::{Ray, Scene},
 };
@@ -398,4 +399,31 @@ fn broken_images_are_refused() {
     let start = bin.windows(4).position(|four| four == b"IHDR").unwrap() + 4;
     bin[start..start + 8].copy_from_slice(&[0, 1, 0x86, 0xa0, 0, 1, 0x86, 0xa0]);
     assert_fails(load(&json, &bin), "images[0]");
+}
+
+#[test]
+fn normal_maps_lean_the_shading_normal() {
+    use base64::Engine as _;
+    // One texel that leans to growing u, which is +x on this triangle.
+    let png = encode_png_rgb8(1, 1, &[[255, 128, 255]]).unwrap();
+    let uri = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png));
+    let (mut json, bin) = textured(&json!({"uri": uri}));
+    set(&mut json, "/materials/0/normalTexture", json!({"index": 0}));
+    let normal = |json: &Value| {
+        let scene = load(json, &bin).unwrap();
+        let at = scene.intersect(&Ray::new(Vec3A::new(0.2, 0.2, 1.0), -Vec3A::Z)).unwrap();
+        assert_eq!(at.ng, Vec3A::Z);
+        at.ns
+    };
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    assert!((normal(&json) - Vec3A::new(half, 0.0, half)).length() < 5e-3, "{}", normal(&json));
+    set(&mut json, "/materials/0/normalTexture/scale", json!(0.0));
+    assert_eq!(normal(&json), Vec3A::Z);
+    set(&mut json, "/materials/0/normalTexture", json!({"index": 7}));
+    assert_fails(load(&json, &bin), "materials[0].normalTexture.index: index 7");
+    set(&mut json, "/materials/0/normalTexture", json!({"index": 0, "scale": 1e39}));
+    assert_fails(load(&json, &bin), "normalTexture.scale");
+    set(&mut json, "/materials/0/normalTexture", json!({"index": 0}));
+    set(&mut json, "/meshes/0/primitives/0/attributes/TANGENT", json!(0));
+    assert_fails(load(&json, &bin), "accessors[0].type");
 }

@@ -2,6 +2,8 @@
 //!
 //! `demo` takes too long for a test; the script that runs every check runs it.
 
+mod browser;
+
 use std::{
     fs,
     path::Path,
@@ -94,7 +96,7 @@ const SMALL: &str = "--width 24 --height 18";
 #[test]
 fn the_help_of_every_command_ends_with_examples() {
     let here = folder();
-    for name in ["demo", "fit", "backends", "bake", "render", "compare", "inspect", "stability"] {
+    for name in ["demo", "fit", "backends", "bake", "render", "compare", "chart", "inspect", "stability", "scenes"] {
         let help = succeed(here.path(), &format!("{name} --help"));
         let (_, examples) = help.split_once("Examples:").unwrap_or_else(|| panic!("{name}: no examples"));
         assert!(examples.contains(&format!("headtail {name}")), "{help}");
@@ -163,6 +165,9 @@ fn a_glossy_head_is_inspected_and_rendered_but_not_baked() {
         // 432 pixels at 64 samples of relative deviation below 1.5: the mean is known to 1 %.
         assert!((found / expected - 1.0).abs() < 0.03, "{sampler}: {found}, mis: {expected}");
     }
+}
+
+#[test]
 fn flow_tails_and_compact_emitters_are_fitted_exported_and_shown() {
     let here = folder();
     let path = here.path();
@@ -283,6 +288,37 @@ fn shadows_ground_and_camera_change_the_picture() {
 }
 
 #[test]
+fn light_over_several_surfaces_adds_to_direct_light() {
+    let here = folder();
+    let path = here.path();
+    let view = format!("render --scene dishes --env overcast --sampler mis --spp 16 {SMALL}");
+    let said = succeed(path, &format!("{view} --timings --out direct.exr"));
+    for stage in ["camera rays", "sampling", "pdf evaluation", "shadow rays", "shading", "everything else"] {
+        assert!(said.contains(&format!("\n{stage} ")), "{said}");
+    }
+    assert!(!succeed(path, &format!("{view} --depth 1 --out same.exr")).contains("camera rays"));
+    assert_eq!(fs::read(path.join("direct.png")).unwrap(), fs::read(path.join("same.png")).unwrap());
+    succeed(path, &format!("{view} --depth 5 --out paths.exr"));
+    let [direct, paths] = ["direct.exr", "paths.exr"].map(|file| mean(&picture(&path.join(file))));
+    assert!(paths > 1.02 * direct, "{direct} {paths}");
+    assert!(refuse(path, &format!("{view} --depth 0 --out a.exr")).contains("--depth"));
+    assert!(refuse(path, &format!("{view} --depth 2 --unshadowed --out a.exr")).contains("--unshadowed"));
+}
+
+#[test]
+fn built_in_scenes_are_listed_and_pictured() {
+    let here = folder();
+    let path = here.path();
+    let said = succeed(path, "scenes --out pictures --spp 1 --width 16 --env overcast");
+    for name in ["temple", "dishes", "diorama", "droid", "bedroom", "cloth", "sphere", "plane"] {
+        assert!(said.contains(&format!("\n{name} ")), "{said}");
+        assert!(is_png(&path.join("pictures").join(name).with_extension("png")));
+    }
+    assert!(fail(path, "scenes --out pictures --env nowhere").contains("nowhere"));
+    assert!(fail(path, "chart nowhere --out chart.html").starts_with("nowhere"));
+}
+
+#[test]
 fn one_material_can_be_given_to_every_surface() {
     let here = folder();
     let path = here.path();
@@ -314,7 +350,10 @@ fn gltf_files_are_scenes() {
     succeed(here.path(), &format!("{view} triangle.gltf"));
     fs::write(here.path().join("broken.gltf"), &scene[..200]).unwrap();
     assert!(fail(here.path(), &format!("{view} broken.gltf")).starts_with("broken.gltf: "));
-    assert!(fail(here.path(), &format!("{view} nowhere")).contains("temple, dishes, sphere, plane"));
+    assert!(
+        fail(here.path(), &format!("{view} nowhere"))
+            .contains("temple, dishes, diorama, droid, bedroom, cloth, sphere, plane")
+    );
 }
 
 #[test]
@@ -359,11 +398,26 @@ fn compare_writes_the_table_the_page_and_the_images() {
     assert!(page.contains("data:image/png;base64,") && page.contains("<svg"));
     assert!(!page.contains("src=\"http") && !page.contains("href=\"http"), "the page needs nothing but itself");
     let images = names(&path.join("results"));
-    assert_eq!(images.iter().filter(|name| name.ends_with(".exr")).count(), 1 + 3 * 3, "{images:?}");
+    assert_eq!(images.iter().filter(|name| name.ends_with(".exr")).count(), 1 + 2 * 3 * 3, "{images:?}");
+    let errors = picture(&path.join("results/mis_2spp_error.exr"));
+    assert!(mean(&errors) > 0.0 && errors.pixels.len() == 24 * 18);
 
     // A reference that was rendered before is taken, and one of another size is refused.
     let again = format!("{view} --samplers mis --spp 2 --runs 1 --reference results/reference.exr --out again");
     succeed(path, &again);
+
+    // One that is in the cache is not rendered again: the same rows come of it, but for the seconds.
+    let cached = format!("{view} --samplers mis --spp 2 --runs 1 --reference-cache cache --out");
+    succeed(path, &format!("{cached} first"));
+    succeed(path, &format!("{cached} second"));
+    assert_eq!(names(&path.join("cache")).len(), 2);
+    let mse = |folder: &str| fs::read_to_string(path.join(folder).join("results.csv")).unwrap();
+    let mse = |folder: &str| mse(folder).lines().nth(1).unwrap().split(',').nth(8).unwrap().to_owned();
+    assert_eq!(mse("first"), mse("second"));
+    assert!(fs::read_to_string(path.join("second/report.html")).unwrap().contains("found in the cache"));
+    succeed(path, &format!("{cached} third --seed 9"));
+    assert_eq!(names(&path.join("cache")).len(), 4);
+
     let other_size = again.replace("--width 24", "--width 25");
     assert!(fail(path, &other_size).contains("24 x 18"));
 }

@@ -1,0 +1,134 @@
+//! How time and memory grow: with triangles, resolution, samples and threads.
+//!
+//! ```sh
+//! cargo bench --bench scaling
+//! cargo bench --bench scaling -- --sampler mis2 --most 100000
+//! ```
+//!
+//! The scene is a field of balls under the built-in map `studio`; balls and their tessellation grow with the number of triangles.
+//! Each line is the best of three renderings. `Mrays/s` counts camera and shadow rays; memory is what the process has gained by
+//! building the scene.
+
+use std::{fs, sync::Arc, sync::atomic::AtomicBool, time::Instant};
+
+use glam::{Vec2, Vec3, Vec3A};
+use headtail_render::{
+    environment::{Environment, built_in},
+    integrator::{Budget, DirectEstimator, Rendering, View, render},
+    sampler::SamplerSpec,
+    scene::{Camera, Material, Mesh, Scene},
+};
+
+/// What is measured unless said otherwise: triangles, width (4 : 3), samples per pixel.
+const BASE: (usize, usize, u32) = (100_000, 320, 16);
+
+fn main() {
+    let argument = |name: &str, default: &str| {
+        let mut arguments = std::env::args();
+        arguments.by_ref().find(|argument| argument == name).and_then(|_| arguments.next()).unwrap_or(default.into())
+    };
+    let sampler: SamplerSpec = argument("--sampler", "mis").parse().expect("a sampler");
+    let most: usize = argument("--most", "1000000").parse().expect("a number of triangles");
+    let environment = Arc::new(built_in("studio").expect("a built-in map"));
+    let estimator = sampler.build(&environment).expect("the sampler");
+    let (triangles, width, spp) = BASE;
+    let measure = |scene: &Scene, width: usize, spp: u32| best(scene, &environment, &*estimator, width, spp);
+
+    println!(
+        "sampler {sampler}, {} threads; {triangles} triangles, {width} wide, {spp} spp unless said otherwise",
+        rayon::current_num_threads()
+    );
+    println!("\n{:>10} {:>9} {:>9} {:>9} {:>9} {:>9}", "triangles", "balls", "build s", "MB", "render s", "Mrays/s");
+    for wanted in [1_000, 10_000, 100_000, 1_000_000].into_iter().filter(|&wanted| wanted <= most) {
+        let (before, start) = (resident(), Instant::now());
+        let (scene, balls) = field(wanted);
+        let (built, memory) = (start.elapsed().as_secs_f64(), resident() - before);
+        let rendering = measure(&scene, width, spp);
+        println!(
+            "{:>10} {balls:>9} {built:>9.3} {memory:>9.1} {:>9.3} {:>9.2}",
+            scene.triangle_count(),
+            rendering.seconds,
+            rate(&rendering)
+        );
+    }
+
+    let (scene, _) = field(triangles);
+    println!("\n{:>10} {:>9} {:>9} {:>9}", "width", "spp", "render s", "Mrays/s");
+    for (width, spp) in [(80, 16), (160, 16), (320, 16), (640, 16), (320, 1), (320, 4), (320, 64)] {
+        let rendering = measure(&scene, width, spp);
+        println!("{width:>10} {spp:>9} {:>9.3} {:>9.2}", rendering.seconds, rate(&rendering));
+    }
+
+    println!("\n{:>10} {:>9} {:>9}", "threads", "render s", "Mrays/s");
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
+        let rendering = pool.install(|| measure(&scene, width, spp));
+        println!("{threads:>10} {:>9.3} {:>9.2}", rendering.seconds, rate(&rendering));
+    }
+}
+
+/// The fastest of three renderings.
+fn best(
+    scene: &Scene,
+    environment: &Environment,
+    estimator: &dyn DirectEstimator,
+    width: usize,
+    spp: u32,
+) -> Rendering {
+    let camera = Camera::new(Vec3A::new(0.0, 5.0, 11.0), Vec3A::new(0.0, 0.0, 0.5), 40.0).expect("a direction");
+    let view = View { scene, camera: &camera, environment, width, height: width * 3 / 4, unshadowed: false, depth: 1 };
+    let once = |seed| render(view, estimator, Budget::Spp(spp), seed, &AtomicBool::new(false), &|_| {});
+    (0..3).map(once).min_by(|a, b| a.seconds.total_cmp(&b.seconds)).expect("three renderings")
+}
+
+/// Camera and shadow rays in millions per second.
+fn rate(rendering: &Rendering) -> f64 {
+    let covered: f64 = rendering.coverage.iter().map(|&share| f64::from(share)).sum();
+    let rays = f64::from(rendering.spp) * (rendering.coverage.len() as f64 + rendering.rays_per_sample * covered);
+    1e-6 * rays / rendering.seconds
+}
+
+/// About `triangles` triangles in a square of balls on the ground, and the number of balls.
+fn field(triangles: usize) -> (Scene, usize) {
+    // Balls and triangles in each grow alike: the cube root of the whole across, its square root around.
+    let across = ((triangles as f64 / 10.0).cbrt().round() as usize).max(2);
+    let segments = (((triangles / (across * across)) as f64).sqrt().round() as usize).max(4);
+    let mut meshes: Vec<Mesh> = (0..across * across)
+        .map(|i| {
+            let place = Vec2::new((i % across) as f32 + 0.5, (i / across) as f32 + 0.5) / across as f32 * 10.0 - 5.0;
+            ball(Vec3::new(place.x, 4.0 / across as f32, place.y), 4.0 / across as f32, segments)
+        })
+        .collect();
+    let corners = [[-30.0, 30.0], [30.0, 30.0], [30.0, -30.0], [-30.0, -30.0]].map(|[x, z]| Vec3::new(x, 0.0, z));
+    meshes.push(Mesh::new(corners.into(), vec![], vec![], vec![[0, 1, 2], [0, 2, 3]], 0).expect("two triangles"));
+    let material = Material::diffuse(Vec3A::splat(0.6));
+    (Scene::new("field", meshes, vec![material], None).expect("one material"), across * across)
+}
+
+/// A ball of `segments` pieces around and half as many rings, with smooth normals.
+fn ball(center: Vec3, radius: f32, segments: usize) -> Mesh {
+    let rings = segments.div_ceil(2);
+    let mut normals = Vec::new();
+    for ring in 0..=rings {
+        for segment in 0..=segments {
+            let latitude = std::f32::consts::PI * (ring as f32 / rings as f32 - 0.5);
+            let (sin, cos) = (std::f32::consts::TAU * segment as f32 / segments as f32).sin_cos();
+            normals.push(Vec3::new(latitude.cos() * sin, latitude.sin(), latitude.cos() * cos));
+        }
+    }
+    let at = |ring: usize, segment: usize| (ring * (segments + 1) + segment) as u32;
+    let quads = (0..rings).flat_map(|ring| (0..segments).map(move |segment| (ring, segment)));
+    let triangles = quads.flat_map(|(r, s)| {
+        let [a, b, c, d] = [at(r, s), at(r, s + 1), at(r + 1, s + 1), at(r + 1, s)];
+        [[a, b, c], [a, c, d]]
+    });
+    let positions = normals.iter().map(|n| center + radius * *n).collect();
+    Mesh::new(positions, normals.clone(), vec![], triangles.collect(), 0).expect("a ball's own indices")
+}
+
+/// Memory of this process in MB; 0 where the system does not say.
+fn resident() -> f64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    line.and_then(|line| line.split_whitespace().next()?.parse::<f64>().ok()).unwrap_or(0.0) / 1024.0
+}

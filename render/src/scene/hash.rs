@@ -1,0 +1,58 @@
+//! A scene's content as a hash: what an image of it depends on besides camera and light.
+
+use blake3::Hasher;
+use glam::{Vec2, Vec3, Vec4};
+
+use super::{Material, Scene, Texture};
+
+impl Scene {
+    /// BLAKE3 of all meshes and materials in hexadecimal: equal scenes have equal hashes, wherever they come from.
+    pub fn content_hash(&self) -> String {
+        let mut hasher = Hasher::new();
+        for mesh in &self.meshes {
+            let space = mesh.tangent_space.clone().unwrap_or_default();
+            let own = mesh.roughness_texcoords.as_deref().unwrap_or_default();
+            add_floats(&mut hasher, mesh.positions.iter().map(Vec3::to_array));
+            add_floats(&mut hasher, mesh.normals.iter().map(Vec3::to_array));
+            for texcoords in [&mesh.texcoords[..], own, &space.texcoords] {
+                add_floats(&mut hasher, texcoords.iter().map(Vec2::to_array));
+            }
+            add_floats(&mut hasher, space.tangents.iter().map(Vec4::to_array));
+            add(&mut hasher, &mesh.triangles.iter().flatten().flat_map(|i| i.to_le_bytes()).collect::<Vec<_>>());
+            let own = u64::from(mesh.roughness_texcoords.is_some());
+            add(&mut hasher, &[(mesh.material as u64).to_le_bytes(), own.to_le_bytes()].concat());
+        }
+        self.materials.iter().for_each(|material| add_material(&mut hasher, material));
+        hasher.finalize().to_hex().to_string()
+    }
+}
+
+/// Adds a list with its length, so that neighbouring lists cannot be mistaken for one another.
+fn add(hasher: &mut Hasher, list: &[u8]) {
+    hasher.update(&(list.len() as u64).to_le_bytes());
+    hasher.update(list);
+}
+
+fn add_floats<const N: usize>(hasher: &mut Hasher, vectors: impl Iterator<Item = [f32; N]>) {
+    add(hasher, &vectors.flatten().flat_map(f32::to_le_bytes).collect::<Vec<_>>());
+}
+
+/// Numbers by their shortest decimals that read back to the same bits, textures by their texels.
+fn add_material(hasher: &mut Hasher, material: &Material) {
+    let Material::MetallicRoughness(textured) = material else {
+        return add(hasher, format!("{material:?}").as_bytes());
+    };
+    let map = textured.normal_map.as_ref();
+    let (color, metallic, roughness) = (textured.base_color, textured.metallic, textured.roughness);
+    add(hasher, format!("{color:?} {metallic:?} {roughness:?} {:?}", map.map(|map| map.scale)).as_bytes());
+    let textures = [
+        textured.base_color_texture.as_ref(),
+        textured.metallic_roughness_texture.as_ref(),
+        map.map(|map| &map.texture),
+    ];
+    for texture in textures {
+        let (shape, texels) = texture.map_or_else(Default::default, |texture| Texture::content(texture));
+        add(hasher, shape.as_bytes());
+        add(hasher, texels);
+    }
+}

@@ -1,0 +1,35 @@
+//! `headtail chart`: the results of several comparisons on one page.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args;
+
+use crate::{arguments::make_folder, report};
+
+/// Chart speed against accuracy for several comparisons, one chart for each and one over all.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail chart out/temple out/dishes out/droid --out out/chart.html
+
+Samplers of different folders are the same if their kind and the last name of their file are: keep the files of each map in a \
+folder of its own, under equal names. Over all comparisons, time and error are geometric means of the ratios to one-sample MIS (mis), \
+over the samplers that every comparison has.")]
+pub struct Arguments {
+    /// Folders that `headtail compare` has written.
+    #[arg(required = true, value_name = "DIR")]
+    results: Vec<PathBuf>,
+    /// The page.
+    #[arg(long, value_name = "FILE.html")]
+    out: PathBuf,
+}
+
+/// Reads the results and writes the page.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        make_folder(folder)?;
+    }
+    report::write_overview(&arguments.out, &arguments.results)?;
+    println!("open {}", arguments.out.display());
+    Ok(())
+}

@@ -1,0 +1,134 @@
+//! Several comparisons on one page: speed against accuracy for each, and over all of them.
+
+use std::fmt::Write;
+
+use anyhow::Result;
+
+use super::Row;
+use super::chart::pareto::{Place, front, scatter};
+use super::html;
+use super::number::{escape, times};
+use super::summary::{Budget, Summary};
+
+/// A comparison at the budget that is shown.
+struct Scene {
+    title: String,
+    summary: Summary,
+    budget: Budget,
+}
+
+/// The page of the runs of each comparison.
+pub fn page(comparisons: &[Vec<Row>]) -> Result<String> {
+    let scenes = comparisons.iter().map(|rows| Scene::of(rows)).collect::<Result<Vec<_>>>()?;
+    let version = comparisons.first().and_then(|rows| rows.first()).map_or("", |row| row.version.as_str());
+    let mut page = html::head(version, "Speed and accuracy of samplers \u{b7} headtail");
+    page += "<body>\n<header>\n<p class=\"kicker\">headtail \u{b7} several comparisons</p>\n<h1>Speed and accuracy</h1>\n</header>\n<main>\n";
+    page += &over_all(&scenes);
+    page += "<section>\n<h2>Each comparison</h2>\n<div class=\"charts overview\">\n";
+    for scene in &scenes {
+        let places: Vec<Place> =
+            scene.summary.at(&scene.budget.name).map(|group| Place::of(&scene.summary, group)).collect();
+        push(
+            &mut page,
+            format_args!(
+                "<figure>{}<figcaption><b>{}</b>, {}.</figcaption></figure>\n",
+                scatter(&places, "rendering time in seconds", "mean squared error"),
+                escape(&scene.title),
+                escape(&scene.budget.words())
+            ),
+        );
+    }
+    Ok(page + "</div>\n</section>\n</main>\n</body>\n</html>\n")
+}
+
+impl Scene {
+    fn of(rows: &[Row]) -> Result<Self> {
+        let summary = Summary::of(rows)?;
+        let budget = summary.shown_first().clone();
+        Ok(Self { title: format!("{} under {}", rows[0].scene, rows[0].env), summary, budget })
+    }
+
+    /// Time and error of a sampler over those of the baseline.
+    fn ratios(&self, name: &str) -> Option<(f64, f64)> {
+        let group = self.summary.at(&self.budget.name).find(|group| alike(&group.sampler) == name)?;
+        let base = self.summary.group(&self.summary.baseline, &self.budget.name)?;
+        let (time, error) = (group.mean.seconds / base.mean.seconds, group.mse.mean / base.mse.mean);
+        [time, error].iter().all(|ratio| ratio.is_finite() && *ratio > 0.0).then_some((time, error))
+    }
+}
+
+/// What samplers of different comparisons are recognised by: the kind, and the last name of the file.
+fn alike(sampler: &str) -> String {
+    let Some((kind, path)) = sampler.rsplit_once(':') else { return sampler.to_owned() };
+    let last = path.rsplit(['/', '\\']).next().unwrap_or(path);
+    format!("{kind}:{}", last.strip_suffix(".safetensors").unwrap_or(last))
+}
+
+/// The chart and the table of geometric means over all comparisons.
+fn over_all(scenes: &[Scene]) -> String {
+    let Some(first) = scenes.first() else { return String::new() };
+    let mut names: Vec<String> = first.summary.samplers.iter().map(|sampler| alike(sampler)).collect();
+    // The baseline's colour and marker are the first ones, as in the other charts.
+    names.sort_by_key(|name| *name != first.summary.baseline);
+    names.retain(|name| scenes.iter().all(|scene| scene.ratios(name).is_some()));
+    let mean = |name: &str, of: fn((f64, f64)) -> f64| {
+        let logarithms: f64 = scenes.iter().filter_map(|scene| scene.ratios(name)).map(|ratios| of(ratios).ln()).sum();
+        (logarithms / scenes.len() as f64).exp()
+    };
+    let places: Vec<Place> = names
+        .iter()
+        .enumerate()
+        .map(|(index, name)| Place::new(name.clone(), index, mean(name, |r| r.0), mean(name, |r| r.1)))
+        .collect();
+    let best: Vec<String> = front(&places).into_iter().map(|place| place.name.clone()).collect();
+    let rows = places.iter().map(|place| {
+        let mark = if best.contains(&place.name) { " class=\"best\"" } else { "" };
+        let [time, error] = [place.time, place.error].map(times);
+        let efficiency = times(1.0 / (place.time * place.error));
+        format!("<tr><th scope=\"row\"{mark}>{}</th><td class=\"number\">{time}</td><td class=\"number\">{error}</td><td class=\"number\">{efficiency}</td></tr>\n", escape(&place.name))
+    });
+    format!(
+        "<section>\n<h2>Over all {} comparisons</h2>\n<div class=\"charts\">\n<figure>{}<figcaption>Geometric means over the comparisons of time and \
+         error at equal samples, both relative to {}. Further down and left is better; the broad line is the Pareto front.</figcaption></figure>\n\
+         <div class=\"scroll\"><table class=\"plain\"><thead><tr><th scope=\"col\">Sampler</th><th scope=\"col\" class=\"number\">Time</th>\
+         <th scope=\"col\" class=\"number\">MSE</th><th scope=\"col\" class=\"number\">Gain at equal time</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n\
+         </div>\n</section>\n",
+        scenes.len(),
+        scatter(&places, "time relative to the baseline", "mean squared error relative to the baseline"),
+        escape(&first.summary.baseline_words()),
+        rows.collect::<String>(),
+    )
+}
+
+fn push(text: &mut String, arguments: std::fmt::Arguments) {
+    text.write_fmt(arguments).expect("a String takes all that is written to it");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::synthetic;
+    use super::*;
+
+    fn row(sampler: &str, seconds: f64, mse: f64) -> Row {
+        Row { seconds, mse, ..synthetic::row(sampler, "4spp", 0) }
+    }
+
+    #[test]
+    fn means_over_all_are_geometric_and_of_samplers_that_all_have() {
+        let comparisons = [
+            vec![row("mis", 1.0, 1.0), row("head:a/head.safetensors", 2.0, 0.1), row("ris:4", 3.0, 0.2)],
+            vec![row("mis", 2.0, 3.0), row("head:b/head.safetensors", 4.0, 1.2)],
+        ];
+        let page = page(&comparisons).unwrap();
+        // Time: sqrt(2 * 2) = 2; error: sqrt(0.1 * 0.4) = 0.2; gain 1 / 0.4.
+        assert!(
+            page.contains(
+                "head:head</th><td class=\"number\">2.0</td><td class=\"number\">0.20</td><td class=\"number\">2.5</td>"
+            ),
+            "{page}"
+        );
+        let over_all = &page[..page.find("Each comparison").unwrap()];
+        assert!(!over_all.contains("ris:4") && page.contains("ris:4"));
+        assert!(page.matches("<svg").count() == 6 && !page.contains("http:") && !page.contains("https:"));
+    }
+}

@@ -1,0 +1,78 @@
+//! `headtail scenes`: what scenes and environments are built in, and pictures of them.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args;
+use headtail_render::{
+    bake::{CellGrid, NormalGrid, direct_bake},
+    image::write_png,
+    integrator::{Budget, DirectEstimator, ResampledEstimator, View},
+    sampler::{BrdfSampler, EnvironmentLight, ProductSampler, Resampled},
+    scene::{Scene, built_in_names},
+    tail::TailKind,
+};
+
+use crate::{
+    arguments::{make_folder, open_environment},
+    progress,
+    render::{exposure, quietly},
+};
+
+/// List the built-in scenes; with --out, write a picture of each.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail scenes
+  headtail scenes --out previews --env studio --spp 64")]
+pub struct Arguments {
+    /// Folder for the pictures, NAME.png.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// A built-in environment (overcast, window, studio, sunset) or a map that lights them.
+    #[arg(long, value_name = "NAME|FILE", default_value = "window")]
+    env: String,
+    /// Samples per pixel.
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    spp: u32,
+    /// Surfaces that light may visit on its way to the camera: 1 is direct light alone.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    depth: u32,
+    /// Image width in pixels; three quarters of it are the height.
+    #[arg(long, default_value_t = 480, value_parser = clap::value_parser!(u32).range(4..=4096))]
+    width: u32,
+}
+
+/// Lists the scenes, then renders them.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    println!("{:10} {:>9}  {:16} surfaces", "scene", "triangles", "size in metres");
+    let scenes: Vec<Scene> = built_in_names().filter_map(Scene::built_in).collect();
+    for scene in &scenes {
+        let [x, y, z] = scene.bounds().extent().to_array();
+        let surfaces = if scene.is_diffuse() { "diffuse" } else { "diffuse and glossy" };
+        println!(
+            "{:10} {:>9}  {:16} {surfaces}",
+            scene.name(),
+            scene.triangle_count(),
+            format!("{x:.1} x {y:.1} x {z:.1}")
+        );
+    }
+    let Some(folder) = &arguments.out else { return Ok(()) };
+    let environment = open_environment(&arguments.env)?;
+    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+    let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
+    let candidates = Resampled::new(ProductSampler::new(light, table), BrdfSampler::new(environment.clone()), 4)?;
+    let estimator: &dyn DirectEstimator = &ResampledEstimator::new(candidates);
+    make_folder(folder)?;
+    let bar = progress::bar(scenes.len() as u64, "rendering");
+    for scene in &scenes {
+        let (width, height) = (arguments.width as usize, (arguments.width * 3 / 4) as usize);
+        let (camera, environment) = (&scene.camera(), &*environment);
+        let view = View { scene, camera, environment, width, height, unshadowed: false, depth: arguments.depth };
+        let rendering = quietly(view, estimator, Budget::Spp(arguments.spp), 1);
+        write_png(&folder.join(scene.name()).with_extension("png"), &rendering.composite(), exposure(&rendering))?;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    println!("{} pictures written to {}", scenes.len(), folder.display());
+    Ok(())
+}

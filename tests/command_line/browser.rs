@@ -1,0 +1,57 @@
+//! The pages in a real browser: the slider moves, the charts show, nothing is reported to the console.
+//!
+//! Needs `chromium` (or what the variable HEADTAIL_CHROMIUM names); says so where there is none.
+
+use std::{fs, path::Path, process::Command};
+
+use super::{SMALL, folder, succeed, text};
+
+/// Uses the page as a reader would, and writes what came of it into the body's `data-probe`.
+const PROBE: &str = include_str!("probe.js");
+
+/// What the probe wrote; panics if the page wrote to the console.
+fn probe(browser: &str, page: &Path, dark: bool) -> String {
+    let html = fs::read_to_string(page).unwrap();
+    let copy = page.with_extension("probe.html");
+    fs::write(&copy, html.replace("</body>", &format!("<script>{PROBE}</script></body>"))).unwrap();
+    let profile = folder();
+    let mut command = Command::new(browser);
+    command.args(
+        "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
+            .split(' '),
+    );
+    command.args(
+        "--disable-component-update --disable-sync --enable-logging=stderr --virtual-time-budget=5000".split(' '),
+    );
+    if dark {
+        command.arg("--force-dark-mode");
+    }
+    command.arg(format!("--user-data-dir={}", profile.path().display()));
+    let output = command.args(["--window-size=1400,3000", "--dump-dom"]).arg(&copy).output().unwrap();
+    let (dom, log) = (text(&output.stdout), String::from_utf8_lossy(&output.stderr).into_owned());
+    let console: Vec<&str> = log.lines().filter(|line| line.contains("CONSOLE")).collect();
+    assert!(console.is_empty(), "{}: {console:?}", page.display());
+    let found = dom.split_once("data-probe=\"").and_then(|(_, rest)| rest.split_once('"'));
+    found.unwrap_or_else(|| panic!("{}: the probe did not run: {log}", page.display())).0.to_owned()
+}
+
+#[test]
+fn pages_work_in_a_browser() {
+    let browser = std::env::var("HEADTAIL_CHROMIUM").unwrap_or_else(|_| "chromium".into());
+    if Command::new(&browser).arg("--version").output().is_err() {
+        println!("{browser} is not there: the pages were not opened");
+        return;
+    }
+    let here = folder();
+    let path = here.path();
+    let view = format!(
+        "compare --scene sphere --env studio {SMALL} --reference-spp 16 --samplers mis,ris:2 --spp 1,2 --runs 2"
+    );
+    succeed(path, &format!("{view} --out results"));
+    succeed(path, "chart results results --out chart.html");
+    for dark in [false, true] {
+        let found = probe(&browser, &path.join("results/report.html"), dark);
+        assert_eq!(found, "moved=true chosen=true zoomed=true sorted=true charts=2 images=true");
+    }
+    assert_eq!(probe(&browser, &path.join("chart.html"), false), "charts=3 images=true");
+}
