@@ -158,7 +158,7 @@ fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Vec<u8>> {
         .map_err(|_| anyhow!("the font of the labels cannot be read"))?;
     let panels = 1 + tails.len();
     let (columns, rows) = (2, panels.div_ceil(2));
-    let width = columns as i32 * (WIDTH as i32 + MARGIN) + MARGIN;
+    let width = columns * (WIDTH as i32 + MARGIN) + MARGIN;
     let height = rows as i32 * (HEIGHT as i32 + LABEL) + MARGIN;
     let mut buffer = vec![255_u8; (width * height * 3) as usize];
     {

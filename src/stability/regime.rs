@@ -135,8 +135,11 @@ fn sun_at(name: &str, centre: Vec2) -> Result<Arc<Environment>> {
     })
 }
 
+/// A regime and the file that it needs.
+pub type Missing = (String, String);
+
 /// Every regime whose map is there; the names of those whose file is not in `maps`, each with its file.
-pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<(String, String)>)> {
+pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<Missing>)> {
     let built_in = |name: &str| Arc::new(built_in(name).expect("it is one of the built-in maps"));
     let lambert = |name: &str, why, environment| Regime {
         name: name.to_owned(),

@@ -65,7 +65,7 @@ impl Flow {
             if !self.config.sees_other(target) {
                 other = other.zeros_like();
             }
-            let seen = features(target, other, self.config.octaves);
+            let seen = features(target, &other, self.config.octaves);
             let logits = network.forward(seen).unsqueeze_dim::<3>(0);
             let (moved, log_slope) = spline::inverse(target.topology(), own.clone(), &logits);
             *own = moved;
@@ -123,7 +123,7 @@ impl Flow {
 
 /// What a network that transforms `target` sees of the other coordinate, `[samples, features]`: of the azimuth the cosines, then the
 /// sines, of `2 pi 2^k u`; of the elevation `2 v - 1`, then the cosines of `pi 2^k v` from `k = 1` on.
-fn features(target: Coordinate, other: Tensor<1>, octaves: usize) -> Tensor<2> {
+fn features(target: Coordinate, other: &Tensor<1>, octaves: usize) -> Tensor<2> {
     let scaled = |factor: f64, k: usize| other.clone().mul_scalar(factor * f64::from(1 << k)).unsqueeze_dim::<2>(1);
     let columns: Vec<Tensor<2>> = match target {
         Coordinate::Elevation => {

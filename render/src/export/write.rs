@@ -2,6 +2,7 @@
 
 use std::{collections::HashMap, path::Path};
 
+use glam::Vec2;
 use safetensors::tensor::{Dtype, TensorView, serialize};
 
 use super::{ExportedSampler, Intermediate};
@@ -39,7 +40,7 @@ impl ExportedSampler {
         let (width, height, luminance) = &self.luminance;
         tensors.push(("tail.luminance".into(), vec![*height, *width], luminance.clone()));
         if let Tail::Flow(flow) = &*self.tail {
-            let values = flow.map().nodes().iter().flat_map(|node| node.to_array()).collect();
+            let values = flow.map().nodes().iter().flat_map(Vec2::to_array).collect();
             tensors.push(("tail.map".into(), vec![flow.map().cells() + 1, flow.map().cells(), 2], values));
         }
         match &self.intermediate {

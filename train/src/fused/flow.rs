@@ -36,7 +36,6 @@ struct Layout {
 struct Part {
     loss: f32,
     gradient: Vec<f32>,
-    /// Points of the part after the couplings, `[samples, 2]`, where they were asked for.
     scratch: Scratch,
     couplings: Vec<Coupling>,
 }
