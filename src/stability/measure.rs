@@ -58,6 +58,8 @@ pub struct Figures {
 pub struct Bench {
     points: Vec<(ShadingPoint, Vec<Term>, f64)>,
     effort: Effort,
+    /// Of the draws: regimes must not share their luck, or the table would show one error many times.
+    seed: u64,
 }
 
 /// Figures of one shading point.
@@ -80,7 +82,12 @@ impl Bench {
             let total: f64 = terms.iter().map(|term| term.weight * term.f).sum();
             (total > 0.0).then_some((at, terms, total))
         };
-        Self { points: (0..effort.conditions).into_par_iter().filter_map(point).collect(), effort }
+        // FNV-1a.
+        let seed = regime
+            .name
+            .bytes()
+            .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3));
+        Self { points: (0..effort.conditions).into_par_iter().filter_map(point).collect(), effort, seed }
     }
 
     /// How many shading points see light.
@@ -150,7 +157,7 @@ impl Bench {
         let lost =
             (0..LOST_STRATA * LOST_STRATA).filter(|&k| sampler.sample(&prepared, at, stratum(k)).is_none()).count();
         integral += lost as f64 / (LOST_STRATA * LOST_STRATA) as f64;
-        let mut random = Stream::new(17, Purpose::Test, index);
+        let mut random = Stream::new(self.seed, Purpose::Test, index);
         let draw = |_| {
             let sample = sampler.sample(&prepared, at, random.uniform2());
             sample.map_or(0.0, |s| f64::from(luminance(at.brdf_cosine(s.wi) * s.radiance / s.pdf)) / total)
