@@ -3,38 +3,87 @@
 //! `x = (u, v)` in `[0,1]^2`, azimuth `phi = 2 pi u`, polar angle `theta = pi v`, Y up:
 //! `w = (sin phi sin theta, cos theta, -cos phi sin theta)`.
 
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3A};
+
+use crate::simd::{self, LANES, Lanes};
 
 /// The smallest `sin theta` used in a change of measure: it keeps the pdf of the exact pole finite, on every path alike.
 const MIN_SIN_THETA: f32 = 1e-7;
 
 /// The unit direction of a point of the square.
 pub fn direction(x: Vec2) -> Vec3A {
-    let (sin_phi, cos_phi) = (TAU * x.x).sin_cos();
-    let (sin_theta, cos_theta) = (PI * x.y).sin_cos();
-    Vec3A::new(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta)
+    direction_and_factor(x).0
+}
+
+/// The unit direction of a point of the square, and [`solid_angle_factor`] there.
+pub fn direction_and_factor(x: Vec2) -> (Vec3A, f32) {
+    let (w, factor) = components_and_factor(x.x, x.y);
+    (Vec3A::from_array(w), factor)
+}
+
+/// [`direction_and_factor`] of one lane.
+#[inline(always)]
+pub(crate) fn components_and_factor(u: f32, v: f32) -> ([f32; 3], f32) {
+    let (cos_phi, sin_phi) = simd::cos_sin_turns(u);
+    let (cos_theta, sin_theta) = simd::cos_sin_turns(0.5 * v);
+    ([sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta], factor_of(sin_theta))
 }
 
 /// The point of the square of a unit direction; `u` in `[0, 1)`, `v` in `[0, 1]`.
 ///
-/// `theta` is taken from `atan2`, not `acos`: near the poles `acos` loses half of the digits, and with them the pdf.
+/// `theta` is taken from the arc tangent, not the arc cosine: near the poles that loses half of the digits, and with them the pdf.
 pub fn square(w: Vec3A) -> Vec2 {
-    let u = w.x.atan2(-w.z) / TAU;
+    let [u, v] = square_of(w.x, w.y, w.z);
+    Vec2::new(u, v)
+}
+
+/// [`square`] of one lane.
+#[inline(always)]
+pub(crate) fn square_of(x: f32, y: f32, z: f32) -> [f32; 2] {
+    let u = simd::atan2_turns(x, -z);
     let u = if u < 0.0 { u + 1.0 } else { u };
-    let v = w.x.hypot(w.z).atan2(w.y) / PI;
-    Vec2::new(if u >= 1.0 { 0.0 } else { u }, v.clamp(0.0, 1.0))
+    let v = 2.0 * simd::atan2_turns((x * x + z * z).sqrt(), y);
+    [if u >= 1.0 { 0.0 } else { u }, if v > 1.0 { 1.0 } else { v }]
+}
+
+/// [`square`] of [`LANES`] directions; lanes beyond the slice are those of the direction 0.
+#[inline(always)]
+pub(crate) fn square_lanes(w: &[Vec3A]) -> [Lanes; 2] {
+    let mut components = [[0.0; LANES]; 3];
+    for (k, w) in w.iter().enumerate().take(LANES) {
+        (components[0][k], components[1][k], components[2][k]) = (w.x, w.y, w.z);
+    }
+    let [x, y, z] = &components;
+    let mut out = [[0.0; LANES]; 2];
+    for k in 0..LANES {
+        let [u, v] = square_of(x[k], y[k], z[k]);
+        (out[0][k], out[1][k]) = (u, v);
+    }
+    out
 }
 
 /// `sin theta` of a row of the square, bounded away from zero.
 pub fn sin_theta(v: f32) -> f32 {
-    (PI * v).sin().max(MIN_SIN_THETA)
+    simd::cos_sin_turns(0.5 * v).1.max(MIN_SIN_THETA)
 }
 
 /// The factor from a pdf over X to a pdf over solid angle: `1 / (2 pi^2 sin theta)`.
 pub fn solid_angle_factor(v: f32) -> f32 {
-    1.0 / (2.0 * PI * PI * sin_theta(v))
+    factor_at(v)
+}
+
+/// [`solid_angle_factor`] of one lane.
+#[inline(always)]
+pub(crate) fn factor_at(v: f32) -> f32 {
+    factor_of(simd::cos_sin_turns(0.5 * v).1)
+}
+
+#[inline(always)]
+fn factor_of(sin_theta: f32) -> f32 {
+    let bounded = if sin_theta > MIN_SIN_THETA { sin_theta } else { MIN_SIN_THETA };
+    1.0 / (2.0 * PI * PI * bounded)
 }
 
 #[cfg(test)]

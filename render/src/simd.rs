@@ -131,6 +131,31 @@ pub fn cos_sin_turns(turns: f32) -> (f32, f32) {
     (f32::from_bits(c.to_bits() ^ (cos_sign << 30)), f32::from_bits(s.to_bits() ^ (sin_sign << 30)))
 }
 
+/// The angle of the point `(x, y)` in whole turns, in `[-1/2, 1/2]`, with a relative error below 3e-7; 0 at the origin.
+#[inline(always)]
+pub fn atan2_turns(y: f32, x: f32) -> f32 {
+    const TAN_OF_EIGHTH: f32 = 0.414_213_57;
+    let (height, width) = (y.abs(), x.abs());
+    let steep = height > width;
+    let (small, large) = (if steep { width } else { height }, if steep { height } else { width });
+    // Beyond an eighth of a half turn, the angle against the diagonal.
+    let beyond = small > TAN_OF_EIGHTH * large;
+    let numerator = if beyond { small - large } else { small };
+    let denominator = if beyond { small + large } else { large };
+    let t = numerator / if denominator == 0.0 { 1.0 } else { denominator };
+    let square = t * t;
+    // Cephes, atanf.
+    let p = 8.053_744_5e-2;
+    let p = p * square - 1.387_768_6e-1;
+    let p = p * square + 1.997_771e-1;
+    let p = p * square - 3.333_295e-1;
+    let turns = (p * square * t + t) * (0.5 * std::f32::consts::FRAC_1_PI);
+    let turns = if beyond { 0.125 + turns } else { turns };
+    let turns = if steep { 0.25 - turns } else { turns };
+    let turns = if x < 0.0 { 0.5 - turns } else { turns };
+    turns.copysign(y)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -174,6 +199,21 @@ mod tests {
             assert!((f64::from(cos) - expected_cos).abs() < 2e-7, "{turns}: {cos} {expected_cos}");
             assert!((f64::from(sin) - expected_sin).abs() < 2e-7, "{turns}: {sin} {expected_sin}");
         }
+    }
+
+    #[test]
+    fn angles_are_those_of_the_library() {
+        for turns in grid(-0.499_999, 0.499_999).chain([1e-9, 1e-30, 0.25, 0.125, 0.062_5, 0.5]) {
+            let (sin, cos) = (f64::from(turns) * std::f64::consts::TAU).sin_cos();
+            for scale in [1.0, 1e-18, 1e18] {
+                let (y, x) = ((scale * sin) as f32, (scale * cos) as f32);
+                let expected = f64::from(y).atan2(f64::from(x)) / std::f64::consts::TAU;
+                let angle = f64::from(atan2_turns(y, x));
+                assert!((angle - expected).abs() <= 3e-7 * expected.abs(), "{y} {x}: {angle} {expected}");
+            }
+        }
+        assert_eq!(atan2_turns(0.0, 0.0), 0.0);
+        assert!(atan2_turns(f32::NAN, 1.0).is_nan() && atan2_turns(1.0, f32::NAN).is_nan());
     }
 
     #[test]

@@ -15,6 +15,7 @@ use crate::{
     error::{Error, Result},
     image::{Image, read_radiance},
     latlong,
+    simd::{self, LANES, Lanes, Simd, Vectorized},
 };
 
 /// Radiance above this is treated like an infinite one: sums of squares stay inside f32.
@@ -77,6 +78,9 @@ impl Environment {
         if width == 0 || height == 0 || pixels.len() != width * height {
             return Err(Error::argument("environment map", "needs at least one texel"));
         }
+        if i32::try_from(pixels.len()).is_err() {
+            return Err(Error::argument("environment map", "has more than 2^31 texels"));
+        }
         let repairs = repair(&mut pixels);
         if pixels.iter().flatten().all(|&value| value == 0.0) {
             return Err(Error::argument("environment map", "is black everywhere: there is no light to sample"));
@@ -127,24 +131,97 @@ impl Environment {
 
     /// Radiance at a point of the square; `x.x` in `[0, 1]`, `x.y` in `[0, 1]`.
     pub fn radiance_at(&self, x: Vec2) -> Vec3A {
-        let column = x.x * self.width as f32 - 0.5;
+        let stencil = self.stencil(x.x, x.y);
+        self.texels_of(&stencil).blend(&stencil)
+    }
+
+    /// Where the texels around a point of the square are.
+    #[inline(always)]
+    fn stencil(&self, u: f32, v: f32) -> Stencil {
+        let column = u * self.width as f32 - 0.5;
         let left = column.floor();
-        let s = column - left;
         // Columns -1 and width are the same places as width - 1 and 0.
-        let i0 = if left < 0.0 { self.width - 1 } else { (left as usize).min(self.width - 1) };
-        let i1 = if i0 + 1 == self.width { 0 } else { i0 + 1 };
-        let row = x.y * (self.height - 1) as f32;
-        let j = (row as usize).min(self.height - 2);
-        let t = row - j as f32;
-        let (upper, lower) = (&self.texels[j * self.width..], &self.texels[(j + 1) * self.width..]);
-        let top = upper[i0] + (upper[i1] - upper[i0]) * s;
-        let bottom = lower[i0] + (lower[i1] - lower[i0]) * s;
-        (top + (bottom - top) * t).max(Vec3A::ZERO)
+        let i0 = if left < 0.0 { self.width as i32 - 1 } else { (left as i32).min(self.width as i32 - 1) };
+        let i1 = if i0 + 1 == self.width as i32 { 0 } else { i0 + 1 };
+        let row = v * (self.height - 1) as f32;
+        let j = (row as i32).min(self.height as i32 - 2);
+        let start = j * self.width as i32;
+        Stencil { left: (start + i0) as u32, right: (start + i1) as u32, across: column - left, down: row - j as f32 }
+    }
+
+    #[inline(always)]
+    fn texels_of(&self, stencil: &Stencil) -> Texels {
+        let (left, right) = (stencil.left as usize, stencil.right as usize);
+        Texels([self.texels[left], self.texels[right], self.texels[left + self.width], self.texels[right + self.width]])
     }
 
     /// Radiance from a unit direction.
     pub fn radiance(&self, wi: Vec3A) -> Vec3A {
         self.radiance_at(latlong::square(wi))
+    }
+
+    /// [`Self::radiance`] of many directions; both slices have equal length.
+    pub fn radiance_batch(&self, wi: &[Vec3A], out: &mut [Vec3A]) {
+        simd::dispatch(Radiances { environment: self, wi, out });
+    }
+
+    /// Radiance at [`LANES`] points of the square.
+    #[inline(always)]
+    pub(crate) fn radiance_lanes(&self, u: &Lanes, v: &Lanes) -> [Vec3A; LANES] {
+        let mut stencils = [Stencil::default(); LANES];
+        for k in 0..LANES {
+            stencils[k] = self.stencil(u[k], v[k]);
+        }
+        // All loads before the arithmetic, so that they wait for memory together.
+        let mut texels = [Texels::default(); LANES];
+        for (texels, stencil) in texels.iter_mut().zip(&stencils) {
+            *texels = self.texels_of(stencil);
+        }
+        let mut out = [Vec3A::ZERO; LANES];
+        for k in 0..LANES {
+            out[k] = texels[k].blend(&stencils[k]);
+        }
+        out
+    }
+}
+
+struct Radiances<'a> {
+    environment: &'a Environment,
+    wi: &'a [Vec3A],
+    out: &'a mut [Vec3A],
+}
+
+impl Vectorized for Radiances<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, _simd: S) {
+        for (wi, out) in self.wi.chunks(LANES).zip(self.out.chunks_mut(LANES)) {
+            let [u, v] = latlong::square_lanes(wi);
+            let radiances = self.environment.radiance_lanes(&u, &v);
+            out.copy_from_slice(&radiances[..out.len()]);
+        }
+    }
+}
+
+/// The upper two of the four texels around a point, and where between them it is.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stencil {
+    left: u32,
+    right: u32,
+    across: f32,
+    down: f32,
+}
+
+/// Four texels around a point: upper left, upper right, lower left, lower right.
+#[derive(Clone, Copy, Debug, Default)]
+struct Texels([Vec3A; 4]);
+
+impl Texels {
+    #[inline(always)]
+    fn blend(&self, stencil: &Stencil) -> Vec3A {
+        let [a, b, c, d] = self.0;
+        let top = a + (b - a) * stencil.across;
+        let bottom = c + (d - c) * stencil.across;
+        (top + (bottom - top) * stencil.down).max(Vec3A::ZERO)
     }
 }
 

@@ -20,6 +20,31 @@ impl BrdfSampler {
     }
 }
 
+impl BrdfSampler {
+    /// Draws all directions, then looks up the light from all of them.
+    fn sample_all<'a>(
+        &self,
+        at: impl Iterator<Item = &'a ShadingPoint>,
+        u: &[Vec2],
+        out: &mut [Option<DirectionSample>],
+    ) {
+        let mut wi = vec![Vec3A::Z; u.len()];
+        for (((at, &u), wi), out) in at.zip(u).zip(&mut wi).zip(&mut *out) {
+            *out = at.brdf.sample(at.ns, at.wo, u).map(|(drawn, pdf)| {
+                *wi = drawn;
+                DirectionSample { wi: drawn, pdf, radiance: Vec3A::ZERO }
+            });
+        }
+        let mut radiances = vec![Vec3A::ZERO; u.len()];
+        self.environment.radiance_batch(&wi, &mut radiances);
+        for (sample, radiance) in out.iter_mut().zip(radiances) {
+            if let Some(sample) = sample {
+                sample.radiance = radiance;
+            }
+        }
+    }
+}
+
 impl DirectionSampler for BrdfSampler {
     type Prepared = ();
 
@@ -28,6 +53,14 @@ impl DirectionSampler for BrdfSampler {
     fn sample(&self, _prepared: &(), at: &ShadingPoint, u: Vec2) -> Option<DirectionSample> {
         let (wi, pdf) = at.brdf.sample(at.ns, at.wo, u)?;
         Some(DirectionSample { wi, pdf, radiance: self.environment.radiance(wi) })
+    }
+
+    fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
+        self.sample_all(at.iter(), u, out);
+    }
+
+    fn sample_prepared(&self, _: &[&()], at: &[&ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
+        self.sample_all(at.iter().copied(), u, out);
     }
 
     fn pdf(&self, _prepared: &(), at: &ShadingPoint, wi: Vec3A) -> f32 {

@@ -42,6 +42,10 @@ impl DirectionSampler for EmitterSampler {
     fn sample_prepared(&self, _: &[&()], _: &[&ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
         self.sample_batch(&[], u, out);
     }
+
+    fn pdf_prepared(&self, _: &[&()], _: &[&ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
+        self.light.pdf_batch(wi, out);
+    }
 }
 
 impl CoversIntegrand for EmitterSampler {}
@@ -102,5 +106,9 @@ impl DirectionSampler for CompensatedEmitterSampler {
 
     fn sample_prepared(&self, prepared: &[&()], at: &[&ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
         self.0.sample_prepared(prepared, at, u, out);
+    }
+
+    fn pdf_prepared(&self, prepared: &[&()], at: &[&ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
+        self.0.pdf_prepared(prepared, at, wi, out);
     }
 }

@@ -122,7 +122,8 @@ impl<I: IntermediateDensity> DirectionSampler for ProductSampler<I> {
     }
 
     fn pdf_prepared(&self, prepared: &[&Self::Prepared], _at: &[&ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
-        let (y, pdfs): (Vec<Vec2>, Vec<f32>) = wi.iter().map(|&wi| self.light.pull_back(wi)).unzip();
+        let (mut y, mut pdfs) = (vec![Vec2::ZERO; wi.len()], vec![0.0; wi.len()]);
+        self.light.pull_back_batch(wi, &mut y, &mut pdfs);
         self.intermediate.density_prepared(prepared, &y, out);
         for (out, pdf) in out.iter_mut().zip(pdfs) {
             *out = if pdf > 0.0 { *out * pdf } else { 0.0 };

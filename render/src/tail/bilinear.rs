@@ -7,6 +7,7 @@ use super::BELOW_ONE;
 /// The point `t` of `[0, 1)` at which the linear density from `a` to `b` (not both 0) has accumulated the share `u`.
 ///
 /// The form without cancellation: both terms of the denominator are non-negative.
+#[inline(always)]
 pub fn sample_linear(u: f32, a: f32, b: f32) -> f32 {
     let root = (a * a + u * (b * b - a * a)).max(0.0).sqrt();
     let denominator = a + root;
@@ -14,6 +15,7 @@ pub fn sample_linear(u: f32, a: f32, b: f32) -> f32 {
 }
 
 /// The share that the linear density from `a` to `b` has accumulated at `t`: the inverse of [`sample_linear`].
+#[inline(always)]
 pub fn invert_linear(t: f32, a: f32, b: f32) -> f32 {
     let sum = a + b;
     if sum > 0.0 { (t * (a * (2.0 - t) + b * t) / sum).min(BELOW_ONE) } else { t }
@@ -25,6 +27,7 @@ pub struct Corners(pub [f32; 4]);
 
 impl Corners {
     /// The function's value.
+    #[inline(always)]
     pub fn evaluate(&self, t: Vec2) -> f32 {
         let (left, right) = self.edges(t.y);
         (1.0 - t.x) * left + t.x * right
@@ -36,6 +39,7 @@ impl Corners {
     }
 
     /// Carries a uniform point to one distributed in proportion to the function.
+    #[inline(always)]
     pub fn sample(&self, u: Vec2) -> Vec2 {
         let [a, b, c, d] = self.0;
         let y = sample_linear(u.y, a + b, c + d);
@@ -44,12 +48,14 @@ impl Corners {
     }
 
     /// The inverse of [`Self::sample`].
+    #[inline(always)]
     pub fn invert(&self, t: Vec2) -> Vec2 {
         let [a, b, c, d] = self.0;
         let (left, right) = self.edges(t.y);
         Vec2::new(invert_linear(t.x, left, right), invert_linear(t.y, a + b, c + d))
     }
 
+    #[inline(always)]
     fn edges(&self, y: f32) -> (f32, f32) {
         let [a, b, c, d] = self.0;
         ((1.0 - y) * a + y * c, (1.0 - y) * b + y * d)

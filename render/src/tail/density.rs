@@ -5,7 +5,10 @@ use std::f64::consts::PI;
 use glam::Vec2;
 
 use super::{BELOW_ONE, bilinear::Corners};
-use crate::error::{Error, Result};
+use crate::{
+    error::{Error, Result},
+    simd::{LANES, Lanes},
+};
 
 /// `luminance x sin theta`, normalised to integrate to 1 over X, bilinear between the texels of the map.
 ///
@@ -68,6 +71,7 @@ impl BilinearDensity {
     }
 
     /// The densities at the corners of a cell.
+    #[inline(always)]
     pub fn corners(&self, column: usize, row: usize) -> Corners {
         let next = if column + 1 == self.width { 0 } else { column + 1 };
         let (upper, lower) = (row * self.width, (row + 1) * self.width);
@@ -81,6 +85,7 @@ impl BilinearDensity {
     }
 
     /// The cell of a point of X, `(column, row, position inside)`.
+    #[inline(always)]
     pub fn cell(&self, x: Vec2) -> (usize, usize, Vec2) {
         let shifted = x.x * self.width as f32 - 0.5;
         let across = if shifted < 0.0 { shifted + self.width as f32 } else { shifted };
@@ -92,10 +97,30 @@ impl BilinearDensity {
     }
 
     /// The point of X at a position inside a cell: the inverse of [`Self::cell`].
-    pub fn point(&self, column: usize, row: usize, inside: Vec2) -> Vec2 {
+    #[inline(always)]
+    pub fn point(&self, column: u32, row: u32, inside: Vec2) -> Vec2 {
         let u = (column as f32 + inside.x + 0.5) / self.width as f32;
         let v = (row as f32 + inside.y) / self.rows() as f32;
         Vec2::new(if u >= 1.0 { (u - 1.0).clamp(0.0, BELOW_ONE) } else { u }, v.min(1.0))
+    }
+
+    /// [`Self::density`] at [`LANES`] points.
+    #[inline(always)]
+    pub(crate) fn density_lanes(&self, u: &Lanes, v: &Lanes) -> Lanes {
+        let (mut columns, mut rows, mut inside) = ([0; LANES], [0; LANES], [Vec2::ZERO; LANES]);
+        for k in 0..LANES {
+            (columns[k], rows[k], inside[k]) = self.cell(Vec2::new(u[k], v[k]));
+        }
+        // All loads before the arithmetic, so that they wait for memory together.
+        let mut corners = [Corners([0.0; 4]); LANES];
+        for k in 0..LANES {
+            corners[k] = self.corners(columns[k], rows[k]);
+        }
+        let mut out = [0.0; LANES];
+        for k in 0..LANES {
+            out[k] = corners[k].evaluate(inside[k]);
+        }
+        out
     }
 
     /// The density at a point of X.

@@ -18,7 +18,7 @@ pub use warp_map::WarpMap;
 use glam::{Vec2, Vec3A};
 use serde::{Deserialize, Serialize};
 
-use crate::latlong;
+use crate::{latlong, simd::Lanes};
 
 /// The largest f32 below 1: square coordinates are kept in `[0, 1)` where a cell is looked up.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
@@ -124,6 +124,16 @@ impl Tail {
             Self::RowColumn(tail) => tail.grid(),
             Self::Hierarchical(tail) => tail.grid(),
             Self::Flow(tail) => tail.light(),
+        }
+    }
+
+    /// [`TailWarp::density`] at as many points as there are lanes.
+    #[inline(always)]
+    pub(crate) fn density_lanes(&self, u: &Lanes, v: &Lanes) -> Lanes {
+        match self {
+            Self::RowColumn(tail) => tail.grid().density_lanes(u, v),
+            Self::Hierarchical(tail) => tail.grid().density_lanes(u, v),
+            Self::Flow(tail) => std::array::from_fn(|k| tail.density(Vec2::new(u[k], v[k]))),
         }
     }
 

@@ -92,7 +92,7 @@ impl TailWarp for RowColumn {
         let [a, b, c, d] = corners.0;
         let s = sample_linear(share, (1.0 - t) * a + t * c, (1.0 - t) * b + t * d);
         let inside = Vec2::new(s, t);
-        (self.grid.point(column, row, inside), 1.0 / corners.evaluate(inside))
+        (self.grid.point(column as u32, row as u32, inside), 1.0 / corners.evaluate(inside))
     }
 
     fn inverse(&self, x: Vec2) -> (Vec2, f32) {
