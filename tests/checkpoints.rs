@@ -53,9 +53,8 @@ fn heads_reach_the_divergence_that_they_claim() {
             let prepared = head.prepare_normal(normal);
             // As `head+mis` draws.
             let share = head.share_beside_brdf(&prepared);
-            let density = |y| {
-                share * head.inverse_at(&prepared, y).1 + (1.0 - share) * cosine_density(&exported.tail, normal, y)
-            };
+            let density =
+                |y| share * head.inverse_at(&prepared, y).1 + (1.0 - share) * cosine_density(&exported.tail, normal, y);
             let Some(kl) = divergence(&exported.tail, normal, density) else { continue };
             sum += kl;
             count += 1.0;
