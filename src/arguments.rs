@@ -7,7 +7,9 @@ use clap::Args;
 use glam::Vec3A;
 use headtail_render::{
     environment::Environment,
+    export::ExportedSampler,
     integrator::{Budget, View},
+    sampler::SamplerSpec,
     scene::{Camera, MaterialSpec, Scene},
     tail::TailKind,
 };
@@ -210,6 +212,19 @@ pub fn open_environment(name_or_path: &str) -> Result<Arc<Environment>> {
         eprintln!("warning: {name_or_path}: {repair}");
     }
     Ok(Arc::new(environment))
+}
+
+/// Says on standard error where a file is used otherwise than it was trained for.
+pub fn note_use(spec: &SamplerSpec) -> Result<()> {
+    if let SamplerSpec::Head(file) = spec {
+        let meant = SamplerSpec::of_exported(&ExportedSampler::read(file)?, file.clone());
+        if meant != *spec {
+            eprintln!(
+                "note: {spec} was trained to be mixed with BRDF sampling and may be noisy alone; {meant} mixes it"
+            );
+        }
+    }
+    Ok(())
 }
 
 /// A budget of samples per pixel or of seconds, of which exactly one is given.

@@ -22,7 +22,7 @@ use headtail_render::{
 use reference::Reference;
 
 use crate::{
-    arguments::{OpenedView, ViewArguments, budget, make_folder},
+    arguments::{OpenedView, ViewArguments, budget, make_folder, note_use},
     progress,
     render::{attributes, quietly},
     report::{self, Comparison, Preparation, RenderedImage, Row},
@@ -33,14 +33,15 @@ use crate::{
 #[command(after_help = "Examples:
   headtail compare --scene temple --env studio --samplers cosine,emitter,mis,ris:4 --spp 4,16,64 --out out/temple
   headtail compare --scene spot.glb --ground --material lambert --env room.hdr --samplers mis,direct:out/room-direct.safetensors,oracle --spp 16 --out out/spot
-  headtail compare --scene dishes --env sunset --samplers mis,ris:4,head:out/sunset/sampler.safetensors --seconds 1,4 --runs 5 --out out/dishes
+  headtail compare --scene dishes --env sunset --samplers mis,ris:4,head+mis:out/sunset/sampler.safetensors --seconds 1,4 --runs 5 --out out/dishes
 
 Errors are measured over the pixels that surfaces cover entirely: what the camera sees of the environment is the same for \
 every sampler. Ctrl-C writes a report of the runs that are done.")]
 pub struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
-    /// Samplers, separated by commas: brdf (or cosine), emitter, mis, mis2, mis-comp, ris:M, head:FILE, baked:FILE, direct:FILE, oracle.
+    /// Samplers, separated by commas: brdf (or cosine), emitter, mis, mis2, mis-comp, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE,
+    /// ris:M:head:FILE, ris:M:direct:FILE, oracle.
     #[arg(long, value_name = "SPEC,...", value_delimiter = ',', required = true)]
     samplers: Vec<SamplerSpec>,
     /// Samples per pixel; several are separated by commas.
@@ -189,7 +190,11 @@ impl Entry {
         let estimator = spec.build(&opened.environment)?;
         let built = start.elapsed().as_secs_f64();
         let mut preparation = Preparation { sampler: label.clone(), seconds: built, text: "tables built".into() };
-        if let SamplerSpec::Head(file) | SamplerSpec::Baked(file) = spec
+        note_use(spec)?;
+        if let SamplerSpec::Head(file)
+        | SamplerSpec::Baked(file)
+        | SamplerSpec::WithMis(_, file)
+        | SamplerSpec::RisOf(_, _, file) = spec
             && let exported = ExportedSampler::read(file)?
             && let Some(training) = exported.training
         {

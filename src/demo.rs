@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use clap::Args;
 use headtail_render::{
     bake::{CellGrid, NormalGrid},
-    sampler::SamplerSpec,
+    sampler::{FileKind, SamplerSpec},
 };
 use headtail_train::{FitConfig, TrainingLight, exported_sampler};
 
@@ -73,7 +73,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         SamplerSpec::Emitter,
         SamplerSpec::Mis,
         SamplerSpec::Ris(4),
-        SamplerSpec::Head(head),
+        SamplerSpec::WithMis(FileKind::Head, head),
         SamplerSpec::Direct(table),
     ];
     compare::run(&compare::Arguments::new(view, samplers, arguments.out.clone()))?;

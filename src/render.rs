@@ -12,7 +12,7 @@ use headtail_render::{
 };
 
 use crate::{
-    arguments::{ViewArguments, budget, make_folder},
+    arguments::{ViewArguments, budget, make_folder, note_use},
     progress,
 };
 
@@ -22,13 +22,14 @@ use crate::{
   headtail render --scene temple --env studio --sampler mis --spp 64 --out out/temple.exr
   headtail render --scene spot.glb --ground --material lambert --env room.hdr --sampler direct:out/room-direct.safetensors --seconds 10 --out out/spot.exr
   headtail render --scene dishes --env studio --material ggx:alpha=0.2..0.8 --sampler mis --spp 64 --out out/glossy.exr
-  headtail render --scene dishes --env sunset --sampler head:out/sunset/sampler.safetensors --spp 16 --unshadowed --out out/dishes.exr
+  headtail render --scene dishes --env sunset --sampler head+mis:out/sunset/sampler.safetensors --spp 16 --unshadowed --out out/dishes.exr
 
 Ctrl-C writes what there is.")]
 pub struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
-    /// brdf (or cosine), emitter, mis, mis2, mis-comp, ris:M, head:FILE, baked:FILE, direct:FILE or oracle.
+    /// brdf (or cosine), emitter, mis, mis2, mis-comp, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE, ris:M:direct:FILE or oracle; fit
+    /// says which one its file is.
     #[arg(long, value_name = "SPEC")]
     sampler: SamplerSpec,
     /// Samples per pixel.
@@ -64,6 +65,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let budget = budget(arguments.spp, arguments.seconds)?;
     let opened = arguments.view.open()?;
     let estimator = arguments.sampler.build(&opened.environment)?;
+    note_use(&arguments.sampler)?;
     if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         make_folder(folder)?;
     }

@@ -8,6 +8,7 @@ use headtail_render::{
     environment::{Environment, built_in},
     export::{ExportedSampler, Intermediate},
     random::{Purpose, Stream},
+    sampler::IntermediateDensity,
     tail::Tail,
 };
 
@@ -17,6 +18,12 @@ fn open(environment: &str, kind: &str) -> (ExportedSampler, Arc<Environment>) {
     let environment = Arc::new(built_in(environment).unwrap());
     exported.check_environment(&environment).unwrap();
     (exported, environment)
+}
+
+/// The density over Y of cosine sampling.
+fn cosine_density(tail: &Tail, normal: Vec3A, y: Vec2) -> f32 {
+    let (_, wi, pdf) = tail.forward_direction(y);
+    normal.dot(wi).max(0.0) / std::f32::consts::PI / pdf
 }
 
 /// KL(q* || q) at a normal, by 256 x 256 midpoints of Y; through the exact tail q* is the cosine.
@@ -39,11 +46,15 @@ fn heads_reach_the_divergence_that_they_claim() {
         let (exported, _) = open(environment, "head");
         let training = exported.training.expect("a head says how it was trained");
         let Intermediate::Head(head) = &exported.intermediate else { panic!("{environment}: not a head") };
+        assert!(head.has_selection(), "{environment}: the default learns a share");
         let (mut sum, mut count) = (0.0, 0.0);
         for index in 0..40 {
             let normal = Stream::new(3, Purpose::Test, index).direction();
             let prepared = head.prepare_normal(normal);
-            let density = |y| head.inverse_at(&prepared, y).1;
+            // As `head+mis` draws.
+            let share = head.share_beside_brdf(&prepared);
+            let density =
+                |y| share * head.inverse_at(&prepared, y).1 + (1.0 - share) * cosine_density(&exported.tail, normal, y);
             let Some(kl) = divergence(&exported.tail, normal, density) else { continue };
             sum += kl;
             count += 1.0;

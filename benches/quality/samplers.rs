@@ -69,7 +69,7 @@ fn diffuse(light: &EnvironmentLight, head: Head) -> Fallible<Qualities> {
         ("mis-comp", by_quadrature!(OneSampleMis::new(compensated, brdf.clone()))),
         ("ris:4", by_draws(4)?),
         ("ris:16", by_draws(16)?),
-        ("head", by_quadrature!(ProductSampler::new(light.clone(), head))),
+        ("head+mis", by_quadrature!(OneSampleMis::new(ProductSampler::new(light.clone(), head), brdf))),
         ("baked 32x32", by_quadrature!(ProductSampler::new(light.clone(), baked))),
         ("direct 8x8", by_quadrature!(direct(light, 8)?)),
         ("direct 32x32", by_quadrature!(direct(light, 32)?)),

@@ -18,7 +18,8 @@ use crate::arguments::{CameraArguments, TailArgument};
   headtail fit --env sky.exr --preset paper-ggx --set head.bins=16 --print-config
   headtail fit --env sky.exr --config run.toml --backend ndarray --seed 7 --out out/sky
 
-A configuration is a preset, then the keys of --config, then those of --set, then the flags below.")]
+A configuration is a preset, then the keys of --config, then those of --set, then the flags below. The fast presets learn how \
+often to draw from BRDF sampling, and keep the untrained head, which makes head+mis the sampler mis, where training did not lower the variance.")]
 pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
     #[arg(long, value_name = "MAP", required_unless_present = "print_config")]
@@ -44,7 +45,8 @@ pub struct Arguments {
     /// The size of a flow tail, small, medium or paper: takes the place of all keys flow.*.
     #[arg(long, value_name = "SIZE")]
     flow: Option<FlowSize>,
-    /// Sample a sun or small lamps on their own, and train the head for the rest of the light.
+    /// Sample a sun or small lamps on their own, and train the head for the rest of the light. Off by default: it gains under suns, but not
+    /// under every lamp.
     #[arg(long)]
     compact_emitters: bool,
     /// How to draw training points.

@@ -9,7 +9,7 @@ use std::{
 };
 
 use anyhow::{Result, bail, ensure};
-use headtail_render::{environment::Environment, scene::Scene, tail::TailKind};
+use headtail_render::{environment::Environment, sampler::SamplerSpec, scene::Scene, tail::TailKind};
 use headtail_train::{
     CheckpointFolder, FitConfig, Fitted, FlowSummary, MetricsFile, Progress, Run, TensorBoard, TrainingLight,
     Viewpoints, build_target, check_exportable, density_pictures, exported_sampler, fit_with,
@@ -74,8 +74,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Ok(());
     }
     let file = out.join("sampler.safetensors");
-    exported_sampler(&fitted.head, &config, summary, &environment, &light, !arguments.reproducible)?.write(&file)?;
-    println!("{} written after {:.1} s", file.display(), start.elapsed().as_secs_f64());
+    let exported = exported_sampler(&fitted.head, &config, summary, &environment, &light, !arguments.reproducible)?;
+    exported.write(&file)?;
+    let seconds = start.elapsed().as_secs_f64();
+    println!("{} written after {seconds:.1} s", file.display());
+    println!("render it with --sampler {}", SamplerSpec::of_exported(&exported, file));
     Ok(())
 }
 

@@ -24,19 +24,22 @@ use super::{
 };
 
 /// What a method is, in a sentence.
-pub const METHODS: [(&str, &str); 6] = [
+pub const METHODS: [(&str, &str); 7] = [
     (MIS, "one-sample MIS of emitter and BRDF sampling: the baseline"),
     ("head", "the head alone: the plain method"),
     ("head+mis", "the head and BRDF sampling, one half each"),
     ("selection", "the same with a learned share, trained jointly"),
     ("emitters", "compact emitters on their own, the head for the rest of the light"),
-    (DEFAULT, "all remedies: learned share, compact emitters, and no head that is worse than none"),
+    (ALL, "learned share, compact emitters, and no head that is worse than none"),
+    (DEFAULT, "what headtail fit makes without further flags: learned share, and no head that is worse than none"),
 ];
 
 /// The baseline.
 pub const MIS: &str = "mis";
 /// All remedies.
-pub const DEFAULT: &str = "all remedies";
+const ALL: &str = "all remedies";
+/// What `headtail fit` makes without further flags, used as it says.
+pub const DEFAULT: &str = "default";
 
 /// One row of the table.
 pub struct Row {
@@ -89,12 +92,8 @@ impl<'a> Laboratory<'a> {
     }
 
     fn heads(&mut self) {
-        let plain = self.config.clone();
-        let selecting = |fall_back, compact_emitters| {
-            let mut config = plain.clone();
-            config.head.selection = true;
-            FitConfig { fall_back, compact_emitters, ..config }
-        };
+        let mut plain = FitConfig { fall_back: false, ..self.config.clone() };
+        plain.head.selection = false;
         match self.train(&plain) {
             Ok(trained) => {
                 let product = trained.product();
@@ -103,46 +102,45 @@ impl<'a> Laboratory<'a> {
             }
             Err(error) => ["head", "head+mis"].into_iter().for_each(|method| self.stop(method, &error)),
         }
-        let guarded = self.train(&selecting(true, true));
-        // The same head, unless emitters were taken out of its light or it was given up.
-        let unguarded = match &guarded {
-            Ok(trained) if trained.compact.is_none() && !trained.fell_back => Ok(trained.clone()),
-            _ => self.train(&selecting(false, false)),
+        let default = self.train(&self.config);
+        let selection = match &default {
+            // The same head, unless it was given up.
+            Ok(trained) if !trained.fell_back => Ok(trained.clone()),
+            _ => self.train(&FitConfig { fall_back: false, ..self.config.clone() }),
         };
-        match unguarded {
-            Ok(trained) => {
-                let mixture = OneSampleMis::new(trained.product(), self.brdf());
-                self.add("selection", &mixture, trained.skipped, "");
-            }
-            Err(error) => self.stop("selection", &error),
+        self.add_trained("selection", &selection, false);
+        if self.has_emitters() {
+            let with_emitters = |config: &FitConfig| FitConfig { compact_emitters: true, ..config.clone() };
+            self.add_trained("emitters", &self.train(&with_emitters(&plain)), false);
+            self.add_trained(ALL, &self.train(&with_emitters(&self.config)), true);
+        } else {
+            self.add_trained(ALL, &default, true);
         }
-        let has_emitters = guarded.as_ref().map_or_else(|_| self.has_emitters(), |trained| trained.compact.is_some());
-        if has_emitters {
-            match self.train(&FitConfig { compact_emitters: true, ..plain.clone() }) {
-                Ok(Trained { compact: Some(compact), skipped, head, light, .. }) => {
-                    let sampler = WithCompactEmitters::new(compact, ProductSampler::new(light, head));
-                    self.add("emitters", &sampler, skipped, "");
-                }
-                Ok(_) => {}
-                Err(error) => self.stop("emitters", &error),
+        self.add_trained(DEFAULT, &default, true);
+    }
+
+    /// Measures a trained head in the form for which its file is made (see `SamplerSpec::of_exported`).
+    fn add_trained(&mut self, method: &'static str, trained: &Result<Trained>, noted: bool) {
+        let trained = match trained {
+            Ok(trained) => trained,
+            Err(error) => return self.stop(method, error),
+        };
+        let note = match &trained.compact {
+            _ if !noted => String::new(),
+            _ if trained.fell_back => "training did not help: the untrained head was kept".to_owned(),
+            Some(compact) => format!("{} compact emitters", compact.count()),
+            None if method == ALL => "no compact emitter in this map: as default".to_owned(),
+            None => String::new(),
+        };
+        let (product, skipped) = (trained.product(), trained.skipped);
+        match (trained.head.has_selection(), trained.compact.clone()) {
+            (false, None) => self.add(method, &product, skipped, &note),
+            (true, None) => self.add(method, &OneSampleMis::new(product, self.brdf()), skipped, &note),
+            (false, Some(compact)) => self.add(method, &WithCompactEmitters::new(compact, product), skipped, &note),
+            (true, Some(compact)) => {
+                let mixture = OneSampleMis::new(product, self.brdf());
+                self.add(method, &WithCompactEmitters::new(compact, mixture), skipped, &note);
             }
-        }
-        match guarded {
-            Ok(trained) => {
-                let note = match (&trained.compact, trained.fell_back) {
-                    (_, true) => "training did not help: the untrained head was kept".to_owned(),
-                    (Some(compact), false) => format!("{} compact emitters", compact.count()),
-                    (None, false) => "no compact emitter in this map: as selection".to_owned(),
-                };
-                let mixture = OneSampleMis::new(trained.product(), self.brdf());
-                match trained.compact {
-                    Some(compact) => {
-                        self.add(DEFAULT, &WithCompactEmitters::new(compact, mixture), trained.skipped, &note);
-                    }
-                    None => self.add(DEFAULT, &mixture, trained.skipped, &note),
-                }
-            }
-            Err(error) => self.stop(DEFAULT, &error),
         }
     }
 

@@ -61,11 +61,10 @@ pub enum Change {
 }
 
 impl Regime {
-    /// The configuration of a head for this regime.
+    /// What `headtail fit` takes for this material without further flags, but for what the regime changes, and fewer steps in quick runs.
     pub fn config(&self, quick: bool) -> FitConfig {
         let mut config = Preset::fast_for(self.material).config().for_material(self.material);
-        config.head.selection = false;
-        config.fall_back = false;
+        // The validation at the end is enough: the others change nothing.
         config.validate_every = 0;
         if quick {
             config.steps = 160;

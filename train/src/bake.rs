@@ -1,5 +1,8 @@
 //! The learned bake: a head's density over Y, tabulated over a grid of normals.
 
+use std::f32::consts::PI;
+
+use glam::{Vec2, Vec3A};
 use headtail_render::{
     bake::{BakedTable, CellGrid, CellPoints, NormalGrid},
     head::{Condition, Head},
@@ -18,6 +21,9 @@ const POINTS: usize = 3;
 /// the mean of `max(0, n . t(y))` over Y: between two normals the one that sees more light then counts for more, as in the
 /// target itself.
 ///
+/// A head that has learned its share beside BRDF sampling is tabulated in that mixture, which is what it was trained for: the table is to
+/// be used alone.
+///
 /// # Errors
 /// [`Error::NotBakeable`] for a head with another condition; see also [`BakedTable::new`].
 pub fn learned_bake(head: &Head, tail: &Tail, normals: NormalGrid, cells: CellGrid) -> Result<BakedTable> {
@@ -25,13 +31,24 @@ pub fn learned_bake(head: &Head, tail: &Tail, normals: NormalGrid, cells: CellGr
         return Err(Error::NotBakeable);
     }
     let points = CellPoints::new(tail, cells, POINTS);
+    let positions: Vec<_> = points.positions().flatten().copied().collect();
+    let cosine = head.has_selection().then(|| PulledBackCosine::new(tail, &positions));
+    let points_of_cell = positions.len() / cells.cells();
     Ok(BakedTable::fill(normals, cells, |normal, masses| {
         let prepared = head.prepare_normal(normal);
-        let positions = points.positions().flatten().copied().collect::<Vec<_>>();
         let mut densities = vec![0.0; positions.len()];
         head.density_prepared(&vec![&prepared; positions.len()], &positions, &mut densities);
-        for (mass, densities) in masses.iter_mut().zip(densities.chunks_exact(positions.len() / cells.cells())) {
+        for (mass, densities) in masses.iter_mut().zip(densities.chunks_exact(points_of_cell)) {
             *mass = (densities.iter().map(|q| q * q).sum::<f32>() / densities.len() as f32).sqrt();
+        }
+        if let Some(cosine) = &cosine {
+            let share = head.share_beside_brdf(&prepared);
+            let densities: Vec<f32> = cosine.densities(normal).collect();
+            for (mass, densities) in masses.iter_mut().zip(densities.chunks_exact(points_of_cell)) {
+                // The mean: where the map is dark the cosine's density over Y is large, and a mixture need not follow it.
+                let mean = densities.iter().sum::<f32>() / densities.len() as f32;
+                *mass = share * *mass + (1.0 - share) * mean;
+            }
         }
         let (mut light, mut count) = (0.0, 0.0);
         for directions in points.directions() {
@@ -42,4 +59,25 @@ pub fn learned_bake(head: &Head, tail: &Tail, normals: NormalGrid, cells: CellGr
             *mass *= light / count;
         }
     })?)
+}
+
+/// The density over Y of cosine sampling at fixed points.
+struct PulledBackCosine {
+    /// Each point's direction, and the pdf of that direction when Y is uniform.
+    points: Vec<(Vec3A, f32)>,
+}
+
+impl PulledBackCosine {
+    fn new(tail: &Tail, positions: &[Vec2]) -> Self {
+        let at = |&y: &Vec2| {
+            let (_, wi, pdf) = tail.forward_direction(y);
+            (wi, pdf)
+        };
+        Self { points: positions.iter().map(at).collect() }
+    }
+
+    /// In the order of the points; 0 where no light is.
+    fn densities(&self, normal: Vec3A) -> impl Iterator<Item = f32> {
+        self.points.iter().map(move |&(wi, pdf)| if pdf > 0.0 { normal.dot(wi).max(0.0) / PI / pdf } else { 0.0 })
+    }
 }

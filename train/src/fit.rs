@@ -234,7 +234,8 @@ mod tests {
     }
 
     fn small() -> FitConfig {
-        FitConfig { steps: 30, conditions: 8, strata: 4, validation_strata: 8, ..FitConfig::default() }
+        let head = HeadConfig::COSINE;
+        FitConfig { steps: 30, conditions: 8, strata: 4, validation_strata: 8, head, ..FitConfig::default() }
     }
 
     fn quiet(config: &FitConfig, target: &dyn Target) -> Result<Fitted> {

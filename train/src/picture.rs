@@ -94,12 +94,14 @@ fn side_by_side(left: &[f32], right: &[f32]) -> Result<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
+    use headtail_model::HeadConfig;
+
     use super::*;
     use crate::{CosineTarget, test_support::sky};
 
     #[test]
     fn a_new_head_is_uniform_and_the_target_is_not() {
-        let config = FitConfig::default();
+        let config = FitConfig { head: HeadConfig::COSINE, ..FitConfig::default() };
         let device = config.backend.device().unwrap();
         let head = Head::new(config.head, 0, &device).unwrap();
         let target = CosineTarget::new(&sky);

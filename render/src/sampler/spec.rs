@@ -148,6 +148,17 @@ impl fmt::Display for SamplerSpec {
 }
 
 impl SamplerSpec {
+    /// What a file's sampler was made to be: a head that has learned its share beside BRDF sampling is one in that mixture, all others are
+    /// alone.
+    pub fn of_exported(exported: &ExportedSampler, file: PathBuf) -> Self {
+        match &exported.intermediate {
+            Intermediate::Head(head) if head.has_selection() => Self::WithMis(FileKind::Head, file),
+            Intermediate::Head(_) => Self::Head(file),
+            Intermediate::Bake(_) => Self::Baked(file),
+            Intermediate::DirectBake(_) => Self::Direct(file),
+        }
+    }
+
     /// Builds the estimator for a map.
     ///
     /// # Errors

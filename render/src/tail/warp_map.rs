@@ -1,6 +1,7 @@
 //! A warp of the square as one table of its values: bilinear in each cell, with that interpolant's own Jacobian and inverse.
 
 use glam::{DVec2, Vec2};
+use rayon::prelude::*;
 
 use super::BELOW_ONE;
 use crate::error::{Error, Result};
@@ -9,6 +10,12 @@ use crate::error::{Error, Result};
 const CELLS: std::ops::RangeInclusive<usize> = 4..=1024;
 /// The Jacobian at a corner of a cell is at least this share of the cell's mean.
 pub(super) const LEAST_CORNER: f64 = 1e-4;
+/// Most squares along a side of the grid over X in which walks start.
+const STARTS: usize = 256;
+/// Cells that a walk visits before the tree is asked.
+const WALK: usize = 16;
+/// Columns and rows that the first step of a walk goes at most.
+const STRIDE: f64 = 32.0;
 /// What single precision adds to a bounding box.
 const BOX_MARGIN: f32 = 2.5e-7;
 
@@ -19,8 +26,9 @@ const BOX_MARGIN: f32 = 2.5e-7;
 /// root of a quadratic (Heckbert 1989, "Fundamentals of Texture Mapping and Image Warping", section A.2). The density that it gives to
 /// uniform points is one over the interpolant's Jacobian, which integrates to 1 exactly.
 ///
-/// The cell of a point is found in a tree of bounding boxes over squares of cells. (A grid over X would do for smooth warps; under a
-/// sun half of all cells are in a few texels, and one bucket would hold them all.)
+/// The cell of a point is found by a short walk: from the cell at the middle of a square of X, each cell's own inverse says how many
+/// columns and rows away the point comes from. Under a sun half of all cells are in a few squares; walks that do not arrive are given up
+/// for a tree of bounding boxes over squares of cells.
 #[derive(Clone, Debug)]
 pub struct WarpMap {
     cells: usize,
@@ -28,6 +36,8 @@ pub struct WarpMap {
     nodes: Vec<Vec2>,
     /// From the whole square down to single cells.
     boxes: Vec<Vec<Bounds>>,
+    /// The cell at the middle of each square of a grid over X, `[side, side]`.
+    starts: Vec<u32>,
 }
 
 /// `low.x, low.y, high.x, high.y`.
@@ -95,7 +105,8 @@ impl Cell {
             let s = (h - t * self.f).dot(along) / along.length_squared();
             let st = DVec2::new(s, t);
             let outside = (-st).max(st - DVec2::ONE).max_element().max(0.0);
-            (st, if outside.is_finite() { outside } else { f64::INFINITY })
+            // The apex of a trapezoid, where `along` vanishes, is a root too; a maximum would overlook that s is then no number.
+            (st, if st.is_finite() { outside } else { f64::INFINITY })
         };
         let (first, second) = (candidate(c / q), candidate(q / a));
         if first.1 <= second.1 { first } else { second }
@@ -132,7 +143,11 @@ impl WarpMap {
         if broken > 0 {
             return refuse(format!("the images of {broken} cells are not convex: the map is not one to one"));
         }
-        Ok(Self { cells, boxes: boxes(cells, &nodes), nodes })
+        let mut map = Self { cells, boxes: boxes(cells, &nodes), nodes, starts: Vec::new() };
+        let side = cells.min(STARTS);
+        let middle = |k: usize| Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32;
+        map.starts = (0..side * side).into_par_iter().map(|k| map.look_up(middle(k)).0 as u32).collect();
+        Ok(map)
     }
 
     /// Cells along a side.
@@ -159,7 +174,7 @@ impl WarpMap {
 
     /// `x` in `[0, 1]^2` to `(y, |dy/dx|)`.
     pub fn inverse(&self, x: Vec2) -> (Vec2, f32) {
-        let (index, st) = self.find(x);
+        let (index, st) = self.walk(x).unwrap_or_else(|| self.look_up(x));
         let cell = cell_of(self.cells, &self.nodes, index);
         let corner = DVec2::new((index % self.cells) as f64, (index / self.cells) as f64);
         let y = ((corner + st) / self.cells as f64).as_vec2();
@@ -171,8 +186,39 @@ impl WarpMap {
         (self.cells * self.cells) as f64
     }
 
-    /// The cell whose image holds `x`, and where in the cell it comes from.
-    fn find(&self, x: Vec2) -> (usize, DVec2) {
+    /// The cell whose image holds `x`, and where in the cell it comes from, if that is near the start of the walk.
+    fn walk(&self, x: Vec2) -> Option<(usize, DVec2)> {
+        let side = self.cells.min(STARTS);
+        let at = |x: f32| ((x * side as f32) as usize).min(side - 1);
+        let mut index = self.starts[at(x.y) * side + at(x.x)] as usize;
+        let (mut stride, mut last) = (DVec2::splat(STRIDE), DVec2::ZERO);
+        for _ in 0..WALK {
+            let cell = cell_of(self.cells, &self.nodes, index);
+            // On the cell's turn of the circle.
+            let turn = (cell.evaluate(0.5, 0.5).x - f64::from(x.x)).round();
+            let (st, outside) = cell.invert(x.as_dvec2() + DVec2::new(turn, 0.0));
+            if outside == 0.0 {
+                return Some((index, st));
+            }
+            if !st.is_finite() {
+                return None;
+            }
+            let step = st.floor().clamp(-stride, stride);
+            // Back again: the cells between differ much in size, and the steps become those of a bisection.
+            let turns_back = (step * last).cmplt(DVec2::ZERO);
+            stride = DVec2::select(turns_back, (0.5 * stride).ceil(), stride);
+            last = DVec2::select(step.cmpeq(DVec2::ZERO), last, step);
+            let step = step.clamp(-stride, stride);
+            let side = self.cells as isize;
+            let column = (index as isize % side + step.x as isize).rem_euclid(side);
+            let row = (index as isize / side + step.y as isize).clamp(0, side - 1);
+            index = (row * side + column) as usize;
+        }
+        None
+    }
+
+    /// The cell whose image holds `x`, and where in the cell it comes from, by the tree.
+    fn look_up(&self, x: Vec2) -> (usize, DVec2) {
         let (mut best, mut least) = ((0, DVec2::splat(0.5)), f64::INFINITY);
         let root = self.boxes[0][0].0;
         let mut turn = (root[0] - x.x).ceil();
@@ -247,4 +293,41 @@ fn boxes(cells: usize, nodes: &[Vec2]) -> Vec<Vec<Bounds>> {
     }
     levels.reverse();
     levels
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Purpose, Stream};
+
+    /// Rows are moved along the circle, and columns gather around a point, as under a lamp.
+    fn gathered(cells: usize) -> WarpMap {
+        let node = |k: usize| {
+            let (u, v) = ((k % cells) as f32 / cells as f32, (k / cells) as f32 / cells as f32);
+            let squeezed = u + 0.14 * (std::f32::consts::TAU * u).sin();
+            Vec2::new(squeezed + 0.9 * v, v + 0.12 * (std::f32::consts::TAU * v).sin())
+        };
+        let mut nodes: Vec<Vec2> = (0..cells * (cells + 1)).map(node).collect();
+        nodes[cells * cells..].iter_mut().for_each(|node| node.y = 1.0);
+        WarpMap::new(cells, &nodes).unwrap()
+    }
+
+    #[test]
+    fn walks_arrive_where_the_tree_leads() {
+        let map = gathered(64);
+        let mut random = Stream::new(1, Purpose::Test, 0);
+        let mut arrived = 0;
+        for _ in 0..20_000 {
+            let x = random.uniform2();
+            let Some((walked, st)) = map.walk(x) else { continue };
+            arrived += 1;
+            let (found, at) = map.look_up(x);
+            let y = |index: usize, st: DVec2| DVec2::new((index % 64) as f64, (index / 64) as f64) + st;
+            let apart = (y(walked, st) - y(found, at)).abs();
+            // On an edge either cell may be found, also across the seam. The tree rounds x to 1.2e-7 on another turn of the circle, which 64
+            // cells and the density, 10 at most in either coordinate, magnify.
+            assert!(apart.x.min(64.0 - apart.x) < 1e-4 && apart.y < 1e-4, "{x}: {walked} {st}, {found} {at}");
+        }
+        assert!(arrived > 19_900, "{arrived} walks arrived");
+    }
 }

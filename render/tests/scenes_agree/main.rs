@@ -1,5 +1,7 @@
 //! Every sampler renders the same picture as every other, a white furnace is white, and threads change nothing.
 
+mod tails_and_emitters;
+
 use std::{
     path::Path,
     sync::{
@@ -15,7 +17,7 @@ use headtail_render::{
     export::{ExportedSampler, Intermediate, TrainingSummary},
     head::{Condition, Head, Linear, Mode},
     image::Image,
-    integrator::{Budget, Rendering, View, render},
+    integrator::{Budget, DirectEstimator, Rendering, View, render},
     random::{Purpose, Stream},
     sampler::{EnvironmentLight, IntermediateDensity, SamplerSpec},
     scene::{Material, MaterialSpec, Ray, Scene, TexturedMetallicRoughness, built_in_names},
@@ -47,12 +49,22 @@ impl Setting {
         stop: &AtomicBool,
         progress: &dyn Fn(f64),
     ) -> Rendering {
-        let estimator = sampler.build(&self.environment).unwrap();
+        self.estimate_until(&*sampler.build(&self.environment).unwrap(), spp, seed, stop, progress)
+    }
+
+    fn estimate_until(
+        &self,
+        estimator: &dyn DirectEstimator,
+        spp: u32,
+        seed: u64,
+        stop: &AtomicBool,
+        progress: &dyn Fn(f64),
+    ) -> Rendering {
         let (camera, unshadowed) = (self.scene.camera(), self.unshadowed);
         let (scene, environment) = (&self.scene, &*self.environment);
         let view =
             View { scene, camera: &camera, environment, width: WIDTH, height: HEIGHT, unshadowed, depth: self.depth };
-        render(view, &*estimator, Budget::Spp(spp), seed, stop, progress)
+        render(view, estimator, Budget::Spp(spp), seed, stop, progress)
     }
 }
 
@@ -74,11 +86,9 @@ fn random_head(mode: Mode) -> Head {
 }
 
 /// The table of a head: the mean of its density over points of each cell.
-fn bake(head: &Head, kind: TailKind, environment: &Environment) -> BakedTable {
-    let (width, height) = (environment.width(), environment.height());
-    let tail = Tail::new(kind, width, height, &environment.luminance()).unwrap();
+fn bake(head: &Head, tail: &Tail) -> BakedTable {
     let cells = CellGrid::new(8, 8).unwrap();
-    let points = CellPoints::new(&tail, cells, 3);
+    let points = CellPoints::new(tail, cells, 3);
     BakedTable::fill(NormalGrid::new(16, 32).unwrap(), cells, |normal, masses| {
         let prepared = head.prepare_normal(normal);
         for (mass, ys) in masses.iter_mut().zip(points.positions()) {
@@ -88,9 +98,8 @@ fn bake(head: &Head, kind: TailKind, environment: &Environment) -> BakedTable {
     .unwrap()
 }
 
-/// Writes a head in either mode, its bake and a direct bake for a map, and names them as samplers.
-fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
-    let summary = TrainingSummary {
+fn untrained() -> TrainingSummary {
+    TrainingSummary {
         steps: 0,
         seed: 5,
         loss: "none".into(),
@@ -98,7 +107,12 @@ fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
         final_kl: 1.0,
         relative_variance: 1.0,
         seconds: None,
-    };
+    }
+}
+
+/// Writes a head in either mode, its bake and a direct bake for a map, and names them as samplers.
+fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
+    let summary = untrained();
     let write = |name: &str, intermediate, kind, training| {
         let path = folder.join(format!("{}-{name}.safetensors", environment.name()));
         ExportedSampler::new(intermediate, kind, environment, training).unwrap().write(&path).unwrap();
@@ -106,7 +120,8 @@ fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
     };
     use TailKind::{Hierarchical, RowColumn};
     let (coupled, autoregressive) = (random_head(Mode::Coupled), random_head(Mode::Autoregressive));
-    let table = bake(&coupled, RowColumn, environment);
+    let (width, height) = (environment.width(), environment.height());
+    let table = bake(&coupled, &Tail::new(RowColumn, width, height, &environment.luminance()).unwrap());
     let tail = EnvironmentLight::new(Arc::new(environment.clone()), Hierarchical).unwrap();
     let direct = direct_bake(tail.tail(), NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap()).unwrap();
     vec![

@@ -1,0 +1,226 @@
+//! Samplers over a flow tail, and those that sample compact emitters on their own, render the picture of every other.
+
+use std::{
+    path::Path,
+    sync::{Arc, atomic::AtomicBool},
+};
+
+use glam::{Vec2, Vec3A};
+use headtail_render::{
+    bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
+    environment::{Environment, built_in, without_compact_emitters},
+    export::{ExportedSampler, Intermediate},
+    head::{Head, Linear, Mode},
+    image::Image,
+    integrator::{DirectEstimator, SingleSample},
+    random::{Purpose, Stream},
+    sampler::{
+        CompactEmitters, CoversIntegrand, DirectionSample, DirectionSampler, EnvironmentLight, FileKind,
+        IntermediateDensity, ProductSampler, SamplerSpec, ShadingPoint, WithCompactEmitters,
+    },
+    scene::Scene,
+    statistics::{TileTest, compare_images, sidak},
+    tail::{Tail, TailKind, TailWarp, WarpMap},
+};
+
+use super::{SIGNIFICANCE, Setting, bake, random_head, untrained};
+
+/// Sides of the tables of warps: coarse, so that much of the light is left over.
+const CELLS: usize = 64;
+const SCENES: [&str; 2] = ["temple", "dishes"];
+const MAPS: [&str; 2] = ["window", "sunset"];
+/// Pairs of 14 samplers in two scenes under two maps.
+const TESTS: usize = 14 * 13 / 2 * SCENES.len() * MAPS.len();
+
+fn exact(kind: TailKind, environment: &Environment, luminance: &[f32]) -> Tail {
+    Tail::new(kind, environment.width(), environment.height(), luminance).unwrap()
+}
+
+/// A tabulated warp that carries uniform points near the light of a map, turned so that the seam is crossed.
+fn warp(environment: &Environment, cells: usize) -> Tail {
+    let luminance = environment.luminance();
+    // A floor below the light: no cell of the table is much larger than the others.
+    let mean = luminance.iter().sum::<f32>() / luminance.len() as f32;
+    let lifted: Vec<f32> = luminance.iter().map(|value| value + 0.3 * mean).collect();
+    let exact = exact(TailKind::RowColumn, environment, &lifted);
+    let node = |k: usize| {
+        let y = Vec2::new((k % cells) as f32, (k / cells) as f32) / cells as f32;
+        let turned = y.x + 0.3 + 0.8 * y.y + 0.05 * (std::f32::consts::TAU * y.x).sin();
+        let (u, v) = (turned - turned.floor(), y.y.min(1.0 - f32::EPSILON / 2.0));
+        let [start, x] = [0.0, u].map(|u| exact.forward(Vec2::new(u, v)).0);
+        // The tail's cells begin in the middle of a texel: what is before it is a turn further.
+        let lap = turned.floor() + if u > 0.5 && x.x <= start.x { 1.0 } else { 0.0 };
+        let border = if k < cells { 0.0 } else { 1.0 };
+        Vec2::new(x.x + lap, if (cells..cells * cells).contains(&k) { x.y } else { border })
+    };
+    let (map, repair) = WarpMap::repaired(cells, (0..cells * (cells + 1)).map(node).collect()).unwrap();
+    assert_eq!(repair.blended, 0.0, "the warp must not be lost to its repair: {repair:?}");
+    Tail::flow(map, environment.width(), environment.height(), &luminance).unwrap()
+}
+
+/// The luminance of a map without its sun, or without the brightest part of its window.
+fn rest(environment: &Environment) -> Vec<f32> {
+    let (width, height, luminance) = (environment.width(), environment.height(), environment.luminance());
+    without_compact_emitters(width, height, &luminance).unwrap_or_else(|| {
+        let brightest = (0..luminance.len()).max_by(|&a, &b| luminance[a].total_cmp(&luminance[b])).unwrap();
+        let (column, row) = (brightest % width, brightest / width);
+        let is_near = |k: usize| (k % width).abs_diff(column) < 24 && (k / width).abs_diff(row) < 16;
+        luminance.iter().enumerate().map(|(k, &value)| if is_near(k) { 0.1 * value } else { value }).collect()
+    })
+}
+
+/// A random head with a learned share that differs from normal to normal.
+fn selecting_head() -> Head {
+    let mut random = Stream::new(6, Purpose::Weights, 0);
+    let mut layer = |inputs: usize, outputs: usize| {
+        let mut values = |count: usize| -> Vec<f32> { (0..count).map(|_| 2.0 * (random.uniform() - 0.5)).collect() };
+        let weight = values(inputs * outputs);
+        Linear::new("random", inputs, outputs, &weight, values(outputs)).unwrap()
+    };
+    random_head(Mode::Coupled).with_selection(vec![layer(3, 8), layer(8, 1)]).unwrap()
+}
+
+fn table(tail: &Tail) -> BakedTable {
+    direct_bake(tail, NormalGrid::new(16, 32).unwrap(), CellGrid::new(16, 16).unwrap()).unwrap()
+}
+
+/// Writes heads and tables over a flow tail, and over the light without its compact emitters, and names them in every form.
+fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
+    let write = |name: &str, intermediate: Intermediate, tail: &Arc<Tail>, luminance: &[f32]| {
+        let path = folder.join(format!("{}-{name}.safetensors", environment.name()));
+        let training = (!matches!(intermediate, Intermediate::DirectBake(_))).then(untrained);
+        let exported = ExportedSampler::of_tail(intermediate, tail.clone(), luminance.to_vec(), environment, training);
+        exported.write(&path).unwrap();
+        path
+    };
+    let (whole, rest) = (environment.luminance(), rest(environment));
+    let flow = Arc::new(warp(environment, CELLS));
+    let of_rest = Arc::new(exact(TailKind::Hierarchical, environment, &rest));
+    let heads = [random_head(Mode::Coupled), random_head(Mode::Autoregressive), selecting_head()];
+    let mut specs = Vec::new();
+    for (name, tail, luminance) in [("flow", &flow, &whole), ("compact", &of_rest, &rest)] {
+        let [coupled, autoregressive, selecting] = heads.clone();
+        let baked = bake(&coupled, tail);
+        let head = |name: &str, head| write(name, Intermediate::Head(head), tail, luminance);
+        specs.push(SamplerSpec::Head(head(&format!("{name}-coupled"), coupled)));
+        specs.push(SamplerSpec::RisOf(4, FileKind::Head, head(&format!("{name}-autoregressive"), autoregressive)));
+        specs.push(SamplerSpec::WithMis(FileKind::Head, head(&format!("{name}-selecting"), selecting)));
+        specs.push(SamplerSpec::Baked(write(&format!("{name}-baked"), Intermediate::Bake(baked), tail, luminance)));
+        let direct = write(&format!("{name}-direct"), Intermediate::DirectBake(table(tail)), tail, luminance);
+        specs.push(SamplerSpec::WithMis(FileKind::Direct, direct));
+    }
+    specs
+}
+
+impl Setting {
+    fn shadowed(scene: &str, environment: &Arc<Environment>) -> Self {
+        let scene = Scene::built_in(scene).unwrap();
+        Self { scene, environment: environment.clone(), unshadowed: false, depth: 1 }
+    }
+
+    fn picture(&self, estimator: &dyn DirectEstimator, seed: u64) -> Image {
+        self.estimate_until(estimator, 32, seed, &AtomicBool::new(false), &|_| {}).surfaces
+    }
+}
+
+fn compare(a: &Image, b: &Image) -> TileTest {
+    compare_images(a, b, 16, sidak(SIGNIFICANCE, TESTS)).unwrap()
+}
+
+#[test]
+fn samplers_with_flow_tails_and_compact_emitters_render_the_same_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    for map in MAPS {
+        let environment = Arc::new(built_in(map).unwrap());
+        let mut tested: Vec<SamplerSpec> = ["emitter", "mis", "mis2", "ris:4"].map(|name| name.parse().unwrap()).into();
+        tested.extend(samplers(folder.path(), &environment));
+        for scene in SCENES {
+            let setting = Setting::shadowed(scene, &environment);
+            let images: Vec<(String, Image)> = tested
+                .iter()
+                .enumerate()
+                .map(|(k, sampler)| {
+                    (sampler.to_string(), setting.picture(&*sampler.build(&environment).unwrap(), 70 + k as u64))
+                })
+                .collect();
+            assert_eq!(TESTS, MAPS.len() * SCENES.len() * images.len() * (images.len() - 1) / 2);
+            for (k, (first, a)) in images.iter().enumerate() {
+                for (second, b) in &images[k + 1..] {
+                    let test = compare(a, b);
+                    assert!(test.passed(), "{scene} under {map}, {first} against {second}: {test}");
+                }
+            }
+        }
+    }
+}
+
+/// Draws from one sampler and says the pdf of another.
+struct Mistaken<A, B> {
+    drawn: A,
+    said: B,
+}
+
+impl<A: DirectionSampler, B: DirectionSampler> DirectionSampler for Mistaken<A, B> {
+    type Prepared = (A::Prepared, B::Prepared);
+
+    fn prepare(&self, at: &ShadingPoint) -> Self::Prepared {
+        (self.drawn.prepare(at), self.said.prepare(at))
+    }
+
+    fn sample(&self, (drawn, said): &Self::Prepared, at: &ShadingPoint, u: Vec2) -> Option<DirectionSample> {
+        let sample = self.drawn.sample(drawn, at, u)?;
+        let pdf = self.said.pdf(said, at, sample.wi);
+        (pdf > 0.0).then_some(DirectionSample { pdf, ..sample })
+    }
+
+    fn pdf(&self, (_, said): &Self::Prepared, at: &ShadingPoint, wi: Vec3A) -> f32 {
+        self.said.pdf(said, at, wi)
+    }
+}
+
+impl<A: DirectionSampler, B: DirectionSampler> CoversIntegrand for Mistaken<A, B> {}
+
+fn product<I: IntermediateDensity>(environment: &Arc<Environment>, tail: &Arc<Tail>, density: I) -> ProductSampler<I> {
+    ProductSampler::new(EnvironmentLight::with_tail(environment.clone(), tail.clone()), density)
+}
+
+/// The mistakes that an implementation could make are seen with the same scenes, samples and significance.
+#[test]
+fn wrong_pdfs_of_flow_tails_and_of_compact_emitters_are_told_apart() {
+    let head = || random_head(Mode::Coupled);
+    for map in MAPS {
+        let environment = Arc::new(built_in(map).unwrap());
+        let rest = rest(&environment);
+        let compact = Arc::new(CompactEmitters::new(&environment, &rest).unwrap());
+        let tail = |tail: Tail| Arc::new(tail);
+        let (fine, coarse) = (tail(warp(&environment, CELLS)), tail(warp(&environment, CELLS / 8)));
+        let of_rest = tail(exact(TailKind::Hierarchical, &environment, &rest));
+        let of_all = tail(exact(TailKind::Hierarchical, &environment, &environment.luminance()));
+        let over = |tail: &Arc<Tail>| product(&environment, tail, head());
+        let mixture = WithCompactEmitters::new(compact, over(&of_rest));
+        let mistakes: [(&str, Box<dyn DirectEstimator>); 3] = [
+            (
+                "the pdf of another table of the flow",
+                Box::new(SingleSample::new(Mistaken { drawn: over(&fine), said: over(&coarse) })),
+            ),
+            (
+                "the light in place of the flow's density",
+                Box::new(SingleSample::new(Mistaken { drawn: over(&fine), said: over(&of_all) })),
+            ),
+            (
+                "emitters left out of the mixture's pdf",
+                Box::new(SingleSample::new(Mistaken { drawn: mixture, said: over(&of_rest) })),
+            ),
+        ];
+        let pictures = SCENES.map(|scene| {
+            let setting = Setting::shadowed(scene, &environment);
+            let truth = setting.picture(&*SamplerSpec::Ris(4).build(&environment).unwrap(), 1);
+            (setting, truth)
+        });
+        for (name, estimator) in mistakes {
+            let is_seen =
+                pictures.iter().any(|(setting, truth)| !compare(truth, &setting.picture(&*estimator, 2)).passed());
+            assert!(is_seen, "{map}: {name} was not seen");
+        }
+    }
+}
