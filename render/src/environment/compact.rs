@@ -54,7 +54,7 @@ pub fn without_compact_emitters(width: usize, height: usize, luminance: &[f32]) 
 }
 
 /// The emitters of a map that was brought down to `rest`: one luminance `[height * width]` for each connected set of texels that are
-/// brighter in the map. `None` if they are more than [`MOST_EMITTERS`], or none.
+/// brighter in the map. `None` if they are more than `MOST_EMITTERS`, or none.
 pub fn compact_emitters(width: usize, height: usize, luminance: &[f32], rest: &[f32]) -> Option<Vec<Vec<f32>>> {
     let grid = Grid { width, height };
     let mut left: Vec<f32> = luminance.iter().zip(rest).map(|(map, rest)| (map - rest).max(0.0)).collect();
