@@ -1,7 +1,7 @@
 //! Time of one direction sample, without rays: `cargo bench --bench sampling`.
 //!
-//! Each sample has a normal of its own: preparation is part of the time. Samples are drawn in
-//! batches, or one point at a time where the name ends in `single`, as the integrator does. `coherent` normals lie within six degrees of each
+//! Each sample has a normal of its own: preparation is part of the time. Samples are drawn in batches, as the integrator does, or
+//! one point at a time where the name ends in `single`. `coherent` normals lie within six degrees of each
 //! other, as those of neighbouring pixels do; `scattered` normals are uniform over the sphere. The map is the file named by
 //! the environment variable HEADTAIL_MAP, else the built-in `studio`.
 
@@ -18,7 +18,7 @@ use headtail_render::{
     brdf::{Brdf, Lambert},
     environment::Environment,
     integrator::{DirectEstimator, ResampledEstimator, Unshadowed},
-    random::{Purpose, Stream},
+    random::{Purpose, Stream, Streams},
     sampler::{
         BrdfSampler, DirectionSampler, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler, Resampled,
         ShadingPoint,
@@ -29,6 +29,9 @@ use headtail_train::native_head;
 
 /// Samples in one iteration of the benchmark.
 const SAMPLES: usize = 4096;
+
+/// Samples in one batch of an estimator.
+const TILE: usize = 256;
 
 static LIGHT: LazyLock<EnvironmentLight> = LazyLock::new(|| {
     let map = std::env::var("HEADTAIL_MAP").unwrap_or_else(|_| "studio".to_owned());
@@ -69,7 +72,7 @@ fn bench<S: DirectionSampler>(bencher: Bencher, normals: Normals, sampler: &S) {
     });
 }
 
-/// The same one point at a time, as the integrator asks for samples.
+/// The same one point at a time.
 fn bench_single<S: DirectionSampler>(bencher: Bencher, normals: Normals, sampler: &S) {
     let points = points(normals);
     bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
@@ -144,11 +147,12 @@ fn ris_4(bencher: Bencher, normals: Normals) {
     let brdf = BrdfSampler::new(LIGHT.environment().clone());
     let resampled = Resampled::new(EmitterSampler::new(LIGHT.clone()), brdf, 4).expect("a valid count");
     let estimator = ResampledEstimator::new(resampled);
-    let points = points(normals);
-    let mut random = Stream::new(2, Purpose::Test, 0);
+    let at: Vec<ShadingPoint> = points(normals).into_iter().map(|(at, _)| at).collect();
+    let mut streams: Vec<Stream> = (0..SAMPLES).map(|k| Stream::new(2, Purpose::Test, k as u64)).collect();
+    let order: Vec<usize> = (0..TILE).collect();
     bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
-        for (at, _) in &points {
-            black_box(estimator.estimate(at, &Unshadowed, &mut random));
+        for (at, streams) in at.chunks(TILE).zip(streams.chunks_mut(TILE)) {
+            black_box(estimator.estimate_batch(at, &Unshadowed, &mut Streams::new(streams, &order)));
         }
     });
 }
