@@ -89,9 +89,10 @@ fn over_all(scenes: &[Scene]) -> String {
     });
     format!(
         "<section>\n<h2>Over all {} comparisons</h2>\n<div class=\"charts\">\n<figure>{}<figcaption>Geometric means over the comparisons of time and \
-         error at equal samples, both relative to {}. Further down and left is better; the broad line is the Pareto front.</figcaption></figure>\n\
+         error at the budgets shown below, both relative to {}, of the samplers that all comparisons have. The gain is the inverse of \
+         their product. Further down and left is better; the broad line is the Pareto front.</figcaption></figure>\n\
          <div class=\"scroll\"><table class=\"plain\"><thead><tr><th scope=\"col\">Sampler</th><th scope=\"col\" class=\"number\">Time</th>\
-         <th scope=\"col\" class=\"number\">MSE</th><th scope=\"col\" class=\"number\">Gain at equal time</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n\
+         <th scope=\"col\" class=\"number\">MSE</th><th scope=\"col\" class=\"number\">Gain</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n\
          </div>\n</section>\n",
         scenes.len(),
         scatter(&places, "time relative to the baseline", "mean squared error relative to the baseline"),
