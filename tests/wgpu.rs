@@ -2,8 +2,6 @@
 //!
 //! Where the machine has no graphics adapter, not even one in software, the tests say so and count as ignored.
 
-use std::sync::Arc;
-
 use headtail_render::{
     environment::Environment,
     tail::{Tail, TailKind},
@@ -15,7 +13,7 @@ use libtest_mimic::{Arguments, Failed, Trial};
 fn agrees(gradient: GradientForm, mode: Mode) -> Result<(), Failed> {
     let environment = Environment::open("studio")?;
     let (width, height) = (environment.width(), environment.height());
-    let tail = Arc::new(Tail::new(TailKind::Hierarchical, width, height, &environment.luminance())?);
+    let tail = Tail::new(TailKind::Hierarchical, width, height, &environment.luminance())?;
     let target = CosineTarget::new(&tail);
     // The paper's rate: Adam's first moves have the gradient's sign whatever its size, so at high rates rounding grows.
     let mut config = FitConfig { gradient, conditions: 8, strata: 4, learning_rate: 1e-3, ..FitConfig::default() };
