@@ -76,18 +76,22 @@ impl<S: CoversIntegrand> SingleSample<S> {
     pub fn new(sampler: S) -> Self {
         Self(sampler)
     }
-}
 
-impl<S: CoversIntegrand> DirectEstimator for SingleSample<S> {
-    fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
+    fn evaluate(at: &ShadingPoint, visibility: &dyn Visibility, drawn: Option<DirectionSample>) -> Estimate {
         let mut estimate = Estimate::default();
-        let u = random.uniform2();
-        let drawn = timed(Stage::Sampling, || self.0.sample(&self.0.prepare(at), at, u));
         if let Some(DirectionSample { wi, pdf, radiance }) = drawn {
             let contribution = timed(Stage::Shading, || at.brdf_cosine(wi) * radiance / pdf);
             estimate.add(at, visibility, wi, contribution);
         }
         estimate
+    }
+}
+
+impl<S: CoversIntegrand> DirectEstimator for SingleSample<S> {
+    fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
+        let u = random.uniform2();
+        let drawn = timed(Stage::Sampling, || self.0.sample(&self.0.prepare(at), at, u));
+        Self::evaluate(at, visibility, drawn)
     }
 
     fn estimate_batch(
@@ -99,15 +103,7 @@ impl<S: CoversIntegrand> DirectEstimator for SingleSample<S> {
         let mut samples = vec![None; at.len()];
         let u = random.uniform2();
         timed(Stage::Sampling, || self.0.sample_batch(at, &u, &mut samples));
-        let estimate = |(at, sample): (&ShadingPoint, Option<DirectionSample>)| {
-            let mut estimate = Estimate::default();
-            if let Some(DirectionSample { wi, pdf, radiance }) = sample {
-                let contribution = timed(Stage::Shading, || at.brdf_cosine(wi) * radiance / pdf);
-                estimate.add(at, visibility, wi, contribution);
-            }
-            estimate
-        };
-        at.iter().zip(samples).map(estimate).collect()
+        at.iter().zip(samples).map(|(at, sample)| Self::evaluate(at, visibility, sample)).collect()
     }
 }
 
@@ -190,17 +186,22 @@ impl<S: ResampledSampler> ResampledEstimator<S> {
     pub fn new(sampler: S) -> Self {
         Self(sampler)
     }
-}
 
-impl<S: ResampledSampler> DirectEstimator for ResampledEstimator<S> {
-    fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
+    fn evaluate(at: &ShadingPoint, visibility: &dyn Visibility, drawn: Option<ResampledDirection>) -> Estimate {
         let mut estimate = Estimate::default();
-        if let Some(drawn) = timed(Stage::Sampling, || self.0.sample(at, random)) {
+        if let Some(drawn) = drawn {
             let contribution =
                 timed(Stage::Shading, || at.brdf_cosine(drawn.wi) * drawn.radiance * drawn.contribution_weight);
             estimate.add(at, visibility, drawn.wi, contribution);
         }
         estimate
+    }
+}
+
+impl<S: ResampledSampler> DirectEstimator for ResampledEstimator<S> {
+    fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
+        let drawn = timed(Stage::Sampling, || self.0.sample(at, random));
+        Self::evaluate(at, visibility, drawn)
     }
 
     fn estimate_batch(
@@ -209,16 +210,7 @@ impl<S: ResampledSampler> DirectEstimator for ResampledEstimator<S> {
         visibility: &dyn Visibility,
         random: &mut Streams<'_>,
     ) -> Vec<Estimate> {
-        let estimate = |(at, drawn): (&ShadingPoint, Option<ResampledDirection>)| {
-            let mut estimate = Estimate::default();
-            if let Some(drawn) = drawn {
-                let contribution =
-                    timed(Stage::Shading, || at.brdf_cosine(drawn.wi) * drawn.radiance * drawn.contribution_weight);
-                estimate.add(at, visibility, drawn.wi, contribution);
-            }
-            estimate
-        };
         let drawn = timed(Stage::Sampling, || self.0.sample_batch(at, random));
-        at.iter().zip(drawn).map(estimate).collect()
+        at.iter().zip(drawn).map(|(at, drawn)| Self::evaluate(at, visibility, drawn)).collect()
     }
 }
