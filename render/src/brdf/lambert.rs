@@ -1,10 +1,10 @@
 //! Ideal diffuse reflection.
 
-use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, FRAC_PI_4};
+use std::f32::consts::FRAC_1_PI;
 
 use glam::{Vec2, Vec3A};
 
-use crate::frame::Frame;
+use crate::{frame::Frame, simd};
 
 /// Lambert's BRDF, `f_r = albedo / pi`.
 #[derive(Clone, Copy, Debug)]
@@ -40,7 +40,8 @@ fn concentric_disk(u: Vec2) -> Vec2 {
     if p == Vec2::ZERO {
         return Vec2::ZERO;
     }
-    let (radius, angle) =
-        if p.x.abs() > p.y.abs() { (p.x, FRAC_PI_4 * (p.y / p.x)) } else { (p.y, FRAC_PI_2 - FRAC_PI_4 * (p.x / p.y)) };
-    radius * Vec2::from_angle(angle)
+    let (radius, turns) =
+        if p.x.abs() > p.y.abs() { (p.x, 0.125 * (p.y / p.x)) } else { (p.y, 0.25 - 0.125 * (p.x / p.y)) };
+    let (cos, sin) = simd::cos_sin_turns(turns);
+    radius * Vec2::new(cos, sin)
 }

@@ -17,11 +17,14 @@ use crate::{
     environment::Environment,
     image::Image,
     random::{Purpose, Stream, Streams},
-    scene::{Camera, Scene},
+    scene::{Camera, Ray, Scene},
 };
 
 /// Edge of a tile in pixels.
 const TILE: usize = 16;
+
+/// Edge of the squares in which the pixels of a tile are numbered: neighbours in a batch are neighbours in space.
+const BLOCK: usize = 4;
 
 /// Samples per pixel and pass: a random stream serves one pixel of one pass.
 const PASS: u32 = 16;
@@ -142,7 +145,11 @@ fn add_pass(view: &View<'_>, estimator: &dyn DirectEstimator, seed: u64, pass: u
     let places = |tile: usize| {
         let (left, top) = (tile % across * TILE, tile / across * TILE);
         let (right, bottom) = ((left + TILE).min(view.width), (top + TILE).min(view.height));
-        (top..bottom).flat_map(move |y| (left..right).map(move |x| (x, y)))
+        let blocks = (top..bottom).step_by(BLOCK).flat_map(move |y| (left..right).step_by(BLOCK).map(move |x| (x, y)));
+        blocks.flat_map(move |(left, top)| {
+            let (right, bottom) = ((left + BLOCK).min(right), (top + BLOCK).min(bottom));
+            (top..bottom).flat_map(move |y| (left..right).map(move |x| (x, y)))
+        })
     };
     let done: Vec<Vec<Pixel>> = (0..tiles)
         .into_par_iter()
@@ -179,16 +186,24 @@ fn sample_tile(
     for _ in 0..count {
         hits.clear();
         of.clear();
-        for (index, ((x, y), random)) in places.iter().zip(&mut streams).enumerate() {
+        let ray = |((x, y), random): (&(usize, usize), &mut Stream)| {
             let jitter = random.uniform2();
-            let ray = view.camera.ray(*x as f32 + jitter.x, *y as f32 + jitter.y, view.width, view.height);
-            if let Some(at) = timed(Stage::CameraRays, || view.scene.intersect(&ray)) {
-                hits.push(at);
-                of.push(index);
-            } else {
-                pixels[index].background += view.environment.radiance(ray.direction).as_dvec3();
+            view.camera.ray(*x as f32 + jitter.x, *y as f32 + jitter.y, view.width, view.height)
+        };
+        timed(Stage::CameraRays, || {
+            let rays: Vec<Ray> = places.iter().zip(&mut streams).map(ray).collect();
+            view.scene.intersect_batch(&rays, &mut of, &mut hits);
+            let mut seen = of.iter().peekable();
+            let (past, directions): (Vec<usize>, Vec<Vec3A>) = (rays.iter().enumerate())
+                .filter(|(index, _)| seen.next_if_eq(&index).is_none())
+                .map(|(index, ray)| (index, ray.direction))
+                .unzip();
+            let mut background = vec![Vec3A::ZERO; past.len()];
+            view.environment.radiance_batch(&directions, &mut background);
+            for (index, radiance) in past.into_iter().zip(background) {
+                pixels[index].background += radiance.as_dvec3();
             }
-        }
+        });
         let estimates = if view.depth > 1 {
             reflected(view, estimator, visibility, &hits, (&mut streams, &of))
         } else {

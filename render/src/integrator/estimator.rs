@@ -13,6 +13,13 @@ use crate::{
 pub trait Visibility: Sync {
     /// Whether the environment is seen from `at` towards `wi` (which is above the geometric surface).
     fn visible(&self, at: &ShadingPoint, wi: Vec3A) -> bool;
+
+    /// [`Self::visible`] of many pairs; both slices have equal length.
+    fn visible_batch(&self, rays: &[(&ShadingPoint, Vec3A)], out: &mut [bool]) {
+        for (&(at, wi), out) in rays.iter().zip(out) {
+            *out = self.visible(at, wi);
+        }
+    }
 }
 
 /// No occluders at all: for unshadowed figures.
@@ -36,17 +43,55 @@ pub struct Estimate {
     pub max_weight: f32,
 }
 
+/// What a direction adds to an estimate if the environment is seen along it.
+#[derive(Clone, Copy, Debug)]
+struct Contribution {
+    wi: Vec3A,
+    /// Reflected radiance per channel.
+    radiance: Vec3A,
+}
+
 impl Estimate {
-    /// Adds a contribution, if it is not black and not occluded.
-    fn add(&mut self, at: &ShadingPoint, visibility: &dyn Visibility, wi: Vec3A, contribution: Vec3A) {
-        let weight = luminance(contribution);
-        if weight > 0.0 {
+    /// Counts a contribution before its visibility test; whether there is anything to test for.
+    fn count(&mut self, contribution: &Contribution) -> bool {
+        let weight = luminance(contribution.radiance);
+        let counts = weight > 0.0;
+        if counts {
             self.max_weight = self.max_weight.max(weight);
             self.rays += 1;
-            if timed(Stage::ShadowRays, || visibility.visible(at, wi)) {
-                self.radiance += contribution;
+        }
+        counts
+    }
+
+    /// Adds a contribution, if it is not black and not occluded.
+    fn add(&mut self, at: &ShadingPoint, visibility: &dyn Visibility, contribution: Option<Contribution>) {
+        let Some(contribution) = contribution else { return };
+        if self.count(&contribution) && timed(Stage::ShadowRays, || visibility.visible(at, contribution.wi)) {
+            self.radiance += contribution.radiance;
+        }
+    }
+}
+
+/// [`Estimate::add`] for each point of a batch.
+fn add_batch(
+    estimates: &mut [Estimate],
+    at: &[ShadingPoint],
+    visibility: &dyn Visibility,
+    contribution: impl Fn(usize) -> Option<Contribution>,
+) {
+    let (mut of, mut rays) = (Vec::with_capacity(at.len()), Vec::with_capacity(at.len()));
+    timed(Stage::Shading, || {
+        for (k, estimate) in estimates.iter_mut().enumerate() {
+            if let Some(contribution) = contribution(k).filter(|contribution| estimate.count(contribution)) {
+                of.push((k, contribution.radiance));
+                rays.push((&at[k], contribution.wi));
             }
         }
+    });
+    let mut visible = vec![false; rays.len()];
+    timed(Stage::ShadowRays, || visibility.visible_batch(&rays, &mut visible));
+    for ((k, radiance), _) in of.into_iter().zip(visible).filter(|(_, visible)| *visible) {
+        estimates[k].radiance += radiance;
     }
 }
 
@@ -77,13 +122,10 @@ impl<S: CoversIntegrand> SingleSample<S> {
         Self(sampler)
     }
 
-    fn evaluate(at: &ShadingPoint, visibility: &dyn Visibility, drawn: Option<DirectionSample>) -> Estimate {
-        let mut estimate = Estimate::default();
-        if let Some(DirectionSample { wi, pdf, radiance }) = drawn {
-            let contribution = timed(Stage::Shading, || at.brdf_cosine(wi) * radiance / pdf);
-            estimate.add(at, visibility, wi, contribution);
-        }
-        estimate
+    /// The direction and what it contributes if it is seen.
+    fn contribution(at: &ShadingPoint, drawn: Option<DirectionSample>) -> Option<Contribution> {
+        let DirectionSample { wi, pdf, radiance } = drawn?;
+        Some(Contribution { wi, radiance: at.brdf_cosine(wi) * radiance / pdf })
     }
 }
 
@@ -91,7 +133,9 @@ impl<S: CoversIntegrand> DirectEstimator for SingleSample<S> {
     fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
         let u = random.uniform2();
         let drawn = timed(Stage::Sampling, || self.0.sample(&self.0.prepare(at), at, u));
-        Self::evaluate(at, visibility, drawn)
+        let mut estimate = Estimate::default();
+        estimate.add(at, visibility, timed(Stage::Shading, || Self::contribution(at, drawn)));
+        estimate
     }
 
     fn estimate_batch(
@@ -103,7 +147,9 @@ impl<S: CoversIntegrand> DirectEstimator for SingleSample<S> {
         let mut samples = vec![None; at.len()];
         let u = random.uniform2();
         timed(Stage::Sampling, || self.0.sample_batch(at, &u, &mut samples));
-        at.iter().zip(samples).map(|(at, sample)| Self::evaluate(at, visibility, sample)).collect()
+        let mut estimates = vec![Estimate::default(); at.len()];
+        add_batch(&mut estimates, at, visibility, |k| Self::contribution(&at[k], samples[k]));
+        estimates
     }
 }
 
@@ -122,16 +168,23 @@ impl<A: DirectionSampler, B: CoversIntegrand> TwoSampleMis<A, B> {
     }
 }
 
+impl<A: DirectionSampler, B: CoversIntegrand> TwoSampleMis<A, B> {
+    /// What a direction of one sampler contributes if it is seen, when the other sampler draws it with `other_pdf`.
+    fn contribution(at: &ShadingPoint, drawn: Option<DirectionSample>, other_pdf: f32) -> Option<Contribution> {
+        let DirectionSample { wi, pdf, radiance } = drawn?;
+        // p^2 / (p^2 + q^2), written so that a large p does not overflow.
+        let ratio = other_pdf / pdf;
+        Some(Contribution { wi, radiance: at.brdf_cosine(wi) * radiance / (pdf * (1.0 + ratio * ratio)) })
+    }
+}
+
 impl<A: DirectionSampler, B: CoversIntegrand> DirectEstimator for TwoSampleMis<A, B> {
     fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
         let mut estimate = Estimate::default();
         let (first, second) = timed(Stage::Sampling, || (self.first.prepare(at), self.second.prepare(at)));
-        let mut add = |sample: Option<DirectionSample>, other_pdf: &dyn Fn(Vec3A) -> f32| {
-            let Some(DirectionSample { wi, pdf, radiance }) = sample else { return };
-            // p^2 / (p^2 + q^2), written so that a large p does not overflow.
-            let ratio = timed(Stage::Pdf, || other_pdf(wi)) / pdf;
-            let weight = 1.0 / (pdf * (1.0 + ratio * ratio));
-            estimate.add(at, visibility, wi, timed(Stage::Shading, || at.brdf_cosine(wi) * radiance * weight));
+        let mut add = |drawn: Option<DirectionSample>, other_pdf: &dyn Fn(Vec3A) -> f32| {
+            let other_pdf = timed(Stage::Pdf, || drawn.map_or(0.0, |drawn| other_pdf(drawn.wi)));
+            estimate.add(at, visibility, timed(Stage::Shading, || Self::contribution(at, drawn, other_pdf)));
         };
         let (u, v) = (random.uniform2(), random.uniform2());
         add(timed(Stage::Sampling, || self.first.sample(&first, at, u)), &|wi| self.second.pdf(&second, at, wi));
@@ -146,28 +199,19 @@ impl<A: DirectionSampler, B: CoversIntegrand> DirectEstimator for TwoSampleMis<A
         random: &mut Streams<'_>,
     ) -> Vec<Estimate> {
         let (first, second) = timed(Stage::Sampling, || (self.first.prepare_batch(at), self.second.prepare_batch(at)));
-        let at: Vec<&ShadingPoint> = at.iter().collect();
         let (first, second): (Vec<_>, Vec<_>) = (first.iter().collect(), second.iter().collect());
+        let of: Vec<&ShadingPoint> = at.iter().collect();
         let mut samples = vec![None; at.len()];
         let mut others = vec![0.0; at.len()];
         let mut estimates = vec![Estimate::default(); at.len()];
-        let mut add = |samples: &[Option<DirectionSample>], others: &[f32]| {
-            for ((at, estimate), (sample, other)) in at.iter().zip(&mut estimates).zip(samples.iter().zip(others)) {
-                let Some(DirectionSample { wi, pdf, radiance }) = *sample else { continue };
-                let ratio = other / pdf;
-                let contribution =
-                    timed(Stage::Shading, || at.brdf_cosine(wi) * radiance / (pdf * (1.0 + ratio * ratio)));
-                estimate.add(at, visibility, wi, contribution);
-            }
-        };
         let u = random.uniform2();
-        timed(Stage::Sampling, || self.first.sample_prepared(&first, &at, &u, &mut samples));
-        timed(Stage::Pdf, || self.second.pdf_prepared(&second, &at, &directions(&samples), &mut others));
-        add(&samples, &others);
+        timed(Stage::Sampling, || self.first.sample_prepared(&first, &of, &u, &mut samples));
+        timed(Stage::Pdf, || self.second.pdf_prepared(&second, &of, &directions(&samples), &mut others));
+        add_batch(&mut estimates, at, visibility, |k| Self::contribution(&at[k], samples[k], others[k]));
         let u = random.uniform2();
-        timed(Stage::Sampling, || self.second.sample_prepared(&second, &at, &u, &mut samples));
-        timed(Stage::Pdf, || self.first.pdf_prepared(&first, &at, &directions(&samples), &mut others));
-        add(&samples, &others);
+        timed(Stage::Sampling, || self.second.sample_prepared(&second, &of, &u, &mut samples));
+        timed(Stage::Pdf, || self.first.pdf_prepared(&first, &of, &directions(&samples), &mut others));
+        add_batch(&mut estimates, at, visibility, |k| Self::contribution(&at[k], samples[k], others[k]));
         estimates
     }
 }
@@ -187,21 +231,19 @@ impl<S: ResampledSampler> ResampledEstimator<S> {
         Self(sampler)
     }
 
-    fn evaluate(at: &ShadingPoint, visibility: &dyn Visibility, drawn: Option<ResampledDirection>) -> Estimate {
-        let mut estimate = Estimate::default();
-        if let Some(drawn) = drawn {
-            let contribution =
-                timed(Stage::Shading, || at.brdf_cosine(drawn.wi) * drawn.radiance * drawn.contribution_weight);
-            estimate.add(at, visibility, drawn.wi, contribution);
-        }
-        estimate
+    /// The direction and what it contributes if it is seen.
+    fn contribution(at: &ShadingPoint, drawn: Option<ResampledDirection>) -> Option<Contribution> {
+        let ResampledDirection { wi, radiance, contribution_weight } = drawn?;
+        Some(Contribution { wi, radiance: at.brdf_cosine(wi) * radiance * contribution_weight })
     }
 }
 
 impl<S: ResampledSampler> DirectEstimator for ResampledEstimator<S> {
     fn estimate(&self, at: &ShadingPoint, visibility: &dyn Visibility, random: &mut Stream) -> Estimate {
         let drawn = timed(Stage::Sampling, || self.0.sample(at, random));
-        Self::evaluate(at, visibility, drawn)
+        let mut estimate = Estimate::default();
+        estimate.add(at, visibility, timed(Stage::Shading, || Self::contribution(at, drawn)));
+        estimate
     }
 
     fn estimate_batch(
@@ -211,6 +253,8 @@ impl<S: ResampledSampler> DirectEstimator for ResampledEstimator<S> {
         random: &mut Streams<'_>,
     ) -> Vec<Estimate> {
         let drawn = timed(Stage::Sampling, || self.0.sample_batch(at, random));
-        at.iter().zip(drawn).map(|(at, drawn)| Self::evaluate(at, visibility, drawn)).collect()
+        let mut estimates = vec![Estimate::default(); at.len()];
+        add_batch(&mut estimates, at, visibility, |k| Self::contribution(&at[k], drawn[k]));
+        estimates
     }
 }

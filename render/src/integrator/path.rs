@@ -10,6 +10,7 @@ use super::{
 use crate::{
     random::{Stream, Streams},
     sampler::ShadingPoint,
+    scene::Ray,
 };
 
 /// From this bounce on, paths end at random.
@@ -54,23 +55,27 @@ pub(super) fn reflected(
             break;
         }
         let mut random = Streams::new(streams, &of_paths);
-        let next = |(k, (path, at)): (usize, (&Path, &ShadingPoint))| {
-            let (throughput, hit) = next_hit(view, bounce, at, path.throughput, random.of(k))?;
-            Some((Path { throughput, ..*path }, hit))
+        let on = |(k, (path, at)): (usize, (&Path, &ShadingPoint))| {
+            let (throughput, ray) = continued(view, bounce, at, path.throughput, random.of(k))?;
+            Some((Path { throughput, ..*path }, ray))
         };
-        (paths, at) = paths.iter().zip(&at).enumerate().filter_map(next).unzip();
+        let (going, rays): (Vec<Path>, Vec<Ray>) = paths.iter().zip(&at).enumerate().filter_map(on).unzip();
+        let mut arrived = Vec::with_capacity(rays.len());
+        at.clear();
+        timed(Stage::CameraRays, || view.scene.intersect_batch(&rays, &mut arrived, &mut at));
+        paths = arrived.into_iter().map(|k| going[k]).collect();
     }
     sums
 }
 
-/// Where a path goes from `at`, and its throughput there; `None` where it ends.
-fn next_hit(
+/// The ray along which a path goes on from `at`, and its throughput there; `None` where it ends.
+fn continued(
     view: &View<'_>,
     bounce: u32,
     at: &ShadingPoint,
     mut throughput: Vec3A,
     random: &mut Stream,
-) -> Option<(Vec3A, ShadingPoint)> {
+) -> Option<(Vec3A, Ray)> {
     let (wi, pdf) = at.brdf.sample(at.ns, at.wo, random.uniform2())?;
     throughput *= at.brdf_cosine(wi) / pdf;
     if bounce >= ROULETTE_FROM {
@@ -80,9 +85,5 @@ fn next_hit(
         }
         throughput /= survival;
     }
-    if throughput == Vec3A::ZERO {
-        return None;
-    }
-    let ray = view.scene.leaving(at, wi);
-    timed(Stage::CameraRays, || view.scene.intersect(&ray)).map(|hit| (throughput, hit))
+    (throughput != Vec3A::ZERO).then(|| (throughput, view.scene.leaving(at, wi)))
 }

@@ -1,8 +1,8 @@
 //! The bounding volume hierarchy over all triangles of a scene.
 //!
-//! A binary tree: against the library's eight-wide compressed one it measured 1.2 to 1.6 times as fast for nearest hits
-//! and, but for scenes where most shadow rays are blocked, as fast for shadow rays. The wide tree also skips boxes that a
-//! ray leaves within 1e-4 m, which would open small scenes to light.
+//! A binary tree: for single rays it measured 1.2 to 1.6 times as fast as the library's eight-wide compressed one for nearest
+//! hits and, but for scenes where most shadow rays are blocked, as fast for shadow rays. The wide tree also skips boxes that a
+//! ray leaves within 1e-4 m, which would open small scenes to light. Batches of rays go down the binary tree in packets.
 
 use std::time::Duration;
 
@@ -15,7 +15,11 @@ use obvhs::{
     triangle::Triangle,
 };
 
-use super::ray::Ray;
+use super::{
+    packet::{MISS, Packet, RAYS, Traversal},
+    ray::Ray,
+};
+use crate::simd;
 
 /// The nearest intersection along a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,18 +61,51 @@ impl Bvh {
         let ray = BvhRay::new_inf(ray.origin, ray.direction);
         let mut nearest = RayHit::none();
         let hit = self.tree.ray_traverse(ray, &mut nearest, |ray, i| self.triangles[i].intersect(ray));
-        hit.then(|| {
-            let leaf = nearest.primitive_id as usize;
-            let weights = self.triangles[leaf].compute_barycentric(&ray);
-            let triangle = self.tree.primitive_indices[leaf] as usize;
-            Hit { triangle, t: nearest.t, u: weights.x, v: weights.y }
-        })
+        hit.then(|| self.hit(&ray, nearest.primitive_id, nearest.t))
     }
 
     /// Whether the ray hits anything.
     pub fn occluded(&self, origin: Vec3A, direction: Vec3A) -> bool {
         let ray = BvhRay::new_inf(origin, direction);
         !self.tree.ray_traverse_miss(ray, |ray, i| self.triangles[i].intersect(ray))
+    }
+
+    /// What a ray hits at distance `t` in a leaf entry.
+    fn hit(&self, ray: &BvhRay, entry: u32, t: f32) -> Hit {
+        let weights = self.triangles[entry as usize].compute_barycentric(ray);
+        let triangle = self.tree.primitive_indices[entry as usize] as usize;
+        Hit { triangle, t, u: weights.x, v: weights.y }
+    }
+
+    /// [`Self::closest`] of many rays; both slices have equal length. The fastest where neighbours in the list are neighbours in space.
+    pub fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        let mut stack = Vec::with_capacity(self.tree.max_depth);
+        for (rays, hits) in rays.chunks(RAYS).zip(hits.chunks_mut(RAYS)) {
+            let packet = self.traverse(rays, &mut stack, false);
+            for (k, (ray, hit)) in rays.iter().zip(hits).enumerate() {
+                let found = packet.entry[k] != MISS;
+                *hit =
+                    found.then(|| self.hit(&BvhRay::new_inf(ray.origin, ray.direction), packet.entry[k], packet.t[k]));
+            }
+        }
+    }
+
+    /// [`Self::occluded`] of many rays; both slices have equal length.
+    pub fn occluded_batch(&self, rays: &[Ray], occluded: &mut [bool]) {
+        let mut stack = Vec::with_capacity(self.tree.max_depth);
+        for (rays, occluded) in rays.chunks(RAYS).zip(occluded.chunks_mut(RAYS)) {
+            let packet = self.traverse(rays, &mut stack, true);
+            for (entry, occluded) in packet.entry.iter().zip(occluded) {
+                *occluded = *entry != MISS;
+            }
+        }
+    }
+
+    /// At most [`RAYS`] rays, with their nearest hits or with any.
+    fn traverse(&self, rays: &[Ray], stack: &mut Vec<u32>, any: bool) -> Packet {
+        let mut packet = Packet::new(rays);
+        simd::dispatch(Traversal { tree: &self.tree, triangles: &self.triangles, packet: &mut packet, stack, any });
+        packet
     }
 }
 
@@ -146,6 +183,29 @@ mod tests {
         for (count, size) in [(1, 1.0), (2, 1.0), (9, 0.8), (100, 0.4), (1000, 0.1)] {
             let triangles = soup(count, size, &mut random);
             assert_equals_brute_force(&triangles, &mut random, 2000);
+        }
+    }
+
+    #[test]
+    fn packets_find_what_single_rays_find() {
+        let mut random = Stream::new(3, Purpose::Test, 0);
+        for (count, size) in [(1, 1.0), (9, 0.8), (1000, 0.1), (5000, 0.03)] {
+            let bvh = Bvh::build(&soup(count, size, &mut random));
+            for length in [1, RAYS - 1, RAYS, 5 * RAYS + 3] {
+                // Axis-parallel rays divide by zero.
+                let direction =
+                    |k: usize, random: &mut Stream| if k % 5 == 0 { Vec3A::AXES[k % 3] } else { random.direction() };
+                let rays: Vec<Ray> = (0..length)
+                    .map(|k| Ray::new(1.2 * Vec3A::from(point(&mut random)), direction(k, &mut random)))
+                    .collect();
+                let (mut hits, mut occluded) = (vec![None; length], vec![false; length]);
+                bvh.closest_batch(&rays, &mut hits);
+                bvh.occluded_batch(&rays, &mut occluded);
+                for ((ray, hit), occluded) in rays.iter().zip(hits).zip(occluded) {
+                    assert_eq!(hit, bvh.closest(ray));
+                    assert_eq!(occluded, bvh.occluded(ray.origin, ray.direction));
+                }
+            }
         }
     }
 

@@ -17,6 +17,8 @@ pub struct Camera {
     look_from: Vec3A,
     look_at: Vec3A,
     vertical_fov: f32,
+    /// Half the image's height at distance 1.
+    half_height: f32,
     right: Vec3A,
     up: Vec3A,
     forward: Vec3A,
@@ -41,7 +43,8 @@ impl Camera {
         // Within 1e-6 of the vertical, forward x Y has lost its digits: the image's top is a convention there.
         let right = forward.cross(Vec3A::Y);
         let right = if right.length_squared() > 1e-12 { right.normalize() } else { Vec3A::X };
-        Ok(Self { look_from, look_at, vertical_fov, right, up: right.cross(forward), forward })
+        let half_height = (0.5 * vertical_fov.to_radians()).tan();
+        Ok(Self { look_from, look_at, vertical_fov, half_height, right, up: right.cross(forward), forward })
     }
 
     /// The ray through the point (`x`, `y`) of an image of `width` x `height` pixels.
@@ -49,7 +52,7 @@ impl Camera {
     /// (0, 0) is the top left corner of the image; the centre of the first pixel is (0.5, 0.5).
     pub fn ray(&self, x: f32, y: f32, width: usize, height: usize) -> Ray {
         let (width, height) = (width as f32, height as f32);
-        let pixel = 2.0 * (0.5 * self.vertical_fov.to_radians()).tan() / height;
+        let pixel = 2.0 * self.half_height / height;
         let right = (x - 0.5 * width) * pixel;
         let up = (0.5 * height - y) * pixel;
         Ray::new(self.look_from, (self.forward + right * self.right + up * self.up).normalize())

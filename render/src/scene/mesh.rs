@@ -13,7 +13,7 @@ pub const MAX_COORDINATE: f32 = 1e9;
 pub struct Mesh {
     /// `[vertices]` positions in metres.
     pub(super) positions: Vec<Vec3>,
-    /// `[vertices]` shading normals, of any length; empty for flat shading.
+    /// `[vertices]` shading normals, of any length (in a scene: of unit length, or 0); empty for flat shading.
     pub(super) normals: Vec<Vec3>,
     /// `[vertices]` texture coordinates, v downwards; empty where there are none.
     pub(super) texcoords: Vec<Vec2>,

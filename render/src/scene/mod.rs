@@ -10,6 +10,7 @@ mod material;
 mod material_spec;
 mod mesh;
 mod normal_map;
+mod packet;
 mod ray;
 mod texture;
 
@@ -67,13 +68,16 @@ impl Scene {
     /// When a mesh names a material that is not there.
     pub fn new(
         name: impl Into<String>,
-        meshes: Vec<Mesh>,
+        mut meshes: Vec<Mesh>,
         materials: Vec<Material>,
         camera: Option<Camera>,
     ) -> Result<Self> {
         if let Some(mesh) = meshes.iter().find(|mesh| mesh.material >= materials.len()) {
             let reason = format!("index {} is out of range: there are {}", mesh.material, materials.len());
             return Err(Error::argument("materials", reason));
+        }
+        for normal in meshes.iter_mut().flat_map(|mesh| &mut mesh.normals) {
+            *normal = normal.normalize_or_zero();
         }
         let mut scene = Self {
             name: name.into(),
@@ -165,7 +169,23 @@ impl Scene {
 
     /// The nearest surface along a ray, as seen from the ray's origin: both normals are on the viewer's side.
     pub fn intersect(&self, ray: &Ray) -> Option<ShadingPoint> {
-        let hit = self.bvh.closest(ray)?;
+        Some(self.surface(ray, &self.bvh.closest(ray)?))
+    }
+
+    /// [`Self::intersect`] of many rays: the rays that hit something, by their indices in order, with what they hit.
+    pub fn intersect_batch(&self, rays: &[Ray], indices: &mut Vec<usize>, surfaces: &mut Vec<ShadingPoint>) {
+        let mut hits = vec![None; rays.len()];
+        self.bvh.closest_batch(rays, &mut hits);
+        for (index, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
+            if let Some(hit) = hit {
+                indices.push(index);
+                surfaces.push(self.surface(ray, hit));
+            }
+        }
+    }
+
+    /// The surface that a ray hits.
+    fn surface(&self, ray: &Ray, hit: &Hit) -> ShadingPoint {
         let face = self.faces[hit.triangle];
         let mesh = &self.meshes[face.mesh as usize];
         let triangle = face.triangle as usize;
@@ -179,7 +199,7 @@ impl Scene {
         let wound = (b - a).cross(c - a).normalize();
         let ng = if wound.dot(wo) < 0.0 { -wound } else { wound };
         let interpolated = (!mesh.normals.is_empty())
-            .then(|| (0..3).map(|k| weights[k] * Vec3A::from(mesh.normals[vertices[k]]).normalize_or_zero()).sum());
+            .then(|| (0..3).map(|k| weights[k] * Vec3A::from(mesh.normals[vertices[k]])).sum());
         let uv = |texcoords: &[Vec2]| {
             (!texcoords.is_empty()).then(|| (0..3).map(|k| weights[k] * texcoords[vertices[k]]).sum::<Vec2>())
         };
@@ -203,7 +223,7 @@ impl Scene {
             }
             _ => smooth,
         };
-        Some(ShadingPoint { p, ng, ns: shading_normal(bent, ng, wo), wo, brdf })
+        ShadingPoint { p, ng, ns: shading_normal(bent, ng, wo), wo, brdf }
     }
 
     /// The ray that leaves a surface towards `wi`, which is above it.
@@ -239,6 +259,12 @@ fn shading_normal(interpolated: Vec3A, ng: Vec3A, wo: Vec3A) -> Vec3A {
 impl Visibility for Scene {
     fn visible(&self, at: &ShadingPoint, wi: Vec3A) -> bool {
         !self.bvh.occluded(self.above(at), wi)
+    }
+
+    fn visible_batch(&self, rays: &[(&ShadingPoint, Vec3A)], out: &mut [bool]) {
+        let rays: Vec<Ray> = rays.iter().map(|(at, wi)| self.leaving(at, *wi)).collect();
+        self.bvh.occluded_batch(&rays, out);
+        out.iter_mut().for_each(|out| *out = !*out);
     }
 }
 
