@@ -10,9 +10,9 @@ mod material;
 mod material_spec;
 mod mesh;
 mod normal_map;
-mod packet;
 mod ray;
 mod texture;
+mod wide;
 
 pub use built_in::built_in_names;
 pub use bvh::{Bvh, Hit};
@@ -59,6 +59,8 @@ pub struct Scene {
     faces: Vec<Face>,
     bvh: Bvh,
     bounds: Bounds,
+    /// Half the longest edge of the bounds.
+    half_extent: f32,
 }
 
 impl Scene {
@@ -87,7 +89,13 @@ impl Scene {
             faces: Vec::new(),
             bvh: Bvh::build(&[]),
             bounds: Bounds::EMPTY,
+            half_extent: 0.0,
         };
+        let triangles: usize = scene.meshes.iter().map(|mesh| mesh.triangles.len()).sum();
+        if triangles > Bvh::MOST_TRIANGLES {
+            let reason = format!("there are {triangles}, more than {}", Bvh::MOST_TRIANGLES);
+            return Err(Error::argument("triangles", reason));
+        }
         scene.rebuild();
         Ok(scene)
     }
@@ -127,6 +135,7 @@ impl Scene {
                 self.faces.push(Face { mesh: m as u32, triangle: t as u32 });
             }
         }
+        self.half_extent = 0.5 * self.bounds.extent().max_element();
         self.bvh = Bvh::build(&triangles);
     }
 
@@ -236,7 +245,7 @@ impl Scene {
     /// The error of the intersection grows with the size of the triangle and with its distance from the origin of
     /// the coordinates, so that the scene's size is in the offset besides the position.
     fn above(&self, at: &ShadingPoint) -> Vec3A {
-        let scale = at.p.abs().max_element().max(0.5 * self.bounds.extent().max_element());
+        let scale = at.p.abs().max_element().max(self.half_extent);
         at.p + (OFFSET * scale) * at.ng
     }
 }
