@@ -207,6 +207,10 @@ impl IntermediateDensity for BakedTable {
     }
 
     #[inline]
+    fn share_batch(&self, _at: &[ShadingPoint], shares: &mut [f32]) {
+        shares.fill(0.5);
+    }
+
     fn sample(&self, prepared: &PreparedTable, z: Vec2) -> (Vec2, f32) {
         self.sample_at(prepared, z)
     }

@@ -285,6 +285,18 @@ impl IntermediateDensity for Head {
         self.inverse_at(prepared, y).1
     }
 
+    fn density_batch(&self, at: &[ShadingPoint], y: &[Vec2], q: &mut [f32]) {
+        self.abreast.run(Job::DensityAt { at, y, q });
+    }
+
+    fn share_batch(&self, at: &[ShadingPoint], shares: &mut [f32]) {
+        if self.has_selection() {
+            self.abreast.run(Job::Share { at, shares });
+        } else {
+            shares.fill(0.5);
+        }
+    }
+
     fn prepare_batch(&self, at: &[ShadingPoint]) -> Vec<PreparedHead> {
         let (mut values, mut shares) = (Vec::new(), Vec::with_capacity(at.len()));
         self.abreast.run(Job::Prepare { at, values: &mut values, shares: &mut shares });

@@ -6,7 +6,10 @@ use super::timings::{Stage, timed};
 use crate::{
     color::luminance,
     random::{Stream, Streams},
-    sampler::{CoversIntegrand, DirectionSample, DirectionSampler, ResampledDirection, ResampledSampler, ShadingPoint},
+    sampler::{
+        CoversIntegrand, DirectionSample, DirectionSampler, ResampledDirection, ResampledSampler, ShadingPoint,
+        directions,
+    },
 };
 
 /// Answers shadow rays.
@@ -214,11 +217,6 @@ impl<A: DirectionSampler, B: CoversIntegrand> DirectEstimator for TwoSampleMis<A
         add_batch(&mut estimates, at, visibility, |k| Self::contribution(&at[k], samples[k], others[k]));
         estimates
     }
-}
-
-/// The samples' directions; where there is no sample, any direction.
-fn directions(samples: &[Option<DirectionSample>]) -> Vec<Vec3A> {
-    samples.iter().map(|sample| sample.map_or(Vec3A::Z, |sample| sample.wi)).collect()
 }
 
 /// One direction from a resampled sampler: `f cos L V W`.

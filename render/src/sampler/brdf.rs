@@ -66,6 +66,12 @@ impl DirectionSampler for BrdfSampler {
     fn pdf(&self, _prepared: &(), at: &ShadingPoint, wi: Vec3A) -> f32 {
         at.brdf.pdf(at.ns, at.wo, wi)
     }
+
+    fn pdf_batch(&self, at: &[ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
+        for ((at, &wi), out) in at.iter().zip(wi).zip(out) {
+            *out = at.brdf.pdf(at.ns, at.wo, wi);
+        }
+    }
 }
 
 impl CoversIntegrand for BrdfSampler {}

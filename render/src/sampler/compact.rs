@@ -186,6 +186,10 @@ impl<S: DirectionSampler> DirectionSampler for WithCompactEmitters<S> {
         Some(sample)
     }
 
+    fn share_batch(&self, _at: &[ShadingPoint], shares: &mut [f32]) {
+        shares.fill(0.5);
+    }
+
     fn pdf(&self, (shares, rest): &Self::Prepared, at: &ShadingPoint, wi: Vec3A) -> f32 {
         self.mixed(shares, self.rest.pdf(rest, at, wi), wi)
     }

@@ -43,8 +43,16 @@ impl DirectionSampler for EmitterSampler {
         self.sample_batch(&[], u, out);
     }
 
+    fn pdf_batch(&self, _at: &[ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
+        self.light.pdf_batch(wi, out);
+    }
+
     fn pdf_prepared(&self, _: &[&()], _: &[&ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
         self.light.pdf_batch(wi, out);
+    }
+
+    fn share_batch(&self, _at: &[ShadingPoint], shares: &mut [f32]) {
+        shares.fill(0.5);
     }
 }
 
@@ -102,6 +110,14 @@ impl DirectionSampler for CompensatedEmitterSampler {
 
     fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
         self.0.sample_batch(at, u, out);
+    }
+
+    fn pdf_batch(&self, at: &[ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
+        self.0.pdf_batch(at, wi, out);
+    }
+
+    fn share_batch(&self, at: &[ShadingPoint], shares: &mut [f32]) {
+        self.0.share_batch(at, shares);
     }
 
     fn sample_prepared(&self, prepared: &[&()], at: &[&ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {

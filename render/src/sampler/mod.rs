@@ -17,6 +17,7 @@ pub use compact::{CompactEmitters, WithCompactEmitters};
 pub use emitter::{CompensatedEmitterSampler, EmitterSampler};
 pub use light::EnvironmentLight;
 pub use one_sample_mis::OneSampleMis;
+pub(crate) use one_sample_mis::directions;
 pub use oracle::{Oracle, OracleTable};
 pub use product::{IntermediateDensity, ProductSampler};
 pub use resampled::{Resampled, ResampledDirection, ResampledSampler};
@@ -85,6 +86,20 @@ pub trait DirectionSampler: Send + Sync {
         for ((at, &u), out) in at.iter().zip(u).zip(out) {
             *out = self.sample(&self.prepare(at), at, u);
         }
+    }
+
+    /// [`Self::share_beside_brdf`] of many shading points; both slices have equal length.
+    fn share_batch(&self, at: &[ShadingPoint], shares: &mut [f32]) {
+        for (at, share) in at.iter().zip(shares) {
+            *share = self.share_beside_brdf(&self.prepare(at));
+        }
+    }
+
+    /// [`Self::pdf`] for many shading points; all slices have equal length.
+    fn pdf_batch(&self, at: &[ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
+        let prepared = self.prepare_batch(at);
+        let (prepared, at): (Vec<_>, Vec<_>) = prepared.iter().zip(at).unzip();
+        self.pdf_prepared(&prepared, &at, wi, out);
     }
 
     /// [`Self::prepare`] for many shading points.

@@ -34,23 +34,58 @@ impl<A: DirectionSampler, B: DirectionSampler> DirectionSampler for OneSampleMis
     fn sample(&self, prepared: &Self::Prepared, at: &ShadingPoint, u: Vec2) -> Option<DirectionSample> {
         let (first, second) = prepared;
         let share = self.first.share_beside_brdf(first);
-        // For a share of 1/2 this doubles and subtracts exactly.
+        let stretched = stretched(u, share);
         if u.x < share {
-            let mut sample = self.first.sample(first, at, Vec2::new((u.x / share).min(BELOW_ONE), u.y))?;
+            let mut sample = self.first.sample(first, at, stretched)?;
             sample.pdf = share * sample.pdf + (1.0 - share) * self.second.pdf(second, at, sample.wi);
             Some(sample)
         } else {
-            let stretched = ((u.x - share) / (1.0 - share)).min(BELOW_ONE);
-            let mut sample = self.second.sample(second, at, Vec2::new(stretched, u.y))?;
+            let mut sample = self.second.sample(second, at, stretched)?;
             sample.pdf = share * self.first.pdf(first, at, sample.wi) + (1.0 - share) * sample.pdf;
             Some(sample)
         }
     }
 
     fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
-        let prepared = self.prepare_batch(at);
-        let (prepared, at): (Vec<_>, Vec<_>) = prepared.iter().zip(at).unzip();
-        self.sample_prepared(&prepared, &at, u, out);
+        if size_of::<Self::Prepared>() == 0 {
+            let prepared = self.prepare_batch(at);
+            let (prepared, at): (Vec<_>, Vec<_>) = prepared.iter().zip(at).unzip();
+            self.sample_prepared(&prepared, &at, u, out);
+            return;
+        }
+        let mut shares = vec![0.0; at.len()];
+        self.first.share_batch(at, &mut shares);
+        // Each point is prepared in the part of the batch in which it is needed, so that nothing is kept or moved in between.
+        let (of_first, of_second): (Vec<usize>, Vec<usize>) = (0..at.len()).partition(|&k| u[k].x < shares[k]);
+        for (which, is_first) in [(of_first, true), (of_second, false)] {
+            let points: Vec<ShadingPoint> = which.iter().map(|&k| at[k]).collect();
+            let u: Vec<Vec2> = which.iter().map(|&k| stretched(u[k], shares[k])).collect();
+            let mut samples = vec![None; which.len()];
+            let mut others = vec![0.0; which.len()];
+            if is_first {
+                self.first.sample_batch(&points, &u, &mut samples);
+                self.second.pdf_batch(&points, &directions(&samples), &mut others);
+            } else {
+                self.second.sample_batch(&points, &u, &mut samples);
+                self.first.pdf_batch(&points, &directions(&samples), &mut others);
+            }
+            for ((k, sample), other) in which.into_iter().zip(samples).zip(others) {
+                out[k] = sample.map(|sample| {
+                    let (first, second) = if is_first { (sample.pdf, other) } else { (other, sample.pdf) };
+                    DirectionSample { pdf: shares[k] * first + (1.0 - shares[k]) * second, ..sample }
+                });
+            }
+        }
+    }
+
+    fn pdf_batch(&self, at: &[ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
+        let (mut shares, mut of_second) = (vec![0.0; at.len()], vec![0.0; at.len()]);
+        self.first.share_batch(at, &mut shares);
+        self.first.pdf_batch(at, wi, out);
+        self.second.pdf_batch(at, wi, &mut of_second);
+        for ((out, second), share) in out.iter_mut().zip(of_second).zip(shares) {
+            *out = share * *out + (1.0 - share) * second;
+        }
     }
 
     fn prepare_batch(&self, at: &[ShadingPoint]) -> Vec<Self::Prepared> {
@@ -66,10 +101,7 @@ impl<A: DirectionSampler, B: DirectionSampler> DirectionSampler for OneSampleMis
     ) {
         let shares: Vec<f32> = prepared.iter().map(|(first, _)| self.first.share_beside_brdf(first)).collect();
         let (of_first, of_second): (Vec<usize>, Vec<usize>) = (0..u.len()).partition(|&k| u[k].x < shares[k]);
-        let stretch = |k: usize| {
-            let x = if u[k].x < shares[k] { u[k].x / shares[k] } else { (u[k].x - shares[k]) / (1.0 - shares[k]) };
-            Vec2::new(x.min(BELOW_ONE), u[k].y)
-        };
+        let stretch = |k: usize| stretched(u[k], shares[k]);
         let (firsts, seconds): (Vec<_>, Vec<_>) = prepared.iter().map(|(first, second)| (first, second)).unzip();
         let mixed = |k: usize, first: f32, second: f32| shares[k] * first + (1.0 - shares[k]) * second;
         draw(&self.first, &firsts, at, &of_first, &stretch, out);
@@ -103,6 +135,17 @@ impl<A: DirectionSampler, B: DirectionSampler> DirectionSampler for OneSampleMis
         let share = self.first.share_beside_brdf(first);
         share * self.first.pdf(first, at, wi) + (1.0 - share) * self.second.pdf(second, at, wi)
     }
+}
+
+/// The point that the chosen half of a mixture draws from. For a share of 1/2 this doubles and subtracts exactly.
+fn stretched(u: Vec2, share: f32) -> Vec2 {
+    let x = if u.x < share { u.x / share } else { (u.x - share) / (1.0 - share) };
+    Vec2::new(x.min(BELOW_ONE), u.y)
+}
+
+/// The directions of samples; where there is no sample, any direction.
+pub(crate) fn directions(samples: &[Option<DirectionSample>]) -> Vec<Vec3A> {
+    samples.iter().map(|sample| sample.map_or(Vec3A::Z, |sample| sample.wi)).collect()
 }
 
 /// Draws for the points of a batch whose indices are in `which`.

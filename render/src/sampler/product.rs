@@ -27,6 +27,19 @@ pub trait IntermediateDensity: Send + Sync {
         }
     }
 
+    /// [`Self::prepare`] and [`Self::density`] for many conditions; all slices have equal length.
+    fn density_batch(&self, at: &[ShadingPoint], y: &[Vec2], q: &mut [f32]) {
+        let prepared = self.prepare_batch(at);
+        self.density_prepared(&prepared.iter().collect::<Vec<_>>(), y, q);
+    }
+
+    /// [`Self::share_beside_brdf`] for many conditions; both slices have equal length.
+    fn share_batch(&self, at: &[ShadingPoint], shares: &mut [f32]) {
+        for (at, share) in at.iter().zip(shares) {
+            *share = self.share_beside_brdf(&self.prepare(at));
+        }
+    }
+
     /// [`Self::prepare`] for many conditions.
     fn prepare_batch(&self, at: &[ShadingPoint]) -> Vec<Self::Prepared> {
         at.iter().map(|at| self.prepare(at)).collect()
@@ -105,6 +118,20 @@ impl<I: IntermediateDensity> DirectionSampler for ProductSampler<I> {
         }
     }
 
+    fn share_batch(&self, at: &[ShadingPoint], shares: &mut [f32]) {
+        self.intermediate.share_batch(at, shares);
+    }
+
+    fn pdf_batch(&self, at: &[ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
+        for ((at, wi), out) in at.chunks(BATCH).zip(wi.chunks(BATCH)).zip(out.chunks_mut(BATCH)) {
+            let (mut y, mut pdfs) = ([Vec2::ZERO; BATCH], [0.0; BATCH]);
+            let (y, pdfs) = (&mut y[..wi.len()], &mut pdfs[..wi.len()]);
+            self.light.pull_back_batch(wi, y, pdfs);
+            self.intermediate.density_batch(at, y, out);
+            join(out, pdfs);
+        }
+    }
+
     fn prepare_batch(&self, at: &[ShadingPoint]) -> Vec<Self::Prepared> {
         self.intermediate.prepare_batch(at)
     }
@@ -125,9 +152,14 @@ impl<I: IntermediateDensity> DirectionSampler for ProductSampler<I> {
         let (mut y, mut pdfs) = (vec![Vec2::ZERO; wi.len()], vec![0.0; wi.len()]);
         self.light.pull_back_batch(wi, &mut y, &mut pdfs);
         self.intermediate.density_prepared(prepared, &y, out);
-        for (out, pdf) in out.iter_mut().zip(pdfs) {
-            *out = if pdf > 0.0 { *out * pdf } else { 0.0 };
-        }
+        join(out, &pdfs);
+    }
+}
+
+/// From densities over Y to pdfs: times the pdf of the tail alone, and 0 where that is 0.
+fn join(densities: &mut [f32], pdfs: &[f32]) {
+    for (density, &pdf) in densities.iter_mut().zip(pdfs) {
+        *density = if pdf > 0.0 { *density * pdf } else { 0.0 };
     }
 }
 

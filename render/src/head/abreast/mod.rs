@@ -47,7 +47,6 @@ struct Strip {
     /// What depends on the condition alone, see [`PreparedHead`].
     elevation: Vec<Lanes>,
     azimuth: Vec<Lanes>,
-    share: Lanes,
     hidden: [Vec<Lanes>; 2],
     logits: Vec<Lanes>,
 }
@@ -60,6 +59,10 @@ pub(super) enum Job<'a> {
     Sample { at: &'a [ShadingPoint], z: &'a [Vec2], y: &'a mut [Vec2], q: &'a mut [f32] },
     /// The same for points that have been prepared.
     SamplePrepared { prepared: &'a [&'a PreparedHead], z: &'a [Vec2], y: &'a mut [Vec2], q: &'a mut [f32] },
+    /// Prepares shading points and gives the density over Y at a point for each.
+    DensityAt { at: &'a [ShadingPoint], y: &'a [Vec2], q: &'a mut [f32] },
+    /// The share of samples beside BRDF sampling for each shading point.
+    Share { at: &'a [ShadingPoint], shares: &'a mut [f32] },
     /// The densities over Y at given points.
     Density { prepared: &'a [&'a PreparedHead], y: &'a [Vec2], q: &'a mut [f32] },
 }
@@ -94,7 +97,21 @@ impl HeadAbreast {
     /// From the condition in `strip.seen` to what depends on it alone.
     #[inline(always)]
     fn prepare<S: Simd>(&self, simd: S, strip: &mut Strip) {
-        let Strip { seen, elevation, azimuth, share, hidden, logits } = strip;
+        self.encode(simd, strip);
+        let Strip { seen, elevation, azimuth, hidden, logits, .. } = strip;
+        self.azimuth.of_condition.forward(simd, Start::Bias, seen, azimuth, None);
+        self.elevation.of_condition.forward(simd, Start::Bias, seen, elevation, None);
+        if self.mode == Mode::Autoregressive {
+            let logits = &mut logits[..self.elevation.outputs()];
+            self.elevation.logits(simd, self.slope, elevation, &[], hidden, logits);
+            elevation[..logits.len()].copy_from_slice(logits);
+        }
+    }
+
+    /// The encoder, which completes `strip.seen`.
+    #[inline(always)]
+    fn encode<S: Simd>(&self, simd: S, strip: &mut Strip) {
+        let Strip { seen, hidden, .. } = strip;
         let length = self.condition.length();
         if let Some((last, inner)) = self.encoder.split_last() {
             let [mut from, mut to] = hidden.each_mut();
@@ -105,6 +122,13 @@ impl HeadAbreast {
             }
             last.forward(simd, Start::Bias, from, &mut seen[length..], Some(self.slope));
         }
+    }
+
+    /// The share of samples beside BRDF sampling, from `strip.seen`; 1/2 where nothing was learned.
+    #[inline(always)]
+    fn select<S: Simd>(&self, simd: S, strip: &mut Strip) -> Lanes {
+        let Strip { seen, hidden, logits, .. } = strip;
+        let mut share = [0.5; LANES];
         if let [first, second] = &self.selection[..] {
             first.forward(simd, Start::Bias, seen, &mut hidden[0], Some(self.slope));
             second.forward(simd, Start::Bias, &hidden[0], logits, None);
@@ -112,13 +136,7 @@ impl HeadAbreast {
                 share[l] = SELECTION_FLOOR + (1.0 - 2.0 * SELECTION_FLOOR) * simd::sigmoid(logits[0][l]);
             }
         }
-        self.azimuth.of_condition.forward(simd, Start::Bias, seen, azimuth, None);
-        self.elevation.of_condition.forward(simd, Start::Bias, seen, elevation, None);
-        if self.mode == Mode::Autoregressive {
-            let logits = &mut logits[..self.elevation.outputs()];
-            self.elevation.logits(simd, self.slope, elevation, &[], hidden, logits);
-            elevation[..logits.len()].copy_from_slice(logits);
-        }
+        share
     }
 
     /// Both splines in one direction: images of `(u, v)`, and the densities over Y.
@@ -198,7 +216,6 @@ impl HeadAbreast {
             seen: lanes(MAX_CONDITION + widest),
             elevation: lanes(widest),
             azimuth: lanes(widest),
-            share: [0.5; LANES],
             hidden: [lanes(widest), lanes(widest)],
             // The two splines may have different numbers of bins.
             logits: lanes(self.azimuth.outputs().max(self.elevation.outputs())),
@@ -266,7 +283,7 @@ impl Vectorized for Work<'_> {
                     let (of_elevation, of_azimuth) = head.rows();
                     values.extend_from_slice(strip.elevation[..of_elevation].as_flattened());
                     values.extend_from_slice(strip.azimuth[..of_azimuth].as_flattened());
-                    shares.extend_from_slice(&strip.share[..at.len()]);
+                    shares.extend_from_slice(&head.select(simd, &mut strip)[..at.len()]);
                 }
             }
             Job::Sample { at, z, y, q } => {
@@ -282,6 +299,20 @@ impl Vectorized for Work<'_> {
                 for (((prepared, z), y), q) in chunks.zip(y.chunks_mut(LANES)).zip(q.chunks_mut(LANES)) {
                     load_prepared(head, prepared, &mut strip);
                     warp_chunk(simd, head, Direction::Forward, &mut strip, z, Some(y), q);
+                }
+            }
+            Job::DensityAt { at, y, q } => {
+                for ((at, y), q) in at.chunks(LANES).zip(y.chunks(LANES)).zip(q.chunks_mut(LANES)) {
+                    load_conditions(head.condition, at, &mut strip.seen);
+                    head.prepare(simd, &mut strip);
+                    warp_chunk(simd, head, Direction::Inverse, &mut strip, y, None, q);
+                }
+            }
+            Job::Share { at, shares } => {
+                for (at, shares) in at.chunks(LANES).zip(shares.chunks_mut(LANES)) {
+                    load_conditions(head.condition, at, &mut strip.seen);
+                    head.encode(simd, &mut strip);
+                    shares.copy_from_slice(&head.select(simd, &mut strip)[..shares.len()]);
                 }
             }
             Job::Density { prepared, y, q } => {
