@@ -1,6 +1,6 @@
 //! Several comparisons on one page: speed against accuracy for each, and over all of them.
 
-use std::fmt::Write;
+use std::{collections::HashSet, fmt::Write};
 
 use anyhow::Result;
 
@@ -49,30 +49,57 @@ impl Scene {
     }
 
     /// Time and error of a sampler over those of the baseline.
-    fn ratios(&self, name: &str) -> Option<(f64, f64)> {
-        let group = self.summary.at(&self.budget.name).find(|group| alike(&group.sampler) == name)?;
+    fn ratios(&self, names: &Names, name: &str) -> Option<(f64, f64)> {
+        let group = self.summary.at(&self.budget.name).find(|group| names.of(&group.sampler) == name)?;
         let base = self.summary.group(&self.summary.baseline, &self.budget.name)?;
         let (time, error) = (group.mean.seconds / base.mean.seconds, group.mse.mean / base.mse.mean);
         [time, error].iter().all(|ratio| ratio.is_finite() && *ratio > 0.0).then_some((time, error))
     }
 }
 
-/// What samplers of different comparisons are recognised by: the kind, and the last name of the file.
-fn alike(sampler: &str) -> String {
-    let Some((kind, path)) = sampler.rsplit_once(':') else { return sampler.to_owned() };
-    let last = path.rsplit(['/', '\\']).next().unwrap_or(path);
-    format!("{kind}:{}", last.strip_suffix(".safetensors").unwrap_or(last))
+/// What samplers of different comparisons are recognised by: the kind, where no comparison has two samplers of it, and else the
+/// kind with the last name of the file. Files for different maps often have different names.
+struct Names {
+    /// Kinds of which some comparison has several.
+    several: HashSet<String>,
+}
+
+impl Names {
+    fn new(scenes: &[Scene]) -> Self {
+        let mut several = HashSet::new();
+        for scene in scenes {
+            let mut seen = HashSet::new();
+            let kinds = scene.summary.samplers.iter().filter_map(|sampler| sampler.rsplit_once(':'));
+            several.extend(kinds.filter(|(kind, _)| !seen.insert(*kind)).map(|(kind, _)| kind.to_owned()));
+        }
+        Self { several }
+    }
+
+    fn of(&self, sampler: &str) -> String {
+        match sampler.rsplit_once(':') {
+            // What follows is no file: the 4 of ris:4.
+            Some((_, rest)) if rest.bytes().all(|byte| byte.is_ascii_digit()) => sampler.to_owned(),
+            Some((kind, _)) if !self.several.contains(kind) => kind.to_owned(),
+            Some((kind, path)) => {
+                let last = path.rsplit(['/', '\\']).next().unwrap_or(path);
+                format!("{kind}:{}", last.strip_suffix(".safetensors").unwrap_or(last))
+            }
+            None => sampler.to_owned(),
+        }
+    }
 }
 
 /// The chart and the table of geometric means over all comparisons.
 fn over_all(scenes: &[Scene]) -> String {
     let Some(first) = scenes.first() else { return String::new() };
-    let mut names: Vec<String> = first.summary.samplers.iter().map(|sampler| alike(sampler)).collect();
+    let known = Names::new(scenes);
+    let mut names: Vec<String> = first.summary.samplers.iter().map(|sampler| known.of(sampler)).collect();
     // The baseline's colour and marker are the first ones, as in the other charts.
     names.sort_by_key(|name| *name != first.summary.baseline);
-    names.retain(|name| scenes.iter().all(|scene| scene.ratios(name).is_some()));
+    names.retain(|name| scenes.iter().all(|scene| scene.ratios(&known, name).is_some()));
     let mean = |name: &str, of: fn((f64, f64)) -> f64| {
-        let logarithms: f64 = scenes.iter().filter_map(|scene| scene.ratios(name)).map(|ratios| of(ratios).ln()).sum();
+        let logarithms: f64 =
+            scenes.iter().filter_map(|scene| scene.ratios(&known, name)).map(|ratios| of(ratios).ln()).sum();
         (logarithms / scenes.len() as f64).exp()
     };
     let places: Vec<Place> = names
@@ -118,18 +145,28 @@ mod tests {
     fn means_over_all_are_geometric_and_of_samplers_that_all_have() {
         let comparisons = [
             vec![row("mis", 1.0, 1.0), row("head:a/head.safetensors", 2.0, 0.1), row("ris:4", 3.0, 0.2)],
-            vec![row("mis", 2.0, 3.0), row("head:b/head.safetensors", 4.0, 1.2)],
+            vec![row("mis", 2.0, 3.0), row("head:b/room.safetensors", 4.0, 1.2)],
         ];
         let page = page(&comparisons).unwrap();
         // Time: sqrt(2 * 2) = 2; error: sqrt(0.1 * 0.4) = 0.2; gain 1 / 0.4.
         assert!(
             page.contains(
-                "head:head</th><td class=\"number\">2.0</td><td class=\"number\">0.20</td><td class=\"number\">2.5</td>"
+                ">head</th><td class=\"number\">2.0</td><td class=\"number\">0.20</td><td class=\"number\">2.5</td>"
             ),
             "{page}"
         );
         let over_all = &page[..page.find("Each comparison").unwrap()];
         assert!(!over_all.contains("ris:4") && page.contains("ris:4"));
         assert!(page.matches("<svg").count() == 6 && !page.contains("http:") && !page.contains("https:"));
+    }
+
+    #[test]
+    fn two_samplers_of_a_kind_are_told_apart_by_their_files() {
+        let comparison = |map: &str| {
+            let [small, large] = ["small", "large"].map(|size| format!("head:{map}/{size}.safetensors"));
+            vec![row("mis", 1.0, 1.0), row(&small, 2.0, 1.0), row(&large, 3.0, 1.0)]
+        };
+        let page = page(&[comparison("a"), comparison("b")]).unwrap();
+        assert!(page.contains(">head:small</th>") && page.contains(">head:large</th>"), "{page}");
     }
 }

@@ -4,9 +4,11 @@
     python tests/mitsuba/cross_check.py --headtail target/release/headtail --scene temple.glb --env room.hdr --benchmark
 
 Same triangles, camera, map and material; direct light only; a box filter. Every tile of the image is compared by Welch's t-test over
-the runs; the chance that equal renderers fail is 1 %. --benchmark adds rays per second and the time to equal error."""
+the runs; the chance that equal renderers fail is 1 %. --benchmark adds the time to equal error, and rays per second of whole renderings and of
+the ray tracers alone."""
 
 import argparse
+import os
 import pathlib
 import re
 import subprocess
@@ -18,6 +20,7 @@ import mitsuba as mi
 import numpy as np
 from scipy import stats
 
+import rays
 import scene
 
 SIGNIFICANCE = 0.01
@@ -135,6 +138,7 @@ class Headtail:
             f"--look-from={triple(origin)}", f"--look-at={triple(target)}", "--fov", fov, "--sampler", options.sampler,
             "--width", options.width, "--height", height, "--out", self.out,
         ]  # fmt: skip
+        self.without_sampler = [str(part) for part in self.command if part not in ("--sampler", options.sampler)]
 
     def render(self, spp, seed):
         """(linear image, seconds, shadow rays per light estimate)"""
@@ -177,7 +181,7 @@ def benchmark(options, theirs, ours, times, shadow_rays, coverage):
     """Rays per second and the time to equal error, over all runs; errors against the mean of all images of both."""
     pixels = theirs[0].shape[0] * theirs[0].shape[1]
     # Mitsuba traces a shadow ray and a BSDF ray at each hit (the integrator does not say how many it spares).
-    rays = {"Mitsuba": 1 + 2 * coverage, "headtail": 1 + shadow_rays * coverage}
+    per_sample = {"Mitsuba": 1 + 2 * coverage, "headtail": 1 + shadow_rays * coverage}
     # Leaving a run out of the reference that it is measured against keeps the error unbiased up to the reference's own.
     everything = np.stack(theirs + ours).sum(0)
     count = len(theirs) + len(ours)
@@ -186,7 +190,7 @@ def benchmark(options, theirs, ours, times, shadow_rays, coverage):
         mse = np.mean([np.mean((image - (everything - image) / (count - 1)) ** 2) for image in images])
         seconds = float(np.median(times[name]))
         ttuv[name] = mse * seconds
-        rate = rays[name] * pixels * options.spp / seconds / 1e6
+        rate = per_sample[name] * pixels * options.spp / seconds / 1e6
         print(f"{name:9} {seconds:8.3f} s per image, {rate:7.2f} million rays per second, MSE {mse:.4g}, MSE x time {ttuv[name]:.4g}")
     print(f"headtail needs 1 / {ttuv['Mitsuba'] / ttuv['headtail']:.2f} of Mitsuba's time for the same error ({options.sampler})")
 
@@ -218,7 +222,14 @@ def main():
         print(f"{options.scene or 'small scene'} ({len(faces)} triangles), {options.material}, {options.variant}, {options.runs} runs of {options.spp} spp")
         agree = judge(theirs, ours, options.tile)
         if options.benchmark:
-            benchmark(options, theirs, ours, times, shadow_rays, mitsuba.coverage(options.width, height))
+            coverage = mitsuba.coverage(options.width, height)
+            benchmark(options, theirs, ours, times, shadow_rays, coverage)
+            if "llvm" in options.variant:
+                alone = rays.of_embree(mitsuba.scene, options.width, height, 16)
+                print(f"Embree alone:   camera rays {alone[0]:.1f}, shadow rays of cosine sampling {alone[1]:.1f} million per second")
+                pixels = options.width * height
+                alone = rays.of_headtail(headtail.without_sampler, pixels, options.spp, coverage, os.cpu_count())
+                print(f"headtail alone: camera rays with surfaces {alone[0]:.1f}, shadow rays of cosine sampling {alone[1]:.1f} million per second")
     print("the images agree" if agree else "THE IMAGES DIFFER")
     sys.exit(0 if agree else 1)
 

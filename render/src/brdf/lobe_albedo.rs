@@ -39,7 +39,7 @@ struct Row {
     mean: Split,
 }
 
-/// By the root of `alpha`; computed on first use, some 0.1 s.
+/// By the root of `alpha`; computed on first use, almost a second of one core.
 static TABLE: LazyLock<[Row; NODES]> = LazyLock::new(|| std::array::from_fn(|i| Row::new(square_of_node(i))));
 
 /// Computes the table, if that is still to be done: so that no first pixel waits for it.

@@ -17,6 +17,7 @@ use crate::{
     environment::Environment,
     image::Image,
     random::{Purpose, Stream, Streams},
+    sampler::ShadingPoint,
     scene::{Camera, Ray, Scene},
 };
 
@@ -108,6 +109,7 @@ pub fn render(
     stop: &AtomicBool,
     progress: &dyn Fn(f64),
 ) -> Rendering {
+    view.scene.prepare_materials();
     let start = Instant::now();
     // Without a sample there is no mean: 0 / 0 would be black with NaN, and the share of the budget never reach 1.
     let budget = if budget == Budget::Spp(0) { Budget::Spp(1) } else { budget };
@@ -186,24 +188,7 @@ fn sample_tile(
     for _ in 0..count {
         hits.clear();
         of.clear();
-        let ray = |((x, y), random): (&(usize, usize), &mut Stream)| {
-            let jitter = random.uniform2();
-            view.camera.ray(*x as f32 + jitter.x, *y as f32 + jitter.y, view.width, view.height)
-        };
-        timed(Stage::CameraRays, || {
-            let rays: Vec<Ray> = places.iter().zip(&mut streams).map(ray).collect();
-            view.scene.intersect_batch(&rays, &mut of, &mut hits);
-            let mut seen = of.iter().peekable();
-            let (past, directions): (Vec<usize>, Vec<Vec3A>) = (rays.iter().enumerate())
-                .filter(|(index, _)| seen.next_if_eq(&index).is_none())
-                .map(|(index, ray)| (index, ray.direction))
-                .unzip();
-            let mut background = vec![Vec3A::ZERO; past.len()];
-            view.environment.radiance_batch(&directions, &mut background);
-            for (index, radiance) in past.into_iter().zip(background) {
-                pixels[index].background += radiance.as_dvec3();
-            }
-        });
+        timed(Stage::CameraRays, || look(view, places, &mut streams, &mut pixels, (&mut of, &mut hits)));
         let estimates = if view.depth > 1 {
             reflected(view, estimator, visibility, &hits, (&mut streams, &of))
         } else {
@@ -219,6 +204,33 @@ fn sample_tile(
     }
     flush();
     pixels
+}
+
+/// One camera ray through each pixel: the pixels (by their places in the list) that see a surface and the surfaces; the others get
+/// the background.
+fn look(
+    view: &View<'_>,
+    places: &[(usize, usize)],
+    streams: &mut [Stream],
+    pixels: &mut [Pixel],
+    (of, hits): (&mut Vec<usize>, &mut Vec<ShadingPoint>),
+) {
+    let ray = |((x, y), random): (&(usize, usize), &mut Stream)| {
+        let jitter = random.uniform2();
+        view.camera.ray(*x as f32 + jitter.x, *y as f32 + jitter.y, view.width, view.height)
+    };
+    let rays: Vec<Ray> = places.iter().zip(streams).map(ray).collect();
+    view.scene.intersect_batch(&rays, of, hits);
+    let mut seen = of.iter().peekable();
+    let (past, directions): (Vec<usize>, Vec<Vec3A>) = (rays.iter().enumerate())
+        .filter(|(index, _)| seen.next_if_eq(&index).is_none())
+        .map(|(index, ray)| (index, ray.direction))
+        .unzip();
+    let mut background = vec![Vec3A::ZERO; past.len()];
+    view.environment.radiance_batch(&directions, &mut background);
+    for (index, radiance) in past.into_iter().zip(background) {
+        pixels[index].background += radiance.as_dvec3();
+    }
 }
 
 fn develop(view: &View<'_>, pixels: &[Pixel], spp: u32, seconds: f64) -> Rendering {

@@ -47,6 +47,7 @@ impl<A: DirectionSampler, B: DirectionSampler> DirectionSampler for OneSampleMis
     }
 
     fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
+        // Where there is nothing to prepare, references to the points will do.
         if size_of::<Self::Prepared>() == 0 {
             let prepared = self.prepare_batch(at);
             let (prepared, at): (Vec<_>, Vec<_>) = prepared.iter().zip(at).unzip();

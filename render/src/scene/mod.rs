@@ -29,6 +29,7 @@ use std::path::Path;
 use glam::{Vec2, Vec3, Vec3A};
 
 use crate::{
+    brdf::tabulate_lobe_albedo,
     error::{Error, Result},
     integrator::Visibility,
     sampler::ShadingPoint,
@@ -67,7 +68,7 @@ impl Scene {
     /// A scene of meshes whose material indices point into `materials`. Triangles without area are left out.
     ///
     /// # Errors
-    /// When a mesh names a material that is not there.
+    /// When a mesh names a material that is not there, or there are more than [`Bvh::MOST_TRIANGLES`].
     pub fn new(
         name: impl Into<String>,
         mut meshes: Vec<Mesh>,
@@ -149,6 +150,14 @@ impl Scene {
     /// Whether all surfaces reflect like Lambert's BRDF.
     pub fn is_diffuse(&self) -> bool {
         self.meshes.iter().all(|mesh| self.materials[mesh.material].is_diffuse())
+    }
+
+    /// Computes tables that materials need, if that is still to be done: so that no first pixel waits for them.
+    pub(crate) fn prepare_materials(&self) {
+        let is_mixture = |mesh: &Mesh| matches!(self.materials[mesh.material], Material::MetallicRoughness(_));
+        if self.meshes.iter().any(is_mixture) {
+            tabulate_lobe_albedo();
+        }
     }
 
     /// The built-in name, or the file's name without its extension.

@@ -8,11 +8,13 @@ use super::{
     *,
 };
 
-/// What a sampler gives for many points: fused, prepared, and the pdfs of what was drawn.
+/// What a sampler gives for many points: fused, prepared, the pdfs of what was drawn in both ways, and the shares.
 struct Together {
     samples: Vec<Option<DirectionSample>>,
     prepared: Vec<Option<DirectionSample>>,
     pdfs: Vec<f32>,
+    fused_pdfs: Vec<f32>,
+    shares: Vec<f32>,
 }
 
 /// One point at a time.
@@ -20,16 +22,21 @@ struct Alone {
     sample: Option<DirectionSample>,
     /// Of the direction that was drawn together with others.
     pdf: f32,
+    share: f32,
 }
 
 fn together<S: DirectionSampler>(sampler: &S, at: &[ShadingPoint], u: &[Vec2]) -> Together {
-    let mut out = Together { samples: vec![None; at.len()], prepared: vec![None; at.len()], pdfs: vec![0.0; at.len()] };
+    let none = || vec![None; at.len()];
+    let zeros = || vec![0.0; at.len()];
+    let mut out = Together { samples: none(), prepared: none(), pdfs: zeros(), fused_pdfs: zeros(), shares: zeros() };
     sampler.sample_batch(at, u, &mut out.samples);
+    sampler.share_batch(at, &mut out.shares);
     let prepared = sampler.prepare_batch(at);
-    let (prepared, at): (Vec<_>, Vec<_>) = prepared.iter().zip(at).unzip();
-    sampler.sample_prepared(&prepared, &at, u, &mut out.prepared);
+    let (prepared, references): (Vec<_>, Vec<_>) = prepared.iter().zip(at).unzip();
+    sampler.sample_prepared(&prepared, &references, u, &mut out.prepared);
     let wi: Vec<Vec3A> = out.prepared.iter().map(|sample| sample.map_or(Vec3A::Z, |sample| sample.wi)).collect();
-    sampler.pdf_prepared(&prepared, &at, &wi, &mut out.pdfs);
+    sampler.pdf_prepared(&prepared, &references, &wi, &mut out.pdfs);
+    sampler.pdf_batch(at, &wi, &mut out.fused_pdfs);
     out
 }
 
@@ -38,11 +45,12 @@ fn together<S: DirectionSampler>(sampler: &S, at: &[ShadingPoint], u: &[Vec2]) -
 fn check<S: DirectionSampler>(name: &str, sampler: &S, at: &[ShadingPoint], exact: bool) {
     let mut random = Stream::new(7, Purpose::Test, 5);
     let u: Vec<Vec2> = at.iter().map(|_| random.uniform2()).collect();
-    let Together { samples, prepared, pdfs } = together(sampler, at, &u);
+    let Together { samples, prepared, pdfs, fused_pdfs, shares } = together(sampler, at, &u);
     let alone = |k: usize| {
         let own = sampler.prepare(&at[k]);
         let wi = prepared[k].map_or(Vec3A::Z, |sample| sample.wi);
-        Alone { sample: sampler.sample(&own, &at[k], u[k]), pdf: sampler.pdf(&own, &at[k], wi) }
+        let (sample, pdf) = (sampler.sample(&own, &at[k], u[k]), sampler.pdf(&own, &at[k], wi));
+        Alone { sample, pdf, share: sampler.share_beside_brdf(&own) }
     };
     let near = |a: f32, b: f32| if exact { a == b } else { (a - b).abs() <= 2e-3 * a.abs().max(b.abs()) };
     let same = |a: Option<DirectionSample>, b: Option<DirectionSample>| match (a, b) {
@@ -55,7 +63,9 @@ fn check<S: DirectionSampler>(name: &str, sampler: &S, at: &[ShadingPoint], exac
     };
     let wrong = |k: &usize| {
         let alone = alone(*k);
-        !same(samples[*k], alone.sample) || !same(prepared[*k], alone.sample) || !near(pdfs[*k], alone.pdf)
+        let drawn = same(samples[*k], alone.sample) && same(prepared[*k], alone.sample);
+        let known = near(pdfs[*k], alone.pdf) && near(fused_pdfs[*k], alone.pdf) && near(shares[*k], alone.share);
+        !drawn || !known
     };
     let wrong: Vec<usize> = (0..at.len()).filter(wrong).collect();
     assert!(wrong.len() <= if exact { 0 } else { at.len() / 100 }, "{name}: {} of {}", wrong.len(), at.len());

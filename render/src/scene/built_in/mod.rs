@@ -15,7 +15,6 @@ use std::sync::Arc;
 use glam::{Affine3A, Quat, Vec3, Vec3A};
 
 use super::{Camera, Material, Mesh, Scene, Texture, TexturedMetallicRoughness};
-use crate::brdf::tabulate_lobe_albedo;
 
 /// Makes the parts of one scene.
 type Generator = fn() -> Model;
@@ -41,7 +40,6 @@ pub fn built_in_names() -> impl Iterator<Item = &'static str> {
 pub(super) fn build(name: &str) -> Option<Scene> {
     let &(name, generate) = SCENES.iter().find(|(known, _)| *known == name)?;
     let Model { meshes, materials, camera } = generate();
-    tabulate_lobe_albedo();
     Some(Scene::new(name, meshes, materials, Some(camera)).expect("generators use their own materials"))
 }
 

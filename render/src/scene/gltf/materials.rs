@@ -12,7 +12,6 @@ use image::{ImageFormat, ImageReader, Limits};
 
 use super::{default_material, document::Document, in_field};
 use crate::{
-    brdf::tabulate_lobe_albedo,
     error::Result,
     scene::{Material, NormalMap, Texture, TexturedMetallicRoughness, Wrap},
 };
@@ -37,7 +36,6 @@ pub fn read_all(document: &Document, used: &BTreeSet<usize>) -> Result<Vec<Mater
         });
     }
     materials.push(default_material());
-    tabulate_lobe_albedo();
     Ok(materials)
 }
 
