@@ -1,7 +1,7 @@
 //! The bounding volume hierarchy over all triangles of a scene.
 //!
-//! The library builds a binary tree; rays go through the wide one that is made from it ([`super::wide`]), which traces them two to three
-//! times as fast as the library's binary and compressed trees do.
+//! The library builds a binary tree; rays go through the wide one that is made from it ([`super::wide`]), which is the faster for
+//! single rays and for batches.
 
 use std::time::Duration;
 
