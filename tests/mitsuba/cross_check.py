@@ -135,14 +135,15 @@ class Headtail:
         self.out = folder / "ours.exr"
         self.command = [
             options.headtail.resolve(), "render", "--scene", folder / "scene.glb", "--env", map_file, "--material", options.wrong_material or options.material,
-            f"--look-from={triple(origin)}", f"--look-at={triple(target)}", "--fov", fov, "--sampler", options.sampler,
+            f"--look-from={triple(origin)}", f"--look-at={triple(target)}", "--fov", fov,
             "--width", options.width, "--height", height, "--out", self.out,
         ]  # fmt: skip
-        self.without_sampler = [str(part) for part in self.command if part not in ("--sampler", options.sampler)]
+        self.command = [str(part) for part in self.command]
+        self.sampler = options.sampler
 
     def render(self, spp, seed):
         """(linear image, seconds, shadow rays per light estimate)"""
-        command = [str(part) for part in self.command + ["--spp", spp, "--seed", seed]]
+        command = self.command + ["--sampler", self.sampler, "--spp", str(spp), "--seed", str(seed)]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode != 0:
             sys.exit(f"headtail: {done.stderr.strip()}")
@@ -228,7 +229,7 @@ def main():
                 alone = rays.of_embree(mitsuba.scene, options.width, height, 16)
                 print(f"Embree alone:   camera rays {alone[0]:.1f}, shadow rays of cosine sampling {alone[1]:.1f} million per second")
                 pixels = options.width * height
-                alone = rays.of_headtail(headtail.without_sampler, pixels, options.spp, coverage, os.cpu_count())
+                alone = rays.of_headtail(headtail.command, pixels, options.spp, coverage, os.cpu_count())
                 print(f"headtail alone: camera rays with surfaces {alone[0]:.1f}, shadow rays of cosine sampling {alone[1]:.1f} million per second")
     print("the images agree" if agree else "THE IMAGES DIFFER")
     sys.exit(0 if agree else 1)

@@ -11,15 +11,14 @@ REPEATS = 6
 
 
 def rate(work, rays):
-    """Millions of rays per second, the best of some repeats; and what `work` gave."""
+    """Millions of rays per second, the best of some repeats."""
     best = float("inf")
     for _ in range(REPEATS):
         start = time.perf_counter()
-        result = work()
-        dr.eval(result)
+        dr.eval(work())
         dr.sync_thread()
         best = min(best, time.perf_counter() - start)
-    return rays / best / 1e6, result
+    return rays / best / 1e6
 
 
 def of_embree(scene, width, height, spp):
@@ -32,7 +31,7 @@ def of_embree(scene, width, height, spp):
     rays, _ = scene.sensors()[0].sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
     dr.eval(rays)
     dr.sync_thread()
-    camera, _ = rate(lambda: scene.ray_intersect_preliminary(rays, coherent=True), count)
+    camera = rate(lambda: scene.ray_intersect_preliminary(rays, coherent=True), count)
     hit = scene.ray_intersect(rays)
     side = dr.select(dr.dot(hit.n, -rays.d) > 0, mi.Float(1), mi.Float(-1))
     local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(random.next_float32(), random.next_float32()))
@@ -40,7 +39,7 @@ def of_embree(scene, width, height, spp):
     shadow = dr.gather(mi.Ray3f, leaving, dr.compress(hit.is_valid()))
     dr.eval(shadow)
     dr.sync_thread()
-    occluded, _ = rate(lambda: scene.ray_test(shadow), dr.width(shadow))
+    occluded = rate(lambda: scene.ray_test(shadow), dr.width(shadow))
     return camera, occluded
 
 

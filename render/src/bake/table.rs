@@ -206,11 +206,11 @@ impl IntermediateDensity for BakedTable {
         self.prepare_normal(at.ns)
     }
 
-    #[inline]
     fn share_batch(&self, _at: &[ShadingPoint], shares: &mut [f32]) {
         shares.fill(0.5);
     }
 
+    #[inline]
     fn sample(&self, prepared: &PreparedTable, z: Vec2) -> (Vec2, f32) {
         self.sample_at(prepared, z)
     }

@@ -50,10 +50,6 @@ impl DirectionSampler for EmitterSampler {
     fn pdf_prepared(&self, _: &[&()], _: &[&ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
         self.light.pdf_batch(wi, out);
     }
-
-    fn share_batch(&self, _at: &[ShadingPoint], shares: &mut [f32]) {
-        shares.fill(0.5);
-    }
 }
 
 impl CoversIntegrand for EmitterSampler {}
@@ -114,10 +110,6 @@ impl DirectionSampler for CompensatedEmitterSampler {
 
     fn pdf_batch(&self, at: &[ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
         self.0.pdf_batch(at, wi, out);
-    }
-
-    fn share_batch(&self, at: &[ShadingPoint], shares: &mut [f32]) {
-        self.0.share_batch(at, shares);
     }
 
     fn sample_prepared(&self, prepared: &[&()], at: &[&ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {

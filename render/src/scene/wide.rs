@@ -150,18 +150,18 @@ impl WideBvh {
     /// Adds the triangles of a leaf.
     fn add_leaf(&mut self, tree: &Bvh2, triangles: &[RtTriangle], leaf: &Bvh2Node) -> Child {
         let first = self.blocks.len();
-        let entries: Vec<u32> = (leaf.first_index..leaf.first_index + leaf.prim_count).collect();
-        for entries in entries.chunks(WIDTH) {
+        let entries = leaf.first_index as usize..(leaf.first_index + leaf.prim_count) as usize;
+        let indices = tree.primitive_indices[entries.clone()].chunks(WIDTH);
+        for (triangles, indices) in triangles[entries].chunks(WIDTH).zip(indices) {
             let mut block = Block::default();
-            for (lane, &entry) in entries.iter().enumerate() {
-                let RtTriangle { v0, e1, e2, ng } = triangles[entry as usize];
+            block.triangles[..indices.len()].copy_from_slice(indices);
+            for (lane, RtTriangle { v0, e1, e2, ng }) in triangles.iter().enumerate() {
                 for axis in 0..3 {
                     block.corner[axis][lane] = v0[axis];
                     block.first_edge[axis][lane] = e1[axis];
                     block.second_edge[axis][lane] = e2[axis];
                     block.normal[axis][lane] = ng[axis];
                 }
-                block.triangles[lane] = tree.primitive_indices[entry as usize];
             }
             self.blocks.push(block);
         }
