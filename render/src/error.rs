@@ -48,6 +48,15 @@ impl Error {
     pub fn argument(what: impl Into<String>, reason: impl Into<String>) -> Self {
         Self::Argument { what: what.into(), reason: reason.into() }
     }
+
+    /// An argument's error as one of a field of the file that it came from; others as they are.
+    #[must_use]
+    pub fn in_file(self, path: &Path) -> Self {
+        match self {
+            Self::Argument { what, reason } => Self::invalid(path, what, reason),
+            other => other,
+        }
+    }
 }
 
 /// `Result` with this crate's [`Error`].

@@ -7,7 +7,10 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3A};
 
-use crate::simd::{self, LANES, Lanes};
+use crate::{
+    columns::vectorized,
+    simd::{self, LANES, Lanes},
+};
 
 /// The smallest `sin theta` used in a change of measure: it keeps the pdf of the exact pole finite, on every path alike.
 const MIN_SIN_THETA: f32 = 1e-7;
@@ -25,7 +28,7 @@ pub fn direction_and_factor(x: Vec2) -> (Vec3A, f32) {
 
 /// [`direction_and_factor`] of one lane.
 #[inline(always)]
-pub(crate) fn components_and_factor(u: f32, v: f32) -> ([f32; 3], f32) {
+fn components_and_factor(u: f32, v: f32) -> ([f32; 3], f32) {
     let (cos_phi, sin_phi) = simd::cos_sin_turns(u);
     let (cos_theta, sin_theta) = simd::cos_sin_turns(0.5 * v);
     ([sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta], factor_of(sin_theta))
@@ -48,20 +51,51 @@ pub(crate) fn square_of(x: f32, y: f32, z: f32) -> [f32; 2] {
     [if u >= 1.0 { 0.0 } else { u }, if v > 1.0 { 1.0 } else { v }]
 }
 
-/// [`square`] of [`LANES`] directions; lanes beyond the slice are those of the direction 0.
-#[inline(always)]
-pub(crate) fn square_lanes(w: &[Vec3A]) -> [Lanes; 2] {
-    let mut components = [[0.0; LANES]; 3];
-    for (k, w) in w.iter().enumerate().take(LANES) {
-        (components[0][k], components[1][k], components[2][k]) = (w.x, w.y, w.z);
+vectorized! {
+    /// [`square`] over columns.
+    pub fn squares['a](_simd, w: [&'a [Lanes]; 3], x: [&'a mut [Lanes]; 2]) {
+        let [u, v] = x;
+        for strip in 0..u.len() {
+            let w = [w[0][strip], w[1][strip], w[2][strip]];
+            let mut out = [[0.0; LANES]; 2];
+            for k in 0..LANES {
+                let [u, v] = square_of(w[0][k], w[1][k], w[2][k]);
+                (out[0][k], out[1][k]) = (u, v);
+            }
+            (u[strip], v[strip]) = (out[0], out[1]);
+        }
     }
-    let [x, y, z] = &components;
-    let mut out = [[0.0; LANES]; 2];
-    for k in 0..LANES {
-        let [u, v] = square_of(x[k], y[k], z[k]);
-        (out[0][k], out[1][k]) = (u, v);
+}
+
+vectorized! {
+    /// [`direction`] over columns; `pdf`, over X before, is over solid angle after. A pdf that is not positive and finite becomes 0: the edge of
+    /// a dark region, which is hit with probability 0.
+    pub fn directions['a](_simd, x: [&'a [Lanes]; 2], w: [&'a mut [Lanes]; 3], pdf: &'a mut [Lanes]) {
+        let [right, up, back] = w;
+        for strip in 0..pdf.len() {
+            let (u, v) = (x[0][strip], x[1][strip]);
+            let (mut out, mut pdfs) = ([[0.0; LANES]; 3], pdf[strip]);
+            for k in 0..LANES {
+                let (w, factor) = components_and_factor(u[k], v[k]);
+                (out[0][k], out[1][k], out[2][k]) = (w[0], w[1], w[2]);
+                let density = pdfs[k] * factor;
+                pdfs[k] = if (density > 0.0) & (density < f32::INFINITY) { density } else { 0.0 };
+            }
+            (right[strip], up[strip], back[strip]) = (out[0], out[1], out[2]);
+            pdf[strip] = pdfs;
+        }
     }
-    out
+}
+
+vectorized! {
+    /// Densities over X at elevations `v` become pdfs over solid angle.
+    pub fn to_solid_angle['a](_simd, v: &'a [Lanes], pdf: &'a mut [Lanes]) {
+        for (v, pdf) in v.iter().zip(pdf) {
+            for k in 0..LANES {
+                pdf[k] *= factor_at(v[k]);
+            }
+        }
+    }
 }
 
 /// `sin theta` of a row of the square, bounded away from zero.
@@ -76,7 +110,7 @@ pub fn solid_angle_factor(v: f32) -> f32 {
 
 /// [`solid_angle_factor`] of one lane.
 #[inline(always)]
-pub(crate) fn factor_at(v: f32) -> f32 {
+fn factor_at(v: f32) -> f32 {
     factor_of(simd::cos_sin_turns(0.5 * v).1)
 }
 

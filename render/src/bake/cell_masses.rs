@@ -3,7 +3,8 @@
 //! What a sample reads decides its time, as a table of the usual size does not fit into the second-level cache: one or two
 //! lines of row sums, and one line of each of the four tables around a normal.
 
-use super::{prefix::share, table::CellGrid};
+use super::table::CellGrid;
+use crate::discrete::remap;
 
 /// Numbers in one cache line.
 const LINE: usize = 32;
@@ -143,7 +144,7 @@ impl CellMasses {
         }
         let index = index.min(self.cells.shape().0 - 1);
         let before = if index == 0 { 0.0 } else { sums[index - 1] };
-        FoundRow { node, index, below: share(target - before, sums[index] - before) }
+        FoundRow { node, index, below: remap(target, before, sums[index]) }
     }
 
     /// The column of a row at which the share `z` of the row's mass is reached, and the position inside in `[0, 1)`.
@@ -163,7 +164,7 @@ impl CellMasses {
         let column = usize::from(passed - u16::from(numbers[0] <= below));
         let Ends { without_before, last } = self.ends(column);
         let (before, sum) = (f32::from(numbers[column] & without_before), f32::from(numbers[column + 1] | last));
-        (column, share(target - before, sum - before))
+        (column, remap(target, before, sum))
     }
 
     /// What makes the running sum before the first cell of a row 0, and that after the last 65535.

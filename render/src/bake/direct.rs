@@ -35,7 +35,7 @@ impl CellPoints {
                 )
             })
             .collect();
-        let directions = positions.iter().map(|&y| tail.forward_direction(y).1).collect();
+        let directions = tail.forward_directions(&positions).map(|(_, wi, _)| wi).collect();
         Self { per_cell, positions, directions }
     }
 

@@ -16,15 +16,6 @@ pub struct NormalGrid {
     azimuth: usize,
 }
 
-/// The four nodes around a normal and their bilinear weights, which are not negative and sum to 1.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Stencil {
-    /// Node indices.
-    pub nodes: [usize; 4],
-    /// Weights.
-    pub weights: [f32; 4],
-}
-
 impl NormalGrid {
     /// A grid of `polar x azimuth` normals.
     ///
@@ -53,17 +44,10 @@ impl NormalGrid {
         latlong::direction(Vec2::new(column as f32 / self.azimuth as f32, row as f32 / (self.polar - 1) as f32))
     }
 
-    /// The nodes and weights that interpolate at a unit normal.
+    /// Where a unit normal lies on the grid: columns and rows, as real numbers.
     ///
     /// The angles come from a polynomial of error 1e-5: a weight that is off by 1e-4 changes the table that is interpolated
     /// by as much, and since drawing and pdf use the same weights, no bias follows.
-    #[inline(always)]
-    pub fn stencil(&self, normal: Vec3A) -> Stencil {
-        let cell = self.cell(self.position(normal.to_array()));
-        Stencil { nodes: self.nodes_of(cell.corner, cell.next), weights: cell.weights() }
-    }
-
-    /// Where a unit normal lies on the grid: columns and rows, as real numbers.
     #[inline(always)]
     pub(super) fn position(&self, [x, y, z]: [f32; 3]) -> Vec2 {
         let azimuth = fast_atan2(x, -z) * (self.azimuth as f32 / TAU);
@@ -132,13 +116,24 @@ mod tests {
     use super::*;
     use crate::random::{Purpose, Stream};
 
+    /// Nodes and weights around a normal.
+    struct Stencil {
+        nodes: [usize; 4],
+        weights: [f32; 4],
+    }
+
+    fn stencil(grid: &NormalGrid, normal: Vec3A) -> Stencil {
+        let cell = grid.cell(grid.position(normal.to_array()));
+        Stencil { nodes: grid.nodes_of(cell.corner, cell.next), weights: cell.weights() }
+    }
+
     #[test]
     fn stencils_are_partitions_of_unity_near_their_normal() {
         let grid = NormalGrid::new(16, 32).unwrap();
         let mut random = Stream::new(1, Purpose::Test, 0);
         for _ in 0..20_000 {
             let normal = random.direction();
-            let stencil = grid.stencil(normal);
+            let stencil = stencil(&grid, normal);
             assert!((stencil.weights.iter().sum::<f32>() - 1.0).abs() < 1e-6);
             assert!(stencil.weights.iter().all(|weight| *weight >= 0.0));
             let mean: Vec3A = (0..4).map(|k| grid.normal(stencil.nodes[k]) * stencil.weights[k]).sum();
@@ -151,7 +146,7 @@ mod tests {
     fn nodes_interpolate_to_themselves() {
         let grid = NormalGrid::new(16, 32).unwrap();
         for node in 32..grid.nodes() - 32 {
-            let stencil = grid.stencil(grid.normal(node));
+            let stencil = stencil(&grid, grid.normal(node));
             let own: f32 = (0..4).filter(|&k| stencil.nodes[k] == node).map(|k| stencil.weights[k]).sum();
             assert!(own > 0.999, "node {node}: {own}");
         }
@@ -163,7 +158,7 @@ mod tests {
         for normal in
             [Vec3A::Y, -Vec3A::Y, Vec3A::Z, -Vec3A::Z, Vec3A::new(-1e-20, 0.0, -1.0), Vec3A::new(-0.0, 1.0, 0.0)]
         {
-            let stencil = grid.stencil(normal);
+            let stencil = stencil(&grid, normal);
             assert!(stencil.nodes.iter().all(|&node| node < grid.nodes()));
             assert!((stencil.weights.iter().sum::<f32>() - 1.0).abs() < 1e-6);
         }

@@ -5,11 +5,14 @@ use rayon::prelude::*;
 
 use super::{
     cell_masses::{CellMasses, FoundRow, Node},
-    normal_grid::{NormalGrid, Stencil},
+    normal_grid::NormalGrid,
 };
 use crate::{
+    columns::{Arena, vectorized},
     error::{Error, Result},
-    sampler::{IntermediateDensity, ShadingPoint},
+    sampler::IntermediateDensity,
+    simd::{LANES, Lanes},
+    tile::Rows,
 };
 
 /// Most cells along one side of Y: the sums along a row are compared all at once.
@@ -49,6 +52,7 @@ impl CellGrid {
     }
 
     /// Row and column of a point of Y.
+    #[inline(always)]
     pub fn cell(&self, y: Vec2) -> (usize, usize) {
         let row = ((y.y * self.rows as f32) as usize).min(self.rows - 1);
         let column = ((y.x * self.columns as f32) as usize).min(self.columns - 1);
@@ -64,22 +68,12 @@ impl CellGrid {
 /// cosine is nowhere much below the cosine, so weights stay bounded.
 #[derive(Clone, Debug)]
 pub struct BakedTable {
-    pub(super) normals: NormalGrid,
-    pub(super) cells: CellGrid,
+    normals: NormalGrid,
+    cells: CellGrid,
     /// Masses, floor not included: `[nodes, rows, columns]`; what a file holds.
     masses: Vec<f32>,
     /// The same, floor included, as integers; what is drawn from and what the pdf is made of.
-    pub(super) quantized: CellMasses,
-}
-
-/// The nodes around one normal and the shares of the interpolated table that come from them.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct PreparedTable {
-    nodes: [usize; 4],
-    /// Each node's weight times the scale of its masses.
-    weights: [f32; 4],
-    /// Running sums of weight times mass over the four nodes, in units of [`CellMasses::ROW`].
-    shares: [f32; 4],
+    quantized: CellMasses,
 }
 
 impl BakedTable {
@@ -137,89 +131,199 @@ impl BakedTable {
         &self.masses
     }
 
-    /// Finds the nodes around a unit normal.
-    #[inline(always)]
-    pub fn prepare_normal(&self, normal: Vec3A) -> PreparedTable {
-        self.prepare_stencil(self.normals.stencil(normal))
+    /// Draws `(y, density over Y)` for each uniform `z`, at one unit normal.
+    pub fn sample_at(&self, normal: Vec3A, z: &[Vec2]) -> Vec<(Vec2, f32)> {
+        let state = self.state_of(normal);
+        let draw = |z: &Vec2| {
+            let (mut y, mut q) = ([[[0.0; LANES]]; 2], [[0.0; LANES]]);
+            let [u, v] = &mut y;
+            sample(self, 1, &state, [&[[z.x; LANES]], &[[z.y; LANES]]], [u, v], &mut q);
+            (Vec2::new(y[0][0][0], y[1][0][0]), q[0][0])
+        };
+        z.iter().map(draw).collect()
     }
 
-    #[inline(always)]
-    fn prepare_stencil(&self, Stencil { nodes, weights }: Stencil) -> PreparedTable {
-        let (mut scaled, mut shares) = ([0.0; 4], [0.0; 4]);
-        let mut sum = 0.0;
-        for k in 0..4 {
-            let Node { scale, rows } = self.quantized.node(nodes[k]);
-            scaled[k] = weights[k] * scale;
-            sum += scaled[k] * rows;
-            shares[k] = sum;
+    /// The densities over Y at points `y`, at one unit normal.
+    pub fn density_at(&self, normal: Vec3A, y: &[Vec2]) -> Vec<f32> {
+        let state = self.state_of(normal);
+        let density = |y: &Vec2| {
+            let mut q = [[0.0; LANES]];
+            density(self, 1, &state, [&[[y.x; LANES]], &[[y.y; LANES]]], &mut q);
+            q[0][0]
+        };
+        y.iter().map(density).collect()
+    }
+
+    fn state_of(&self, normal: Vec3A) -> [Lanes; COLUMNS] {
+        let mut state = [[0.0; LANES]; COLUMNS];
+        prepare(self, &normal.to_array().map(|number| [number; LANES]), &mut state);
+        state
+    }
+}
+
+/// State of a shading point: the numbers of the four nodes around its normal (as bits), their weights times their scales, and the
+/// running sums of weight times mass.
+const COLUMNS: usize = 12;
+const NODES: usize = 0;
+const WEIGHTS: usize = 4;
+const SUMS: usize = 8;
+
+vectorized! {
+    /// One strip of normals.
+    fn prepare['a](_simd, table: &'a BakedTable, normals: &'a [Lanes; 3], state: &'a mut [Lanes]) {
+        let grid = &table.normals;
+        let (mut azimuths, mut polars) = ([0.0; LANES], [0.0; LANES]);
+        for k in 0..LANES {
+            let position = grid.position([normals[0][k], normals[1][k], normals[2][k]]);
+            (azimuths[k], polars[k]) = (position.x, position.y);
         }
-        PreparedTable { nodes, weights: scaled, shares }
+        let (mut corners, mut next, mut weights) = ([0_u32; LANES], [0_u32; LANES], [[0.0; LANES]; 4]);
+        for k in 0..LANES {
+            let cell = grid.cell(Vec2::new(azimuths[k], polars[k]));
+            (corners[k], next[k]) = (cell.corner, cell.next);
+            for (weights, weight) in weights.iter_mut().zip(cell.weights()) {
+                weights[k] = weight;
+            }
+        }
+        // Loads for all lanes and nodes before the arithmetic.
+        let (mut scales, mut masses) = ([[0.0; LANES]; 4], [[0.0; LANES]; 4]);
+        for k in 0..LANES {
+            for (corner, node) in grid.nodes_of(corners[k], next[k]).into_iter().enumerate() {
+                let Node { scale, rows } = table.quantized.node(node);
+                (scales[corner][k], masses[corner][k]) = (scale, rows);
+                state[NODES + corner][k] = f32::from_bits(node as u32);
+            }
+        }
+        let mut sum = [0.0; LANES];
+        for corner in 0..4 {
+            for k in 0..LANES {
+                let weight = weights[corner][k] * scales[corner][k];
+                sum[k] += weight * masses[corner][k];
+                state[WEIGHTS + corner][k] = weight;
+            }
+            state[SUMS + corner] = sum;
+        }
     }
+}
 
-    /// Draws `(y, density over Y)` from a uniform `z`, by inversion of one node's table.
-    #[inline]
-    pub fn sample_at(&self, prepared: &PreparedTable, z: Vec2) -> (Vec2, f32) {
-        let row = self.sample_row(prepared, z.y);
-        let (column, right) = self.quantized.search_column(row, z.x);
-        (self.point(&row, column, right), self.cell_density(prepared, row.index, column))
+/// The nodes of one lane.
+#[inline(always)]
+fn nodes_of(state: &[Lanes], lane: usize) -> [usize; 4] {
+    let mut nodes = [0; 4];
+    for (corner, node) in nodes.iter_mut().enumerate() {
+        *node = state[NODES + corner][lane].to_bits() as usize;
     }
+    nodes
+}
 
-    /// Picks a node and a row from one uniform number.
-    #[inline(always)]
-    fn sample_row(&self, prepared: &PreparedTable, z: f32) -> FoundRow {
-        let [a, b, c, total] = prepared.shares;
-        let target = z * total;
-        let k = usize::from(target >= a) + usize::from(target >= b) + usize::from(target >= c);
-        let before = [0.0, a, b, c][k];
+/// Which of the four nodes each lane draws from, and what is left of its uniform number for the node's rows.
+#[inline(always)]
+fn pick_nodes(z: &Lanes, state: &[Lanes]) -> ([u32; LANES], Lanes) {
+    let (mut picked, mut targets) = ([0; LANES], [0.0; LANES]);
+    for k in 0..LANES {
+        let target = z[k] * state[SUMS + 3][k];
+        let (mut before, mut weight, mut index) = (0.0, state[WEIGHTS][k], 0);
+        for corner in 0..3 {
+            let passed = target >= state[SUMS + corner][k];
+            before = if passed { state[SUMS + corner][k] } else { before };
+            weight = if passed { state[WEIGHTS + corner + 1][k] } else { weight };
+            index = if passed { corner as u32 + 1 } else { index };
+        }
         // A node of weight 0 has an empty share and is never picked but by rounding, and then its first cell will do.
-        let target = (target - before) / prepared.weights[k].max(f32::MIN_POSITIVE);
-        self.quantized.search_row(prepared.nodes[k], target)
+        targets[k] = (target - before) / if weight > f32::MIN_POSITIVE { weight } else { f32::MIN_POSITIVE };
+        picked[k] = index;
     }
+    (picked, targets)
+}
 
-    #[inline(always)]
-    fn point(&self, row: &FoundRow, column: usize, right: f32) -> Vec2 {
-        let CellGrid { rows, columns } = self.cells;
-        Vec2::new((column as f32 + right) / columns as f32, (row.index as f32 + row.below) / rows as f32)
+/// The interpolated densities from the masses of one cell in the four nodes.
+#[inline(always)]
+fn blend(table: &BakedTable, masses: &[Lanes; 4], state: &[Lanes]) -> Lanes {
+    let unit = table.cells.cells() as f32 / CellMasses::ROW;
+    let mut out = [0.0; LANES];
+    for k in 0..LANES {
+        let near = state[WEIGHTS][k] * masses[0][k] + state[WEIGHTS + 1][k] * masses[1][k];
+        let far = state[WEIGHTS + 2][k] * masses[2][k] + state[WEIGHTS + 3][k] * masses[3][k];
+        out[k] = (near + far) * unit / state[SUMS + 3][k];
     }
+    out
+}
 
-    /// The density over Y at `y`.
-    pub fn density_at(&self, prepared: &PreparedTable, y: Vec2) -> f32 {
-        let (row, column) = self.cells.cell(y);
-        self.cell_density(prepared, row, column)
+vectorized! {
+    /// Each stage is done for a strip before the next one: loads do not wait for each other. Lanes from `count` on are not drawn for: their state
+    /// may be anything.
+    fn sample['a](
+        _simd, table: &'a BakedTable, count: usize, state: &'a [Lanes],
+        z: [&'a [Lanes]; 2], y: [&'a mut [Lanes]; 2], q: &'a mut [Lanes],
+    ) {
+        let (rows, columns) = (table.cells.rows as f32, table.cells.columns as f32);
+        let [y_u, y_v] = y;
+        for strip in 0..q.len() {
+            let state = &state[strip * COLUMNS..][..COLUMNS];
+            let lanes = LANES.min(count - strip * LANES);
+            let (picked, targets) = pick_nodes(&z[1][strip], state);
+            let (mut found, mut masses) = ([FoundRow::default(); LANES], [[0.0; LANES]; 4]);
+            for k in 0..lanes {
+                found[k] = table.quantized.search_row(nodes_of(state, k)[picked[k] as usize & 3], targets[k]);
+            }
+            for k in 0..lanes {
+                let row = found[k];
+                let (column, right) = table.quantized.search_column(row, z[0][strip][k]);
+                y_u[strip][k] = (column as f32 + right) / columns;
+                y_v[strip][k] = (row.index as f32 + row.below) / rows;
+                let cell = table.quantized.masses(nodes_of(state, k), row.index, column);
+                for (masses, mass) in masses.iter_mut().zip(cell) {
+                    masses[k] = mass;
+                }
+            }
+            q[strip] = blend(table, &masses, state);
+        }
     }
+}
 
-    /// The interpolated density in a cell.
-    #[inline(always)]
-    fn cell_density(&self, prepared: &PreparedTable, row: usize, column: usize) -> f32 {
-        let mass = self.quantized.masses(prepared.nodes, row, column);
-        let [a, b, c, d] = prepared.weights;
-        let blended = (a * mass[0] + b * mass[1]) + (c * mass[2] + d * mass[3]);
-        blended * (self.cells.cells() as f32 / CellMasses::ROW) / prepared.shares[3]
+vectorized! {
+    fn density['a](
+        _simd, table: &'a BakedTable, count: usize, state: &'a [Lanes], y: [&'a [Lanes]; 2], q: &'a mut [Lanes],
+    ) {
+        for strip in 0..q.len() {
+            let state = &state[strip * COLUMNS..][..COLUMNS];
+            let mut masses = [[0.0; LANES]; 4];
+            for k in 0..LANES.min(count - strip * LANES) {
+                let (row, column) = table.cells.cell(Vec2::new(y[0][strip][k], y[1][strip][k]));
+                let cell = table.quantized.masses(nodes_of(state, k), row, column);
+                for (masses, mass) in masses.iter_mut().zip(cell) {
+                    masses[k] = mass;
+                }
+            }
+            q[strip] = blend(table, &masses, state);
+        }
     }
 }
 
 impl IntermediateDensity for BakedTable {
-    type Prepared = PreparedTable;
-
-    #[inline]
-    fn prepare(&self, at: &ShadingPoint) -> PreparedTable {
-        self.prepare_normal(at.ns)
+    fn columns(&self) -> usize {
+        COLUMNS
     }
 
-    fn share_batch(&self, _at: &[ShadingPoint], shares: &mut [f32]) {
-        shares.fill(0.5);
+    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], _arena: &Arena) {
+        for (strip, state) in state.chunks_exact_mut(COLUMNS).enumerate() {
+            prepare(self, &at.normals(strip), state);
+        }
     }
 
-    #[inline]
-    fn sample(&self, prepared: &PreparedTable, z: Vec2) -> (Vec2, f32) {
-        self.sample_at(prepared, z)
+    fn sample(
+        &self,
+        at: &Rows<'_>,
+        state: &[Lanes],
+        z: [&[Lanes]; 2],
+        y: [&mut [Lanes]; 2],
+        q: &mut [Lanes],
+        _arena: &Arena,
+    ) {
+        sample(self, at.len(), state, z, y, q);
     }
 
-    fn sample_batch(&self, at: &[ShadingPoint], z: &[Vec2], y: &mut [Vec2], q: &mut [f32]) {
-        self.sample_abreast(at, z, y, q);
-    }
-
-    fn density(&self, prepared: &PreparedTable, y: Vec2) -> f32 {
-        self.density_at(prepared, y)
+    fn density(&self, at: &Rows<'_>, state: &[Lanes], y: [&[Lanes]; 2], q: &mut [Lanes], _arena: &Arena) {
+        density(self, at.len(), state, y, q);
     }
 }

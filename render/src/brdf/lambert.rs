@@ -2,46 +2,68 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3};
 
+use super::{Kernel, MAX_PARAMETERS};
 use crate::{frame::Frame, simd};
 
-/// Lambert's BRDF, `f_r = albedo / pi`.
-#[derive(Clone, Copy, Debug)]
+/// Lambert's BRDF, `f_r = albedo / pi`. Parameters: the albedo.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lambert {
     /// Reflectance per channel, in `[0, 1]`.
-    pub albedo: Vec3A,
+    pub albedo: Vec3,
 }
 
-impl Lambert {
-    /// `albedo / pi max(0, n . wi)`.
-    pub fn evaluate_cosine(&self, normal: Vec3A, _wo: Vec3A, wi: Vec3A) -> Vec3A {
-        self.albedo * (FRAC_1_PI * normal.dot(wi).max(0.0))
+impl Kernel for Lambert {
+    const PARAMETERS: usize = 3;
+
+    #[inline(always)]
+    fn of_parameters(parameters: &[f32; MAX_PARAMETERS]) -> Self {
+        Self { albedo: Vec3::new(parameters[0], parameters[1], parameters[2]) }
     }
 
-    /// A cosine-distributed direction and its solid-angle pdf.
-    pub fn sample(&self, normal: Vec3A, _wo: Vec3A, u: Vec2) -> Option<(Vec3A, f32)> {
+    fn parameters(&self) -> [f32; MAX_PARAMETERS] {
+        let mut parameters = [0.0; MAX_PARAMETERS];
+        parameters[..3].copy_from_slice(&self.albedo.to_array());
+        parameters
+    }
+
+    #[inline(always)]
+    fn evaluate_cosine(&self, n: Vec3, _wo: Vec3, wi: Vec3) -> Vec3 {
+        let cosine = n.dot(wi);
+        let cosine = if cosine > 0.0 { cosine } else { 0.0 };
+        self.albedo * (FRAC_1_PI * cosine)
+    }
+
+    #[inline(always)]
+    fn sample(&self, n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32) {
         let disk = concentric_disk(u);
-        let cos = (1.0 - disk.length_squared()).max(0.0).sqrt();
-        let wi = Frame::from_normal(normal).to_world(Vec3A::new(disk.x, disk.y, cos));
-        let pdf = self.pdf(normal, wi, wi);
-        (pdf > 0.0).then_some((wi, pdf))
+        let squared = 1.0 - (disk.x * disk.x + disk.y * disk.y);
+        let cos = if squared > 0.0 { squared } else { 0.0 }.sqrt();
+        let wi = Frame::from_normal(n).to_world(Vec3::new(disk.x, disk.y, cos));
+        (wi, self.pdf(n, wo, wi))
     }
 
     /// `max(0, n . wi) / pi`.
-    pub fn pdf(&self, normal: Vec3A, _wo: Vec3A, wi: Vec3A) -> f32 {
-        FRAC_1_PI * normal.dot(wi).max(0.0)
+    #[inline(always)]
+    fn pdf(&self, n: Vec3, _wo: Vec3, wi: Vec3) -> f32 {
+        let cosine = n.dot(wi);
+        FRAC_1_PI * if cosine > 0.0 { cosine } else { 0.0 }
+    }
+
+    fn alpha(&self) -> f32 {
+        1.0
     }
 }
 
 /// The area-preserving map from the unit square to the unit disk (Shirley and Chiu 1997).
+#[inline(always)]
 fn concentric_disk(u: Vec2) -> Vec2 {
-    let p = 2.0 * u - Vec2::ONE;
-    if p == Vec2::ZERO {
-        return Vec2::ZERO;
-    }
-    let (radius, turns) =
-        if p.x.abs() > p.y.abs() { (p.x, 0.125 * (p.y / p.x)) } else { (p.y, 0.25 - 0.125 * (p.x / p.y)) };
-    let (cos, sin) = simd::cos_sin_turns(turns);
-    radius * Vec2::new(cos, sin)
+    let (x, y) = (2.0 * u.x - 1.0, 2.0 * u.y - 1.0);
+    let across = x.abs() > y.abs();
+    let (radius, other) = (if across { x } else { y }, if across { y } else { x });
+    // At the centre both are 0.
+    let turns = 0.125 * (other / if radius == 0.0 { 1.0 } else { radius });
+    let (cos, sin) = simd::cos_sin_turns(if across { turns } else { 0.25 - turns });
+    Vec2::new(radius * cos, radius * sin)
 }

@@ -2,9 +2,9 @@
 
 use std::sync::LazyLock;
 
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3};
 
-use super::{Ggx, ggx::schlick_weight};
+use super::{Ggx, Kernel, ggx::schlick_weight};
 
 /// Nodes along the roots of the cosine and of `alpha`: both crowd where the albedo bends, at grazing angles and for mirrors.
 const NODES: usize = 64;
@@ -22,13 +22,17 @@ struct Split {
 }
 
 impl Split {
+    #[inline(always)]
     fn albedo(self, f0: f32) -> f32 {
         f0 * self.full + (1.0 - f0) * self.grazing
     }
 
+    #[inline(always)]
     fn lerp(self, other: Self, t: f32) -> Self {
-        let mix = |a: f32, b: f32| a + t * (b - a);
-        Self { full: mix(self.full, other.full), grazing: mix(self.grazing, other.grazing) }
+        Self {
+            full: self.full + t * (other.full - self.full),
+            grazing: self.grazing + t * (other.grazing - self.grazing),
+        }
     }
 }
 
@@ -56,19 +60,22 @@ pub(super) struct LobeAlbedo {
 }
 
 impl LobeAlbedo {
+    #[inline(always)]
     pub fn new(alpha: f32) -> Self {
         let (row, t) = position(alpha);
         Self { row, t }
     }
 
     /// The share of light that the lobe reflects in all directions, at a cosine of the incident one.
+    #[inline(always)]
     pub fn at(self, cos: f32, f0: f32) -> f32 {
         let (k, s) = position(cos);
-        let of = |row: &Row| row.nodes[k].lerp(row.nodes[k + 1], s);
-        of(&TABLE[self.row]).lerp(of(&TABLE[self.row + 1]), self.t).albedo(f0)
+        let [near, far] = [&TABLE[self.row].nodes, &TABLE[self.row + 1].nodes];
+        near[k].lerp(near[k + 1], s).lerp(far[k].lerp(far[k + 1], s), self.t).albedo(f0)
     }
 
     /// The cosine-weighted mean of [`Self::at`] over the hemisphere: exactly that of the interpolated values.
+    #[inline(always)]
     pub fn mean(self, f0: f32) -> f32 {
         TABLE[self.row].mean.lerp(TABLE[self.row + 1].mean, self.t).albedo(f0)
     }
@@ -80,6 +87,7 @@ fn square_of_node(node: usize) -> f32 {
 }
 
 /// The node below a value in `[0, 1]` and the distance to it in nodes, in `[0, 1]`.
+#[inline(always)]
 fn position(value: f32) -> (usize, f32) {
     let place = value.clamp(0.0, 1.0).sqrt() * (NODES - 1) as f32;
     let node = (place as usize).min(NODES - 2);
@@ -88,7 +96,7 @@ fn position(value: f32) -> (usize, f32) {
 
 impl Row {
     fn new(alpha: f32) -> Self {
-        let lobe = Ggx::new(alpha, Vec3A::ONE);
+        let lobe = Ggx::new(alpha, Vec3::ONE);
         // In the horizon itself nothing is seen; its node stands for the limit.
         let nodes = std::array::from_fn(|node| integrate(&lobe, square_of_node(node).max(1e-4)));
         // The mean is the integral of 2 cos d cos = 4 r^3 dr over r, the root of the cosine.
@@ -116,12 +124,15 @@ fn node_weight(node: usize) -> f64 {
 
 /// The mean weight of visible microfacets.
 fn integrate(lobe: &Ggx, cos: f32) -> Split {
-    let wo = Vec3A::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
+    let wo = Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
     let mut sum = Split::default();
     for k in 0..POINTS * POINTS {
         let u = Vec2::new((k % POINTS) as f32 + 0.5, (k / POINTS) as f32 + 0.5) / POINTS as f32;
-        let Some((wi, pdf)) = lobe.sample(Vec3A::Z, wo, u) else { continue };
-        let weight = lobe.lobe_cosine(Vec3A::Z, wo, wi) / pdf;
+        let (wi, pdf) = lobe.sample(Vec3::Z, wo, u);
+        if pdf == 0.0 {
+            continue;
+        }
+        let weight = lobe.lobe_cosine(Vec3::Z, wo, wi) / pdf;
         sum.full += weight;
         sum.grazing += weight * schlick_weight(0.5 * (wo + wi).length());
     }

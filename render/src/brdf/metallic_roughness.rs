@@ -7,10 +7,10 @@
 //! and at `wi` (Kelemen and Szirmay-Kalos 2001): reciprocal, a white dielectric reflects 99.4 %, and nothing reflects more than
 //! it receives.
 
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3};
 
-use super::{Ggx, Lambert, lobe_albedo::LobeAlbedo};
-use crate::color::luminance;
+use super::{Ggx, Kernel, Lambert, MAX_PARAMETERS, lobe_albedo::LobeAlbedo};
+use crate::discrete::BELOW_ONE;
 
 /// Reflectance of dielectrics at normal incidence: an index of refraction of 1.5.
 const DIELECTRIC_F0: f32 = 0.04;
@@ -21,13 +21,11 @@ const LEAST_SHARE: f32 = 0.1;
 /// Added to the albedo of the specular lobe: it is interpolated, and off by up to 0.005 where near mirrors are seen at grazing angles.
 const MARGIN: f32 = 0.006;
 
-/// The largest number below 1.
-const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
-
-/// A mixture of a diffuse and a specular lobe, drawn from by one-sample MIS with the exact pdf of the mixture.
+/// A mixture of a diffuse and a specular lobe, drawn from by one-sample MIS with the exact pdf of the mixture. Parameters: base colour,
+/// metalness, roughness.
 #[derive(Clone, Copy, Debug)]
 pub struct MetallicRoughness {
-    base_color: Vec3A,
+    base_color: Vec3,
     metallic: f32,
     roughness: f32,
     diffuse: Lambert,
@@ -37,19 +35,23 @@ pub struct MetallicRoughness {
 
 impl MetallicRoughness {
     /// The BRDF of a base colour per channel, a metalness and a roughness, all brought into `[0, 1]`.
-    pub fn new(base_color: Vec3A, metallic: f32, roughness: f32) -> Self {
+    pub fn new(base_color: Vec3, metallic: f32, roughness: f32) -> Self {
         // `max` turns NaN into a number, which `clamp` alone would not.
         let unit = |value: f32| value.max(0.0).clamp(0.0, 1.0);
-        let (metallic, roughness) = (unit(metallic), unit(roughness));
-        let base_color = base_color.max(Vec3A::ZERO).min(Vec3A::ONE);
-        let f0 = Vec3A::splat(DIELECTRIC_F0).lerp(base_color, metallic);
-        let specular = Ggx::new(roughness * roughness, f0);
+        Self::of(base_color.max(Vec3::ZERO).min(Vec3::ONE), unit(metallic), unit(roughness))
+    }
+
+    #[inline(always)]
+    fn of(base_color: Vec3, metallic: f32, roughness: f32) -> Self {
+        let f0 = Vec3::splat(DIELECTRIC_F0) * (1.0 - metallic) + base_color * metallic;
+        let alpha = roughness * roughness;
+        let specular = Ggx::of(if alpha > Ggx::MIN_ALPHA { alpha } else { Ggx::MIN_ALPHA }, f0);
         let diffuse = Lambert { albedo: base_color * (1.0 - metallic) };
         Self { base_color, metallic, roughness, diffuse, specular, albedo: LobeAlbedo::new(specular.alpha()) }
     }
 
     /// Base colour per channel, linear Rec.709.
-    pub fn base_color(&self) -> Vec3A {
+    pub fn base_color(&self) -> Vec3 {
         self.base_color
     }
 
@@ -63,65 +65,81 @@ impl MetallicRoughness {
         self.roughness
     }
 
-    /// The width `alpha` of the specular lobe.
-    pub fn alpha(&self) -> f32 {
-        self.specular.alpha()
-    }
-
-    /// `f_r max(0, n . wi)` of both lobes per channel, in 1/sr; zero where either direction is below the horizon.
-    pub fn evaluate_cosine(&self, normal: Vec3A, wo: Vec3A, wi: Vec3A) -> Vec3A {
-        let (cos_o, cos_i) = (normal.dot(wo), normal.dot(wi));
-        if !(cos_o > 0.0 && cos_i > 0.0) {
-            return Vec3A::ZERO;
-        }
-        let mean = 1.0 - MARGIN - self.albedo.mean(DIELECTRIC_F0);
-        let left = self.left(cos_o) * self.left(cos_i) / mean;
-        self.diffuse.evaluate_cosine(normal, wo, wi) * left + self.specular.evaluate_cosine(normal, wo, wi)
-    }
-
-    /// Draws from one of the lobes, chosen by `u.x`: `(wi, solid-angle pdf of the mixture)`; `None` where the specular lobe
-    /// reflects to below the horizon.
-    pub fn sample(&self, normal: Vec3A, wo: Vec3A, u: Vec2) -> Option<(Vec3A, f32)> {
-        let cos_o = normal.dot(wo);
-        if cos_o <= 0.0 {
-            return None;
-        }
-        let share = self.specular_share(cos_o);
-        // Either branch stretches its part of u.x to the whole interval; a quotient of the second may round up to 1.
-        let (wi, _) = if u.x < share {
-            self.specular.sample(normal, wo, Vec2::new(u.x / share, u.y))?
-        } else {
-            self.diffuse.sample(normal, wo, Vec2::new(((u.x - share) / (1.0 - share)).min(BELOW_ONE), u.y))?
-        };
-        let pdf = self.pdf(normal, wo, wi);
-        (pdf > 0.0).then_some((wi, pdf))
-    }
-
-    /// The solid-angle pdf of [`Self::sample`]; it integrates to 1 less what the specular lobe's loses below the horizon, times
-    /// that lobe's share.
-    pub fn pdf(&self, normal: Vec3A, wo: Vec3A, wi: Vec3A) -> f32 {
-        let cos_o = normal.dot(wo);
-        if !(cos_o > 0.0 && normal.dot(wi) > 0.0) {
-            return 0.0;
-        }
-        let share = self.specular_share(cos_o);
-        share * self.specular.pdf(normal, wo, wi) + (1.0 - share) * self.diffuse.pdf(normal, wo, wi)
-    }
-
     /// What the specular lobe of a dielectric leaves of the light at a cosine.
+    #[inline(always)]
     fn left(&self, cos: f32) -> f32 {
-        (1.0 - MARGIN - self.albedo.at(cos, DIELECTRIC_F0)).max(0.0)
+        let left = 1.0 - MARGIN - self.albedo.at(cos, DIELECTRIC_F0);
+        if left > 0.0 { left } else { 0.0 }
     }
 
     /// The probability of the specular lobe: its share of the luminance that both reflect under a white sky, between
     /// [`LEAST_SHARE`] and 1 less that; 1 where the diffuse lobe is black.
+    #[inline(always)]
     fn specular_share(&self, cos_o: f32) -> f32 {
-        if self.diffuse.albedo == Vec3A::ZERO {
-            return 1.0;
-        }
+        let luminance = |c: Vec3| 0.2126 * c.x + 0.7152 * c.y + 0.0722 * c.z;
         let diffuse = luminance(self.diffuse.albedo) * self.left(cos_o);
         let specular = self.albedo.at(cos_o, luminance(self.specular.f0()));
-        (specular / (specular + diffuse).max(f32::MIN_POSITIVE)).clamp(LEAST_SHARE, 1.0 - LEAST_SHARE)
+        let sum = specular + diffuse;
+        let share = specular / if sum > f32::MIN_POSITIVE { sum } else { f32::MIN_POSITIVE };
+        let share = if share > LEAST_SHARE { share } else { LEAST_SHARE };
+        let share = if share < 1.0 - LEAST_SHARE { share } else { 1.0 - LEAST_SHARE };
+        let albedo = self.diffuse.albedo;
+        let is_black = (albedo.x == 0.0) & (albedo.y == 0.0) & (albedo.z == 0.0);
+        if is_black { 1.0 } else { share }
+    }
+}
+
+impl Kernel for MetallicRoughness {
+    const PARAMETERS: usize = 5;
+
+    #[inline(always)]
+    fn of_parameters(parameters: &[f32; MAX_PARAMETERS]) -> Self {
+        let [red, green, blue, metallic, roughness, ..] = *parameters;
+        Self::of(Vec3::new(red, green, blue), metallic, roughness)
+    }
+
+    fn parameters(&self) -> [f32; MAX_PARAMETERS] {
+        let [red, green, blue] = self.base_color.to_array();
+        [red, green, blue, self.metallic, self.roughness, 0.0, 0.0, 0.0]
+    }
+
+    /// Both lobes; zero where either direction is below the horizon.
+    #[inline(always)]
+    fn evaluate_cosine(&self, n: Vec3, wo: Vec3, wi: Vec3) -> Vec3 {
+        let (cos_o, cos_i) = (n.dot(wo), n.dot(wi));
+        let mean = 1.0 - MARGIN - self.albedo.mean(DIELECTRIC_F0);
+        let left = self.left(cos_o) * self.left(cos_i) / mean;
+        let left = if (cos_o > 0.0) & (cos_i > 0.0) { left } else { 0.0 };
+        self.diffuse.evaluate_cosine(n, wo, wi) * left + self.specular.evaluate_cosine(n, wo, wi)
+    }
+
+    /// Draws from one of the lobes, chosen by `u.x`; no sample where the specular lobe reflects to below the horizon.
+    #[inline(always)]
+    fn sample(&self, n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32) {
+        let share = self.specular_share(n.dot(wo));
+        let is_specular = u.x < share;
+        // Either branch stretches its part of u.x to the whole interval; a quotient of the second may round up to 1.
+        let x = if is_specular { u.x / share } else { (u.x - share) / (1.0 - share) };
+        let stretched = Vec2::new(if x < BELOW_ONE { x } else { BELOW_ONE }, u.y);
+        let (specular, _) = self.specular.sample(n, wo, stretched);
+        let (diffuse, _) = self.diffuse.sample(n, wo, stretched);
+        let pick = |a: f32, b: f32| if is_specular { a } else { b };
+        let wi = Vec3::new(pick(specular.x, diffuse.x), pick(specular.y, diffuse.y), pick(specular.z, diffuse.z));
+        (wi, self.pdf(n, wo, wi))
+    }
+
+    /// It integrates to 1 less what the specular lobe's loses below the horizon, times that lobe's share.
+    #[inline(always)]
+    fn pdf(&self, n: Vec3, wo: Vec3, wi: Vec3) -> f32 {
+        let cos_o = n.dot(wo);
+        let share = self.specular_share(cos_o);
+        let mixed = share * self.specular.pdf(n, wo, wi) + (1.0 - share) * self.diffuse.pdf(n, wo, wi);
+        if (cos_o > 0.0) & (n.dot(wi) > 0.0) { mixed } else { 0.0 }
+    }
+
+    #[inline(always)]
+    fn alpha(&self) -> f32 {
+        self.specular.alpha()
     }
 }
 
@@ -130,12 +148,12 @@ mod tests {
     use super::*;
     use crate::random::{Purpose, Stream};
 
-    fn anything(random: &mut Stream) -> (MetallicRoughness, Vec3A, Vec3A, Vec3A) {
-        let color = Vec3A::new(random.uniform(), random.uniform(), random.uniform());
+    fn anything(random: &mut Stream) -> (MetallicRoughness, Vec3, Vec3, Vec3) {
+        let color = Vec3::new(random.uniform(), random.uniform(), random.uniform());
         let brdf = MetallicRoughness::new(color, random.uniform(), random.uniform());
-        let normal = random.direction();
+        let normal = Vec3::from(random.direction());
         let mut above = || {
-            let w = random.direction();
+            let w = Vec3::from(random.direction());
             if normal.dot(w) < 0.0 { -w } else { w }
         };
         (brdf, normal, above(), above())
@@ -169,7 +187,7 @@ mod tests {
         for metallic in [0.0, 0.5, 0.9999] {
             for color in [1e-6, 0.5, 1.0] {
                 for cos in [1e-3, 0.1, 1.0] {
-                    let share = MetallicRoughness::new(Vec3A::splat(color), metallic, 0.3).specular_share(cos);
+                    let share = MetallicRoughness::new(Vec3::splat(color), metallic, 0.3).specular_share(cos);
                     assert!((LEAST_SHARE..=1.0 - LEAST_SHARE).contains(&share), "{metallic} {color} {cos}: {share}");
                 }
             }
@@ -182,12 +200,15 @@ mod tests {
         for color in [f32::NAN, 0.0, 1.0, f32::INFINITY] {
             for metallic in [f32::NAN, 0.0, 0.3, 1.0] {
                 for roughness in [f32::NAN, 0.0, 0.1, 1.0] {
-                    let brdf = MetallicRoughness::new(Vec3A::splat(color), metallic, roughness);
+                    let brdf = MetallicRoughness::new(Vec3::splat(color), metallic, roughness);
                     for cos in [1e-30_f32, 1e-5, 0.5, 1.0] {
-                        let wo = Vec3A::new((1.0 - cos * cos).sqrt(), cos, 0.0);
+                        let wo = Vec3::new((1.0 - cos * cos).sqrt(), cos, 0.0);
                         for u in corners.iter().flat_map(|&x| corners.map(|y| Vec2::new(x, y))) {
-                            let Some((wi, pdf)) = brdf.sample(Vec3A::Y, wo, u) else { continue };
-                            let value = brdf.evaluate_cosine(Vec3A::Y, wo, wi);
+                            let (wi, pdf) = brdf.sample(Vec3::Y, wo, u);
+                            if pdf == 0.0 {
+                                continue;
+                            }
+                            let value = brdf.evaluate_cosine(Vec3::Y, wo, wi);
                             assert!(
                                 wi.is_normalized() && pdf > 0.0 && pdf.is_finite(),
                                 "{brdf:?} {wo} {u}: {wi} {pdf}"

@@ -1,4 +1,4 @@
-//! BRDFs at a shading point.
+//! BRDFs. Each is a kernel for one sample ([`Kernel`]), written once; over columns of samples it runs in SIMD lanes ([`Brdf`]).
 
 mod ggx;
 mod lambert;
@@ -10,53 +10,276 @@ pub use lambert::Lambert;
 pub(crate) use lobe_albedo::tabulate as tabulate_lobe_albedo;
 pub use metallic_roughness::MetallicRoughness;
 
-use glam::{Vec2, Vec3A};
+use std::{fmt, marker::PhantomData, sync::Arc};
 
-/// The BRDF of a surface at one point, its textures already looked up.
-#[derive(Clone, Copy, Debug)]
-pub enum Brdf {
-    /// Ideal diffuse reflection.
-    Lambert(Lambert),
-    /// Rough mirror.
-    Ggx(Ggx),
-    /// A diffuse lobe below a specular one.
-    MetallicRoughness(MetallicRoughness),
-}
+use glam::{Vec2, Vec3};
 
-impl Brdf {
+use crate::{
+    columns::vectorized,
+    simd::{LANES, Lanes},
+};
+
+/// Most parameters of a BRDF.
+pub const MAX_PARAMETERS: usize = 8;
+
+/// A BRDF at one point with its parameters. Functions are `#[inline(always)]` and free of branches and of calls, so that a loop over them
+/// becomes SIMD instructions.
+///
+/// Directions are unit vectors that point away from the surface; `n` is the shading normal.
+pub trait Kernel: Copy + fmt::Debug + Send + Sync + 'static {
+    /// How many parameters, at most [`MAX_PARAMETERS`].
+    const PARAMETERS: usize;
+
+    /// The BRDF of its parameters.
+    fn of_parameters(parameters: &[f32; MAX_PARAMETERS]) -> Self;
+
+    /// The parameters; zeros follow.
+    fn parameters(&self) -> [f32; MAX_PARAMETERS];
+
     /// `f_r(wo, wi) max(0, n . wi)` per channel, in 1/sr.
-    pub fn evaluate_cosine(&self, normal: Vec3A, wo: Vec3A, wi: Vec3A) -> Vec3A {
-        match self {
-            Self::Lambert(lambert) => lambert.evaluate_cosine(normal, wo, wi),
-            Self::Ggx(ggx) => ggx.evaluate_cosine(normal, wo, wi),
-            Self::MetallicRoughness(mixture) => mixture.evaluate_cosine(normal, wo, wi),
-        }
-    }
+    fn evaluate_cosine(&self, n: Vec3, wo: Vec3, wi: Vec3) -> Vec3;
 
-    /// Draws a direction in proportion to (a close approximation of) `f_r cos`; `(wi, solid-angle pdf)`.
-    pub fn sample(&self, normal: Vec3A, wo: Vec3A, u: Vec2) -> Option<(Vec3A, f32)> {
-        match self {
-            Self::Lambert(lambert) => lambert.sample(normal, wo, u),
-            Self::Ggx(ggx) => ggx.sample(normal, wo, u),
-            Self::MetallicRoughness(mixture) => mixture.sample(normal, wo, u),
-        }
-    }
+    /// Draws a direction in proportion to (a close approximation of) `f_r cos`: `(wi, solid-angle pdf)`; pdf 0 is no sample.
+    fn sample(&self, n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32);
 
     /// The solid-angle pdf of [`Self::sample`].
-    pub fn pdf(&self, normal: Vec3A, wo: Vec3A, wi: Vec3A) -> f32 {
-        match self {
-            Self::Lambert(lambert) => lambert.pdf(normal, wo, wi),
-            Self::Ggx(ggx) => ggx.pdf(normal, wo, wi),
-            Self::MetallicRoughness(mixture) => mixture.pdf(normal, wo, wi),
-        }
+    fn pdf(&self, n: Vec3, wo: Vec3, wi: Vec3) -> f32;
+
+    /// The Trowbridge-Reitz width of the narrowest lobe, 1 for a diffuse surface.
+    fn alpha(&self) -> f32;
+}
+
+/// Columns of what a BRDF knows of shading points.
+#[derive(Clone, Copy, Debug)]
+pub struct Surfaces<'a> {
+    /// Shading normals.
+    pub n: [&'a [Lanes]; 3],
+    /// Directions to the viewer.
+    pub wo: [&'a [Lanes]; 3],
+    /// Parameters; of those that the BRDF has.
+    pub parameters: [&'a [Lanes]; MAX_PARAMETERS],
+}
+
+/// A BRDF over columns; all columns of a call have the same number of strips. What is written for one point is a [`Kernel`]; a BRDF
+/// that is a batch by itself (a network) implements this.
+pub trait Brdf: fmt::Debug + Send + Sync {
+    /// How many parameters.
+    fn parameters(&self) -> usize;
+
+    /// [`Kernel::evaluate_cosine`].
+    fn evaluate_cosine(&self, at: &Surfaces<'_>, wi: [&[Lanes]; 3], out: [&mut [Lanes]; 3]);
+
+    /// [`Kernel::sample`].
+    fn sample(&self, at: &Surfaces<'_>, u: [&[Lanes]; 2], wi: [&mut [Lanes]; 3], pdf: &mut [Lanes]);
+
+    /// [`Kernel::pdf`].
+    fn pdf(&self, at: &Surfaces<'_>, wi: [&[Lanes]; 3], out: &mut [Lanes]);
+
+    /// [`Kernel::alpha`].
+    fn alpha(&self, at: &Surfaces<'_>, out: &mut [Lanes]);
+}
+
+/// A kernel over columns.
+#[derive(Debug)]
+pub struct OfKernel<K>(PhantomData<K>);
+
+impl<K> OfKernel<K> {
+    /// The kernel over columns.
+    pub const NEW: Self = Self(PhantomData);
+}
+
+impl<K: Kernel> Brdf for OfKernel<K> {
+    fn parameters(&self) -> usize {
+        K::PARAMETERS
     }
 
-    /// The width in radians of the narrowest lobe, to within a small factor.
-    pub fn narrowest_lobe(&self) -> f32 {
-        match self {
-            Self::Lambert(_) => std::f32::consts::PI,
-            Self::Ggx(ggx) => ggx.alpha(),
-            Self::MetallicRoughness(mixture) => mixture.alpha(),
+    fn evaluate_cosine(&self, at: &Surfaces<'_>, wi: [&[Lanes]; 3], out: [&mut [Lanes]; 3]) {
+        evaluate_cosine::<K>(at, wi, out);
+    }
+
+    fn sample(&self, at: &Surfaces<'_>, u: [&[Lanes]; 2], wi: [&mut [Lanes]; 3], pdf: &mut [Lanes]) {
+        sample::<K>(at, u, wi, pdf);
+    }
+
+    fn pdf(&self, at: &Surfaces<'_>, wi: [&[Lanes]; 3], out: &mut [Lanes]) {
+        pdf::<K>(at, wi, out);
+    }
+
+    fn alpha(&self, at: &Surfaces<'_>, out: &mut [Lanes]) {
+        for (strip, out) in out.iter_mut().enumerate() {
+            let parameters = Strip::<K>::parameters(at, strip);
+            for (lane, out) in out.iter_mut().enumerate() {
+                *out = K::of_parameters(&parameters.map(|column| column[lane])).alpha();
+            }
         }
+    }
+}
+
+/// One strip of surfaces, loaded.
+struct Strip<K> {
+    parameters: [Lanes; MAX_PARAMETERS],
+    n: [Lanes; 3],
+    wo: [Lanes; 3],
+    kind: PhantomData<K>,
+}
+
+impl<K: Kernel> Strip<K> {
+    #[inline(always)]
+    fn parameters(at: &Surfaces<'_>, strip: usize) -> [Lanes; MAX_PARAMETERS] {
+        let mut parameters = [[0.0; LANES]; MAX_PARAMETERS];
+        for k in 0..K::PARAMETERS {
+            parameters[k] = at.parameters[k][strip];
+        }
+        parameters
+    }
+
+    #[inline(always)]
+    fn load(at: &Surfaces<'_>, strip: usize) -> Self {
+        let [n, wo] = [at.n, at.wo].map(|column| [column[0][strip], column[1][strip], column[2][strip]]);
+        Self { parameters: Self::parameters(at, strip), n, wo, kind: PhantomData }
+    }
+
+    #[inline(always)]
+    fn kernel(&self, lane: usize) -> K {
+        let mut parameters = [0.0; MAX_PARAMETERS];
+        for k in 0..K::PARAMETERS {
+            parameters[k] = self.parameters[k][lane];
+        }
+        K::of_parameters(&parameters)
+    }
+}
+
+#[inline(always)]
+fn vector(columns: &[Lanes; 3], lane: usize) -> Vec3 {
+    Vec3::new(columns[0][lane], columns[1][lane], columns[2][lane])
+}
+
+vectorized! {
+    fn evaluate_cosine['a, K: Kernel](_simd, at: &'a Surfaces<'a>, wi: [&'a [Lanes]; 3], out: [&'a mut [Lanes]; 3]) {
+        let [red, green, blue] = out;
+        for strip in 0..red.len() {
+            let surfaces = Strip::<K>::load(at, strip);
+            let wi = [wi[0][strip], wi[1][strip], wi[2][strip]];
+            let mut value = [[0.0; LANES]; 3];
+            for lane in 0..LANES {
+                let kernel = surfaces.kernel(lane);
+                let f = kernel.evaluate_cosine(vector(&surfaces.n, lane), vector(&surfaces.wo, lane), vector(&wi, lane));
+                (value[0][lane], value[1][lane], value[2][lane]) = (f.x, f.y, f.z);
+            }
+            (red[strip], green[strip], blue[strip]) = (value[0], value[1], value[2]);
+        }
+    }
+}
+
+vectorized! {
+    fn sample['a, K: Kernel](
+        _simd, at: &'a Surfaces<'a>, u: [&'a [Lanes]; 2], wi: [&'a mut [Lanes]; 3], pdf: &'a mut [Lanes],
+    ) {
+        let [x, y, z] = wi;
+        for strip in 0..pdf.len() {
+            let surfaces = Strip::<K>::load(at, strip);
+            let u = [u[0][strip], u[1][strip]];
+            let (mut drawn, mut pdfs) = ([[0.0; LANES]; 3], [0.0; LANES]);
+            for lane in 0..LANES {
+                let kernel = surfaces.kernel(lane);
+                let (n, wo) = (vector(&surfaces.n, lane), vector(&surfaces.wo, lane));
+                let (w, density) = kernel.sample(n, wo, Vec2::new(u[0][lane], u[1][lane]));
+                (drawn[0][lane], drawn[1][lane], drawn[2][lane]) = (w.x, w.y, w.z);
+                pdfs[lane] = density;
+            }
+            (x[strip], y[strip], z[strip]) = (drawn[0], drawn[1], drawn[2]);
+            pdf[strip] = pdfs;
+        }
+    }
+}
+
+vectorized! {
+    fn pdf['a, K: Kernel](_simd, at: &'a Surfaces<'a>, wi: [&'a [Lanes]; 3], out: &'a mut [Lanes]) {
+        for strip in 0..out.len() {
+            let surfaces = Strip::<K>::load(at, strip);
+            let wi = [wi[0][strip], wi[1][strip], wi[2][strip]];
+            let mut pdfs = [0.0; LANES];
+            for lane in 0..LANES {
+                let kernel = surfaces.kernel(lane);
+                pdfs[lane] = kernel.pdf(vector(&surfaces.n, lane), vector(&surfaces.wo, lane), vector(&wi, lane));
+            }
+            out[strip] = pdfs;
+        }
+    }
+}
+
+/// The BRDFs that points of a tile refer to by index.
+#[derive(Clone, Debug)]
+pub struct BrdfTable(Arc<[Arc<dyn Brdf>]>);
+
+impl BrdfTable {
+    /// Index of [`Lambert`].
+    pub const LAMBERT: u32 = 0;
+    /// Index of [`Ggx`].
+    pub const GGX: u32 = 1;
+    /// Index of [`MetallicRoughness`].
+    pub const METALLIC_ROUGHNESS: u32 = 2;
+
+    /// The BRDF of an index.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn get(&self, index: u32) -> &dyn Brdf {
+        &*self.0[index as usize]
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The table with one more BRDF, and its index.
+    pub fn with(&self, brdf: Arc<dyn Brdf>) -> (Self, u32) {
+        let all = self.0.iter().cloned().chain([brdf]).collect();
+        (Self(all), self.0.len() as u32)
+    }
+}
+
+impl Default for BrdfTable {
+    /// The analytic BRDFs, in the order of the constants.
+    fn default() -> Self {
+        let all: [Arc<dyn Brdf>; 3] = [
+            Arc::new(OfKernel::<Lambert>::NEW),
+            Arc::new(OfKernel::<Ggx>::NEW),
+            Arc::new(OfKernel::<MetallicRoughness>::NEW),
+        ];
+        Self(Arc::new(all))
+    }
+}
+
+/// The BRDF of one point: an index into a [`BrdfTable`] and its parameters, textures looked up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// Index of the BRDF.
+    pub brdf: u32,
+    /// Its parameters; zeros follow.
+    pub parameters: [f32; MAX_PARAMETERS],
+}
+
+impl From<Lambert> for Surface {
+    fn from(lambert: Lambert) -> Self {
+        Self { brdf: BrdfTable::LAMBERT, parameters: lambert.parameters() }
+    }
+}
+
+impl From<Ggx> for Surface {
+    fn from(ggx: Ggx) -> Self {
+        Self { brdf: BrdfTable::GGX, parameters: ggx.parameters() }
+    }
+}
+
+impl From<MetallicRoughness> for Surface {
+    fn from(mixture: MetallicRoughness) -> Self {
+        Self { brdf: BrdfTable::METALLIC_ROUGHNESS, parameters: mixture.parameters() }
     }
 }

@@ -12,10 +12,11 @@ use glam::{Vec2, Vec3A};
 
 use crate::{
     color::luminance,
+    columns::vectorized,
     error::{Error, Result},
     image::{Image, read_radiance},
     latlong,
-    simd::{self, LANES, Lanes, Simd, Vectorized},
+    simd::{LANES, Lanes},
 };
 
 /// Radiance above this is treated like an infinite one: sums of squares stay inside f32.
@@ -160,44 +161,31 @@ impl Environment {
         self.radiance_at(latlong::square(wi))
     }
 
-    /// [`Self::radiance`] of many directions; both slices have equal length.
-    pub fn radiance_batch(&self, wi: &[Vec3A], out: &mut [Vec3A]) {
-        simd::dispatch(Radiances { environment: self, wi, out });
-    }
-
-    /// Radiance at [`LANES`] points of the square.
-    #[inline(always)]
-    pub(crate) fn radiance_lanes(&self, u: &Lanes, v: &Lanes) -> [Vec3A; LANES] {
-        let mut stencils = [Stencil::default(); LANES];
-        for k in 0..LANES {
-            stencils[k] = self.stencil(u[k], v[k]);
-        }
-        // All loads before the arithmetic, so that they wait for memory together.
-        let mut texels = [Texels::default(); LANES];
-        for (texels, stencil) in texels.iter_mut().zip(&stencils) {
-            *texels = self.texels_of(stencil);
-        }
-        let mut out = [Vec3A::ZERO; LANES];
-        for k in 0..LANES {
-            out[k] = texels[k].blend(&stencils[k]);
-        }
-        out
+    /// [`Self::radiance`] over columns.
+    pub fn radiances(&self, wi: [&[Lanes]; 3], out: [&mut [Lanes]; 3]) {
+        radiances(self, wi, out);
     }
 }
 
-struct Radiances<'a> {
-    environment: &'a Environment,
-    wi: &'a [Vec3A],
-    out: &'a mut [Vec3A],
-}
-
-impl Vectorized for Radiances<'_> {
-    #[inline(always)]
-    fn run<S: Simd>(self, _simd: S) {
-        for (wi, out) in self.wi.chunks(LANES).zip(self.out.chunks_mut(LANES)) {
-            let [u, v] = latlong::square_lanes(wi);
-            let radiances = self.environment.radiance_lanes(&u, &v);
-            out.copy_from_slice(&radiances[..out.len()]);
+vectorized! {
+    fn radiances['a](_simd, environment: &'a Environment, wi: [&'a [Lanes]; 3], out: [&'a mut [Lanes]; 3]) {
+        let [red, green, blue] = out;
+        for strip in 0..red.len() {
+            let wi = [wi[0][strip], wi[1][strip], wi[2][strip]];
+            let mut stencils = [Stencil::default(); LANES];
+            for k in 0..LANES {
+                let [u, v] = latlong::square_of(wi[0][k], wi[1][k], wi[2][k]);
+                stencils[k] = environment.stencil(u, v);
+            }
+            // All loads before the arithmetic, so that they wait for memory together.
+            let mut texels = [Texels::default(); LANES];
+            for k in 0..LANES {
+                texels[k] = environment.texels_of(&stencils[k]);
+            }
+            for k in 0..LANES {
+                let radiance = texels[k].blend(&stencils[k]);
+                (red[strip][k], green[strip][k], blue[strip][k]) = (radiance.x, radiance.y, radiance.z);
+            }
         }
     }
 }

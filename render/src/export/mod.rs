@@ -18,7 +18,9 @@ use crate::{
     environment::Environment,
     error::{Error, Result},
     head::{Condition, Head, Mode},
-    sampler::CompactEmitters,
+    sampler::{
+        BrdfSampler, CompactEmitters, Covering, EnvironmentLight, OneSampleMis, ProductSampler, Sampler, WithCompactEmitters,
+    },
     tail::{Tail, TailKind},
 };
 
@@ -160,13 +162,38 @@ impl ExportedSampler {
         }
     }
 
-    /// The compact emitters that the tail leaves out, for a map that [`Self::check_environment`] accepts; `None` where it leaves out none.
+    /// Whether it holds a head that has learned its share beside BRDF sampling.
+    pub fn has_share(&self) -> bool {
+        matches!(&self.intermediate, Intermediate::Head(head) if head.has_selection())
+    }
+
+    /// The complete sampler that the file was made to be: with its compact emitters, and in a mixture with BRDF sampling where it has learned its
+    /// share.
     ///
     /// # Errors
-    /// [`Error::Argument`] if the tail's luminance is not a part of the map's.
-    pub fn compact(&self, environment: &Arc<Environment>) -> Result<Option<Arc<CompactEmitters>>> {
-        let emitters = self.compact_emitters.then(|| CompactEmitters::new(environment, &self.luminance.2));
-        Ok(emitters.transpose()?.map(Arc::new))
+    /// As [`Self::sampler`].
+    pub fn open(self, environment: &Arc<Environment>) -> Result<Covering<Arc<dyn Sampler>>> {
+        let mixed = self.has_share();
+        Covering::new(self.sampler(environment, mixed)?)
+    }
+
+    /// The file's sampler with its compact emitters, alone or in a mixture with BRDF sampling.
+    ///
+    /// # Errors
+    /// [`Error::Argument`]: the sampler was made for another map, see [`Self::check_environment`], or its compact emitters are damaged.
+    pub fn sampler(self, environment: &Arc<Environment>, mixed: bool) -> Result<Arc<dyn Sampler>> {
+        self.check_environment(environment)?;
+        let compact = self.compact_emitters.then(|| CompactEmitters::new(environment, &self.luminance.2)).transpose()?;
+        let light = EnvironmentLight::with_tail(environment.clone(), self.tail);
+        let product: Arc<dyn Sampler> = match self.intermediate {
+            Intermediate::Head(head) => Arc::new(ProductSampler::new(light, head)),
+            Intermediate::Bake(table) | Intermediate::DirectBake(table) => Arc::new(ProductSampler::new(light, table)),
+        };
+        let rest = if mixed { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product };
+        Ok(match compact {
+            Some(compact) => Arc::new(WithCompactEmitters::new(Arc::new(compact), rest)),
+            None => rest,
+        })
     }
 
     /// Checks that the sampler was made for this very map: under another one it would be biased.

@@ -79,7 +79,7 @@ impl Tensors<'_> {
             }
             kind => Tail::new(kind, width, height, &luminance),
         };
-        let tail = tail.map_err(|error| self.blame(error))?;
+        let tail = tail.map_err(|error| error.in_file(self.path))?;
         let intermediate = match description.intermediate {
             IntermediateDescription::Head { mode, leaky_slope, encoder_layers, network_layers, selection_layers } => {
                 let encoder = self.layers("encoder", encoder_layers)?;
@@ -87,7 +87,7 @@ impl Tensors<'_> {
                 let selection = self.layers("selection", selection_layers)?;
                 let head = Head::new(description.condition, mode, leaky_slope, encoder, networks)
                     .and_then(|head| head.with_selection(selection));
-                Intermediate::Head(head.map_err(|error| self.blame(error))?)
+                Intermediate::Head(head.map_err(|error| error.in_file(self.path))?)
             }
             IntermediateDescription::Bake => Intermediate::Bake(self.table()?),
             IntermediateDescription::DirectBake => Intermediate::DirectBake(self.table()?),
@@ -115,7 +115,7 @@ impl Tensors<'_> {
                 let name = format!("{part}.linear{index}");
                 let (shape, weight) = self.take(&format!("{name}.weight"), 2)?;
                 let (_, bias) = self.take(&format!("{name}.bias"), 1)?;
-                Linear::new(&name, shape[1], shape[0], &weight, bias).map_err(|error| self.blame(error))
+                Linear::new(&name, shape[1], shape[0], &weight, bias).map_err(|error| error.in_file(self.path))
             })
             .collect()
     }
@@ -125,7 +125,7 @@ impl Tensors<'_> {
         let table = NormalGrid::new(shape[0], shape[1])
             .and_then(|normals| Ok((normals, CellGrid::new(shape[2], shape[3])?)))
             .and_then(|(normals, cells)| BakedTable::new(normals, cells, masses));
-        table.map_err(|error| self.blame(error))
+        table.map_err(|error| error.in_file(self.path))
     }
 
     /// The shape and the values of a tensor of f32 with `rank` axes.
@@ -141,13 +141,5 @@ impl Tensors<'_> {
         let values =
             view.data().chunks_exact(4).map(|bytes| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]));
         Ok((view.shape().to_vec(), values.collect()))
-    }
-
-    /// Puts the file's name to an error of a part.
-    fn blame(&self, error: Error) -> Error {
-        match error {
-            Error::Argument { what, reason } => Error::invalid(self.path, what, reason),
-            other => other,
-        }
     }
 }

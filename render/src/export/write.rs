@@ -47,7 +47,7 @@ impl ExportedSampler {
             Intermediate::Head(head) => {
                 for (name, layer) in head.layers() {
                     let shape = vec![layer.outputs(), layer.inputs()];
-                    tensors.push((format!("{name}.weight"), shape, layer.weight()));
+                    tensors.push((format!("{name}.weight"), shape, layer.weight().to_vec()));
                     tensors.push((format!("{name}.bias"), vec![layer.outputs()], layer.bias().to_vec()));
                 }
             }

@@ -1,9 +1,9 @@
 //! What a head is conditioned on.
 
-use glam::Vec3A;
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::{brdf::Brdf, sampler::ShadingPoint};
+use crate::simd::{LANES, Lanes};
 
 /// The layout of a condition vector. Directions are unit vectors in world space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,31 +30,28 @@ impl Condition {
         }
     }
 
-    /// The condition of a shading point, in the first [`Condition::length`] numbers. A diffuse surface has width 1.
-    pub fn of(self, at: &ShadingPoint) -> [f32; MAX_CONDITION] {
-        let alpha = match at.brdf {
-            Brdf::Lambert(_) => 1.0,
-            Brdf::Ggx(ggx) => ggx.alpha(),
-            Brdf::MetallicRoughness(mixture) => mixture.alpha(),
-        };
-        self.encode(at.wo, at.ns, alpha)
+    /// The conditions of one strip of shading points, a column for each number. `alpha` is the width of the lobe, 1 for a diffuse surface.
+    #[inline(always)]
+    pub(super) fn load(self, n: &[Lanes; 3], wo: &[Lanes; 3], alpha: &Lanes, out: &mut [Lanes]) {
+        let out = &mut out[..self.length()];
+        for lane in 0..LANES {
+            let [n, wo] = [n, wo].map(|columns| Vec3::new(columns[0][lane], columns[1][lane], columns[2][lane]));
+            let numbers = self.encode(wo, n, alpha[lane]);
+            for (out, number) in out.iter_mut().zip(numbers) {
+                out[lane] = number;
+            }
+        }
     }
 
-    /// The condition for a view direction, a normal and a width.
-    pub fn encode(self, wo: Vec3A, n: Vec3A, alpha: f32) -> [f32; MAX_CONDITION] {
-        let mut condition = [0.0; MAX_CONDITION];
+    /// The condition for a view direction, a normal and a width, in the first [`Condition::length`] numbers.
+    #[inline(always)]
+    pub fn encode(self, wo: Vec3, n: Vec3, alpha: f32) -> [f32; MAX_CONDITION] {
         if self == Self::Normal {
-            condition[..3].copy_from_slice(&n.to_array());
-            return condition;
+            return [n.x, n.y, n.z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         }
         let cosine = n.dot(wo);
-        condition[..3].copy_from_slice(&wo.to_array());
-        condition[3..6].copy_from_slice(&n.to_array());
-        condition[6..9].copy_from_slice(&(2.0 * cosine * n - wo).to_array());
-        condition[9] = cosine;
-        if self == Self::GgxRoughness {
-            (condition[10], condition[11]) = (alpha, alpha.ln());
-        }
-        condition
+        let mirrored = 2.0 * cosine * n - wo;
+        let (width, log) = if self == Self::GgxRoughness { (alpha, alpha.ln()) } else { (0.0, 0.0) };
+        [wo.x, wo.y, wo.z, n.x, n.y, n.z, mirrored.x, mirrored.y, mirrored.z, cosine, width, log]
     }
 }

@@ -4,12 +4,17 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3A};
 
-use super::{CoversIntegrand, DirectionSample, DirectionSampler, EnvironmentLight, ShadingPoint};
+use super::{Coverage, Draws, EnvironmentLight, Sampler, prepared};
 use crate::{
     color::luminance,
+    columns::{Arena, gather, scatter},
+    discrete::remap,
     environment::{Environment, compact_emitters},
     error::{Error, Result},
+    latlong,
+    simd::{LANES, Lanes},
     tail::{Tail, TailKind},
+    tile::Rows,
 };
 
 /// Points at which the light of an emitter, and of the rest, is judged for a shading point.
@@ -20,8 +25,6 @@ const LEAST_SHARE: f32 = 0.01;
 const LEAST_REST: f32 = 0.05;
 /// Columns and rows of the coarse map of the rest.
 const COARSE: (usize, usize) = (64, 32);
-/// Most emitters of a map, and the rest.
-const MOST_SHARES: usize = 5;
 
 /// The compact emitters of a map, and a coarse map of the rest.
 #[derive(Clone, Debug)]
@@ -66,39 +69,58 @@ impl CompactEmitters {
         self.emitters.len()
     }
 
-    /// The share of samples of each emitter, then of the rest: in proportion to the light that a shading point reflects of each, as
-    /// far as a few fixed points show it.
-    fn shares(&self, at: &ShadingPoint) -> [f32; MOST_SHARES] {
-        let mut shares = [0.0; MOST_SHARES];
+    /// The share of samples of each emitter, then of the rest, in the columns of `state`: in proportion to the light that a shading point
+    /// reflects of each, as far as a few fixed points show it.
+    fn shares(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
         let count = self.emitters.len();
-        for (share, emitter) in shares.iter_mut().zip(&self.emitters) {
-            let reflected: f32 = emitter.towards.iter().map(|&wi| luminance(at.brdf_cosine(wi))).sum();
-            *share = reflected / POINTS as f32 * emitter.power;
+        let mut light = arena.columns::<1>((count + 1) * at.strips());
+        let [light] = light.get_mut();
+        let (of_emitters, of_rest) = light.split_at_mut(count * at.strips());
+        for (light, emitter) in of_emitters.chunks_exact_mut(at.strips()).zip(&self.emitters) {
+            emitter.reflected(at, light, arena);
         }
-        shares[count] = self.reflected_rest(at);
-        let total: f32 = shares.iter().sum();
-        if !(total > 0.0 && total.is_finite()) {
-            shares[..=count].fill(1.0 / (count + 1) as f32);
-            return shares;
+        self.reflected_rest(at, of_rest, arena);
+        for strip in 0..at.strips() {
+            let mut total = [0.0; LANES];
+            for part in 0..=count {
+                for lane in 0..LANES {
+                    total[lane] += light[part * at.strips() + strip][lane];
+                }
+            }
+            let free = 1.0 - LEAST_REST - LEAST_SHARE * count as f32;
+            for part in 0..=count {
+                let least = if part == count { LEAST_REST } else { LEAST_SHARE };
+                let out = &mut state[strip * (count + 1) + part];
+                for lane in 0..LANES {
+                    let share = light[part * at.strips() + strip][lane] / total[lane];
+                    let known = (total[lane] > 0.0) & (total[lane] < f32::INFINITY);
+                    out[lane] = least + free * if known { share } else { 1.0 / (count + 1) as f32 };
+                }
+            }
         }
-        let free = 1.0 - LEAST_REST - LEAST_SHARE * count as f32;
-        for (index, share) in shares[..=count].iter_mut().enumerate() {
-            *share = *share / total * free + if index == count { LEAST_REST } else { LEAST_SHARE };
-        }
-        shares
     }
 
-    /// The light of the rest that a shading point reflects, by a few BRDF samples in the coarse map.
-    fn reflected_rest(&self, at: &ShadingPoint) -> f32 {
-        let estimate = |k: usize| {
-            let u = Vec2::new((k as f32 + 0.5) / POINTS as f32, radical_inverse(k));
-            let (wi, pdf) = at.brdf.sample(at.ns, at.wo, u)?;
-            let x = crate::latlong::square(wi);
-            let column = ((x.x * COARSE.0 as f32) as usize).min(COARSE.0 - 1);
-            let row = ((x.y * COARSE.1 as f32) as usize).min(COARSE.1 - 1);
-            Some(luminance(at.brdf_cosine(wi)) / pdf * self.coarse[row * COARSE.0 + column])
-        };
-        (0..POINTS).filter_map(estimate).filter(|value| value.is_finite()).sum::<f32>() / POINTS as f32
+    /// The light of the rest that shading points reflect, by a few BRDF samples in the coarse map.
+    fn reflected_rest(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        out.as_flattened_mut().fill(0.0);
+        let mut columns = arena.columns::<11>(at.strips());
+        for k in 0..POINTS {
+            let [u_0, u_1, x, y, z, pdf, red, green, blue, v_0, v_1] = columns.get_mut();
+            u_0.as_flattened_mut().fill((k as f32 + 0.5) / POINTS as f32);
+            u_1.as_flattened_mut().fill(radical_inverse(k));
+            at.sample_brdf([u_0, u_1], [x, y, z], pdf, arena);
+            at.brdf_cosine([x, y, z], [red, green, blue], arena);
+            latlong::squares([x, y, z], [v_0, v_1]);
+            for (strip, out) in out.iter_mut().enumerate() {
+                for lane in 0..LANES {
+                    let column = ((v_0[strip][lane] * COARSE.0 as f32) as usize).min(COARSE.0 - 1);
+                    let row = ((v_1[strip][lane] * COARSE.1 as f32) as usize).min(COARSE.1 - 1);
+                    let reflected = Vec3A::new(red[strip][lane], green[strip][lane], blue[strip][lane]);
+                    let value = luminance(reflected) / pdf[strip][lane] * self.coarse[row * COARSE.0 + column];
+                    out[lane] += if (pdf[strip][lane] > 0.0) & value.is_finite() { value / POINTS as f32 } else { 0.0 };
+                }
+            }
+        }
     }
 }
 
@@ -113,7 +135,7 @@ fn coarse(width: usize, height: usize, luminance: &[f32]) -> Vec<f32> {
     for (k, &value) in luminance.iter().enumerate() {
         let v = (k / width) as f32 / (height - 1) as f32;
         let row = ((v * COARSE.1 as f32) as usize).min(COARSE.1 - 1);
-        let weight = f64::from(crate::latlong::sin_theta(v));
+        let weight = f64::from(latlong::sin_theta(v));
         let cell = &mut sums[row * COARSE.0 + (k % width) * COARSE.0 / width];
         *cell = (cell.0 + weight * f64::from(value), cell.1 + weight);
     }
@@ -136,6 +158,27 @@ impl Emitter {
     }
 }
 
+impl Emitter {
+    /// The light of the emitter that shading points reflect, by a few points of it.
+    fn reflected(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        out.as_flattened_mut().fill(0.0);
+        let mut columns = arena.columns::<6>(at.strips());
+        for wi in self.towards {
+            let [x, y, z, red, green, blue] = columns.get_mut();
+            for (column, number) in [&mut *x, y, z].into_iter().zip(wi.to_array()) {
+                column.as_flattened_mut().fill(number);
+            }
+            at.brdf_cosine([x, y, z], [red, green, blue], arena);
+            for (strip, out) in out.iter_mut().enumerate() {
+                for lane in 0..LANES {
+                    let reflected = Vec3A::new(red[strip][lane], green[strip][lane], blue[strip][lane]);
+                    out[lane] += luminance(reflected) / POINTS as f32 * self.power;
+                }
+            }
+        }
+    }
+}
+
 /// The mixture of compact emitters with a sampler of the rest. Its shares depend on the shading point, its pdf is that of the
 /// mixture.
 #[derive(Clone, Debug)]
@@ -144,55 +187,125 @@ pub struct WithCompactEmitters<S> {
     rest: S,
 }
 
-impl<S> WithCompactEmitters<S> {
-    /// The mixture; `rest` covers the integrand with the light of the rest.
+impl<S: Sampler> WithCompactEmitters<S> {
+    /// The mixture; `rest` draws by a tail of the light without these emitters.
     pub fn new(compact: Arc<CompactEmitters>, rest: S) -> Self {
         Self { compact, rest }
     }
-}
 
-impl<S: DirectionSampler> WithCompactEmitters<S> {
-    /// The mixture's pdf, with that of the rest given.
-    fn mixed(&self, shares: &[f32; MOST_SHARES], of_rest: f32, wi: Vec3A) -> f32 {
-        let emitters = &self.compact.emitters;
-        let of_emitters: f32 = emitters.iter().zip(shares).map(|(emitter, share)| share * emitter.light.pdf(wi)).sum();
-        of_emitters + shares[emitters.len()] * of_rest
-    }
-}
-
-impl<S: DirectionSampler> DirectionSampler for WithCompactEmitters<S> {
-    type Prepared = ([f32; MOST_SHARES], S::Prepared);
-
-    fn prepare(&self, at: &ShadingPoint) -> Self::Prepared {
-        (self.compact.shares(at), self.rest.prepare(at))
-    }
-
-    fn sample(&self, (shares, rest): &Self::Prepared, at: &ShadingPoint, u: Vec2) -> Option<DirectionSample> {
-        /// The largest f32 below 1.
-        const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
-        let mut before = 0.0;
-        for (emitter, &share) in self.compact.emitters.iter().zip(shares) {
-            if u.x < before + share {
-                let stretched = ((u.x - before) / share).clamp(0.0, BELOW_ONE);
-                let mut sample = emitter.light.sample_through_tail(Vec2::new(stretched, u.y), 1.0)?;
-                sample.pdf = self.mixed(shares, self.rest.pdf(rest, at, sample.wi), sample.wi);
-                return Some(sample);
-            }
-            before += share;
+    /// `pdf` holds that of the rest before and that of the mixture after.
+    fn mix(&self, at: &Rows<'_>, shares: &dyn Fn(usize, usize) -> f32, wi: [&[Lanes]; 3], pdf: &mut [Lanes], arena: &Arena) {
+        let count = self.compact.count();
+        for (place, pdf) in pdf.as_flattened_mut()[..at.len()].iter_mut().enumerate() {
+            *pdf *= shares(place, count);
         }
-        let stretched = ((u.x - before) / (1.0 - before)).clamp(0.0, BELOW_ONE);
-        let mut sample = self.rest.sample(rest, at, Vec2::new(stretched, u.y))?;
-        sample.pdf = self.mixed(shares, sample.pdf, sample.wi);
-        Some(sample)
+        let mut own = arena.columns::<1>(at.strips());
+        for (part, emitter) in self.compact.emitters.iter().enumerate() {
+            emitter.light.pdf(wi, own.get_mut()[0], arena);
+            let both = pdf.as_flattened_mut().iter_mut().zip(own.get()[0].as_flattened());
+            for (place, (pdf, own)) in both.take(at.len()).enumerate() {
+                *pdf += shares(place, part) * own;
+            }
+        }
     }
 
-    fn share_batch(&self, _at: &[ShadingPoint], shares: &mut [f32]) {
-        shares.fill(0.5);
-    }
-
-    fn pdf(&self, (shares, rest): &Self::Prepared, at: &ShadingPoint, wi: Vec3A) -> f32 {
-        self.mixed(shares, self.rest.pdf(rest, at, wi), wi)
+    /// Draws for the rows at `places`, from an emitter or (`None`) from the rest.
+    fn sample_part(
+        &self,
+        from: Option<&Emitter>,
+        (at, places): (&Rows<'_>, &[u16]),
+        shares: &dyn Fn(usize, usize) -> f32,
+        u: [&[Lanes]; 2],
+        out: &mut Draws<'_>,
+        arena: &Arena,
+    ) {
+        let mut rows = arena.list();
+        let at = at.select(places, &mut rows);
+        let (mut numbers, mut drawn) = (arena.columns::<2>(at.strips()), arena.columns::<4>(at.strips()));
+        for (from, to) in u.into_iter().zip(numbers.get_mut()) {
+            gather(from, places, to);
+        }
+        let [x, y, z, pdf] = drawn.get_mut();
+        let rest = &self.rest;
+        prepared(rest, &at, arena, |state| match from {
+            None => rest.sample(&at, state, numbers.get(), Draws { wi: [x, y, z], pdf }, arena),
+            Some(emitter) => {
+                let mut own = arena.columns::<1>(at.strips());
+                own.get_mut()[0].as_flattened_mut().fill(1.0);
+                emitter.light.directions(numbers.get(), Draws { wi: [x, y, z], pdf: own.get_mut()[0] }, arena);
+                rest.pdf(&at, state, [x, y, z], pdf, arena);
+                // No direction is no sample.
+                for (pdf, own) in pdf.as_flattened_mut().iter_mut().zip(own.get()[0].as_flattened()) {
+                    *pdf = if *own > 0.0 { *pdf } else { f32::NAN };
+                }
+            }
+        });
+        if from.is_none() {
+            for pdf in pdf.as_flattened_mut() {
+                *pdf = if *pdf > 0.0 { *pdf } else { f32::NAN };
+            }
+        }
+        self.mix(&at, &|place, part| shares(places[place] as usize, part), [x, y, z], pdf, arena);
+        for pdf in pdf.as_flattened_mut() {
+            *pdf = if *pdf > 0.0 { *pdf } else { 0.0 };
+        }
+        let [x, y, z, pdf] = drawn.get();
+        for (from, to) in [x, y, z].into_iter().zip(&mut out.wi) {
+            scatter(from, places, to);
+        }
+        scatter(pdf, places, out.pdf);
     }
 }
 
-impl<S: CoversIntegrand> CoversIntegrand for WithCompactEmitters<S> {}
+impl<S: Sampler> Sampler for WithCompactEmitters<S> {
+    fn columns(&self) -> usize {
+        self.compact.count() + 1
+    }
+
+    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
+        self.compact.shares(at, state, arena);
+    }
+
+    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], mut out: Draws<'_>, arena: &Arena) {
+        let count = self.compact.count();
+        let shares = |place: usize, part: usize| state[place / LANES * (count + 1) + part][place % LANES];
+        // What is left of the first number once it has chosen where to draw from.
+        let mut numbers = arena.columns::<2>(at.strips());
+        let [left, chosen] = numbers.get_mut();
+        for place in 0..at.len() {
+            let u = u[0].as_flattened()[place];
+            let (mut before, mut part) = (0.0, 0);
+            while part < count && u >= before + shares(place, part) {
+                before += shares(place, part);
+                part += 1;
+            }
+            let end = if part == count { 1.0 } else { before + shares(place, part) };
+            left.as_flattened_mut()[place] = remap(u, before, end);
+            chosen.as_flattened_mut()[place] = part as f32;
+        }
+        let [left, chosen] = numbers.get();
+        let mut places = arena.list();
+        for part in 0..=count {
+            places.clear();
+            places.extend((0..at.len() as u16).filter(|&k| chosen.as_flattened()[k as usize] == part as f32));
+            if !places.is_empty() {
+                let from = self.compact.emitters.get(part);
+                self.sample_part(from, (at, &places), &shares, [left, u[1]], &mut out, arena);
+            }
+        }
+    }
+
+    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
+        let count = self.compact.count();
+        let shares = |place: usize, part: usize| state[place / LANES * (count + 1) + part][place % LANES];
+        prepared(&self.rest, at, arena, |state| self.rest.pdf(at, state, wi, out, arena));
+        self.mix(at, &shares, wi, out, arena);
+    }
+
+    fn coverage(&self) -> Coverage {
+        match self.rest.coverage() {
+            Coverage::Everything | Coverage::LightOfTail => Coverage::Everything,
+            Coverage::Part => Coverage::Part,
+        }
+    }
+}

@@ -2,71 +2,30 @@
 
 use std::sync::Arc;
 
-use glam::{Vec2, Vec3A};
-
-use super::{CoversIntegrand, DirectionSample, DirectionSampler, EnvironmentLight, ShadingPoint, light::BATCH};
-use crate::{error::Result, tail::Tail};
+use super::{Coverage, Draws, EnvironmentLight, Sampler};
+use crate::{columns::Arena, error::Result, simd::Lanes, tail::Tail, tile::Rows};
 
 /// Samples the environment map and nothing else.
 #[derive(Clone, Debug)]
 pub struct EmitterSampler {
     light: EnvironmentLight,
+    coverage: Coverage,
 }
 
 impl EmitterSampler {
     /// A sampler of a light.
     pub fn new(light: EnvironmentLight) -> Self {
-        Self { light }
-    }
-}
-
-impl DirectionSampler for EmitterSampler {
-    type Prepared = ();
-
-    fn prepare(&self, _at: &ShadingPoint) {}
-
-    fn sample(&self, _prepared: &(), _at: &ShadingPoint, u: Vec2) -> Option<DirectionSample> {
-        self.light.sample_through_tail(u, 1.0)
+        Self { coverage: light.coverage(), light }
     }
 
-    fn pdf(&self, _prepared: &(), _at: &ShadingPoint, wi: Vec3A) -> f32 {
-        self.light.pdf(wi)
-    }
-
-    fn sample_batch(&self, _at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
-        for (u, out) in u.chunks(BATCH).zip(out.chunks_mut(BATCH)) {
-            self.light.sample_batch_through_tail(u, &[1.0; BATCH][..u.len()], out);
-        }
-    }
-
-    fn sample_prepared(&self, _: &[&()], _: &[&ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
-        self.sample_batch(&[], u, out);
-    }
-
-    fn pdf_batch(&self, _at: &[ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
-        self.light.pdf_batch(wi, out);
-    }
-
-    fn pdf_prepared(&self, _: &[&()], _: &[&ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
-        self.light.pdf_batch(wi, out);
-    }
-}
-
-impl CoversIntegrand for EmitterSampler {}
-
-/// Emitter sampling for use beside BRDF sampling: MIS compensation (Karlik et al. 2019).
-///
-/// The mean luminance is subtracted from the map and what is negative is cut off: dim regions are left to the partner, so
-/// this sampler has no [`CoversIntegrand`] and cannot be used alone.
-#[derive(Clone, Debug)]
-pub struct CompensatedEmitterSampler(EmitterSampler);
-
-impl CompensatedEmitterSampler {
-    /// Builds the compensated tail of a light. A constant map, of which nothing would be left, is kept as it is.
+    /// Emitter sampling for use beside BRDF sampling: MIS compensation (Karlik et al. 2019).
+    ///
+    /// The mean luminance is subtracted from the map and what is negative is cut off: dim regions are left to the partner, so this sampler
+    /// covers a part only. A constant map, of which nothing would be left, is kept as it is.
     ///
     /// # Errors
     /// See [`Tail::new`].
-    pub fn new(light: &EnvironmentLight) -> Result<Self> {
+    pub fn compensated(light: &EnvironmentLight) -> Result<Self> {
         let environment = light.environment();
         let (width, height) = (environment.width(), environment.height());
         let luminance = environment.luminance();
@@ -76,7 +35,8 @@ impl CompensatedEmitterSampler {
         let left = solid_angle_mean(width, height, &compensated);
         let kept = if left > 1e-4 * mean { &compensated } else { &luminance };
         let tail = Tail::new(light.tail().kind(), width, height, kept)?;
-        Ok(Self(EmitterSampler::new(EnvironmentLight::with_tail(environment.clone(), Arc::new(tail)))))
+        let light = EnvironmentLight::with_tail(environment.clone(), Arc::new(tail));
+        Ok(Self { light, coverage: Coverage::Part })
     }
 }
 
@@ -91,32 +51,17 @@ fn solid_angle_mean(width: usize, height: usize, luminance: &[f32]) -> f32 {
     (sum / weights) as f32
 }
 
-impl DirectionSampler for CompensatedEmitterSampler {
-    type Prepared = ();
-
-    fn prepare(&self, _at: &ShadingPoint) {}
-
-    fn sample(&self, prepared: &(), at: &ShadingPoint, u: Vec2) -> Option<DirectionSample> {
-        self.0.sample(prepared, at, u)
+impl Sampler for EmitterSampler {
+    fn sample(&self, _at: &Rows<'_>, _state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
+        out.pdf.as_flattened_mut().fill(1.0);
+        self.light.directions(u, out, arena);
     }
 
-    fn pdf(&self, prepared: &(), at: &ShadingPoint, wi: Vec3A) -> f32 {
-        self.0.pdf(prepared, at, wi)
+    fn pdf(&self, _at: &Rows<'_>, _state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
+        self.light.pdf(wi, out, arena);
     }
 
-    fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
-        self.0.sample_batch(at, u, out);
-    }
-
-    fn pdf_batch(&self, at: &[ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
-        self.0.pdf_batch(at, wi, out);
-    }
-
-    fn sample_prepared(&self, prepared: &[&()], at: &[&ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
-        self.0.sample_prepared(prepared, at, u, out);
-    }
-
-    fn pdf_prepared(&self, prepared: &[&()], at: &[&ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
-        self.0.pdf_prepared(prepared, at, wi, out);
+    fn coverage(&self) -> Coverage {
+        self.coverage
     }
 }

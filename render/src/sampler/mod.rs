@@ -1,134 +1,98 @@
-//! Direction samplers for direct light, and the traits behind which they stand.
+//! Direction samplers for direct light: each is written once, over columns of shading points.
 //!
-//! Every pdf at these interfaces is over solid angle. `None` means "no sample": the estimate of that draw is zero.
+//! Every pdf at these interfaces is over solid angle. A pdf of 0 means "no sample": the estimate of that draw is zero.
 
 mod brdf;
 mod compact;
+mod coverage;
 mod emitter;
 mod light;
 mod one_sample_mis;
 mod oracle;
 mod product;
-mod resampled;
-mod spec;
+mod single;
 
 pub use brdf::BrdfSampler;
 pub use compact::{CompactEmitters, WithCompactEmitters};
-pub use emitter::{CompensatedEmitterSampler, EmitterSampler};
+pub use coverage::{Coverage, Covering};
+pub use emitter::EmitterSampler;
 pub use light::EnvironmentLight;
 pub use one_sample_mis::OneSampleMis;
-pub(crate) use one_sample_mis::directions;
-pub use oracle::{Oracle, OracleTable};
+pub use oracle::Oracle;
 pub use product::{IntermediateDensity, ProductSampler};
-pub use resampled::{Resampled, ResampledDirection, ResampledSampler};
-pub use spec::{FileKind, SamplerSpec};
+pub use single::{AtPoint, Direction};
 
-use glam::{Vec2, Vec3A};
+use std::sync::Arc;
 
-use crate::brdf::Brdf;
+use crate::{columns::Arena, simd::Lanes, tile::Rows};
 
-/// A point to be shaded; all vectors are unit length, in world space, and point away from the surface.
-#[derive(Clone, Copy, Debug)]
-pub struct ShadingPoint {
-    /// Position in metres.
-    pub p: Vec3A,
-    /// Geometric normal, on the side of `wo`.
-    pub ng: Vec3A,
-    /// Shading normal, on the side of `wo`.
-    pub ns: Vec3A,
-    /// Direction to the viewer.
-    pub wo: Vec3A,
-    /// The surface's BRDF, textures looked up.
-    pub brdf: Brdf,
+/// Directions that were drawn, one for each row.
+#[derive(Debug)]
+pub struct Draws<'a> {
+    /// Unit directions towards the environment; anything where the pdf is 0.
+    pub wi: [&'a mut [Lanes]; 3],
+    /// Solid-angle pdfs, finite; 0 is no sample.
+    pub pdf: &'a mut [Lanes],
 }
 
-impl ShadingPoint {
-    /// `f_r cos` towards `wi`, per channel; zero where `wi` is below the geometric surface.
-    pub fn brdf_cosine(&self, wi: Vec3A) -> Vec3A {
-        if self.ng.dot(wi) <= 0.0 { Vec3A::ZERO } else { self.brdf.evaluate_cosine(self.ns, self.wo, wi) }
+/// A distribution of directions at each shading point, with a pdf that can be evaluated anywhere.
+///
+/// A batch is a list of rows of a tile. All columns of a call have [`Rows::strips`] strips, one lane for each row of the list. An
+/// implementation gives `sample`, `pdf` and `coverage`, and `columns` and `prepare` if something depends on the shading point alone.
+pub trait Sampler: Send + Sync {
+    /// How many columns of state a point has.
+    fn columns(&self) -> usize {
+        0
     }
-}
 
-/// A sampled direction towards the environment.
-#[derive(Clone, Copy, Debug)]
-pub struct DirectionSample {
-    /// Unit direction.
-    pub wi: Vec3A,
-    /// Solid-angle pdf of `wi`, positive and finite.
-    pub pdf: f32,
-    /// The environment's radiance from `wi`.
-    pub radiance: Vec3A,
-}
+    /// Computes what depends on the shading points alone: `state` has [`Self::columns`] lanes for each strip of rows, one strip after the other.
+    fn prepare(&self, _at: &Rows<'_>, _state: &mut [Lanes], _arena: &Arena) {}
 
-/// A distribution of directions at a shading point, with a pdf that can be evaluated anywhere.
-pub trait DirectionSampler: Send + Sync {
-    /// What depends on the shading point alone and is computed once for all of its samples.
-    type Prepared: Send;
+    /// Draws a direction for each row from a uniform point `u` of `[0, 1)^2`.
+    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena);
 
-    /// Computes what depends on the shading point alone.
-    fn prepare(&self, at: &ShadingPoint) -> Self::Prepared;
-
-    /// Draws a direction from a uniform point `u` of `[0, 1)^2`.
-    fn sample(&self, prepared: &Self::Prepared, at: &ShadingPoint, u: Vec2) -> Option<DirectionSample>;
-
-    /// The solid-angle pdf with which [`Self::sample`] draws `wi`; 0 where it never does.
-    fn pdf(&self, prepared: &Self::Prepared, at: &ShadingPoint, wi: Vec3A) -> f32;
+    /// The solid-angle pdfs with which [`Self::sample`] draws the unit directions `wi`; 0 where it never does.
+    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena);
 
     /// Which share of samples to draw from this sampler in a mixture with BRDF sampling, in (0, 1): one half, unless the sampler
     /// has learned better.
-    fn share_beside_brdf(&self, _prepared: &Self::Prepared) -> f32 {
-        0.5
+    fn share(&self, _at: &Rows<'_>, out: &mut [Lanes], _arena: &Arena) {
+        out.as_flattened_mut().fill(0.5);
     }
 
-    /// Draws one direction for each of many shading points: `at`, `u` and `out` have equal length.
-    /// The wavefront form; networks and tables override it.
-    fn sample_batch(&self, at: &[ShadingPoint], u: &[Vec2], out: &mut [Option<DirectionSample>]) {
-        for ((at, &u), out) in at.iter().zip(u).zip(out) {
-            *out = self.sample(&self.prepare(at), at, u);
-        }
+    /// What of the integrand it can draw.
+    fn coverage(&self) -> Coverage;
+}
+
+impl<S: Sampler + ?Sized> Sampler for Arc<S> {
+    fn columns(&self) -> usize {
+        (**self).columns()
     }
 
-    /// [`Self::share_beside_brdf`] of many shading points; both slices have equal length.
-    fn share_batch(&self, at: &[ShadingPoint], shares: &mut [f32]) {
-        for (at, share) in at.iter().zip(shares) {
-            *share = self.share_beside_brdf(&self.prepare(at));
-        }
+    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
+        (**self).prepare(at, state, arena);
     }
 
-    /// [`Self::pdf`] for many shading points; all slices have equal length.
-    fn pdf_batch(&self, at: &[ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
-        let prepared = self.prepare_batch(at);
-        let (prepared, at): (Vec<_>, Vec<_>) = prepared.iter().zip(at).unzip();
-        self.pdf_prepared(&prepared, &at, wi, out);
+    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
+        (**self).sample(at, state, u, out, arena);
     }
 
-    /// [`Self::prepare`] for many shading points.
-    fn prepare_batch(&self, at: &[ShadingPoint]) -> Vec<Self::Prepared> {
-        at.iter().map(|at| self.prepare(at)).collect()
+    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
+        (**self).pdf(at, state, wi, out, arena);
     }
 
-    /// [`Self::sample`] for many prepared shading points; all slices have equal length.
-    fn sample_prepared(
-        &self,
-        prepared: &[&Self::Prepared],
-        at: &[&ShadingPoint],
-        u: &[Vec2],
-        out: &mut [Option<DirectionSample>],
-    ) {
-        for (((prepared, at), &u), out) in prepared.iter().zip(at).zip(u).zip(out) {
-            *out = self.sample(prepared, at, u);
-        }
+    fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        (**self).share(at, out, arena);
     }
 
-    /// [`Self::pdf`] for many prepared shading points; all slices have equal length.
-    fn pdf_prepared(&self, prepared: &[&Self::Prepared], at: &[&ShadingPoint], wi: &[Vec3A], out: &mut [f32]) {
-        for (((prepared, at), &wi), out) in prepared.iter().zip(at).zip(wi).zip(out) {
-            *out = self.pdf(prepared, at, wi);
-        }
+    fn coverage(&self) -> Coverage {
+        (**self).coverage()
     }
 }
 
-/// Marks a sampler whose pdf is positive wherever light x BRDF x cosine is: it may be used alone without bias.
-///
-/// A sampler that leaves parts to a partner (MIS compensation) does not have it, so the compiler refuses to use it alone.
-pub trait CoversIntegrand: DirectionSampler {}
+/// Prepares a sampler for rows and hands its state to `work`.
+pub fn prepared<T>(sampler: &dyn Sampler, at: &Rows<'_>, arena: &Arena, work: impl FnOnce(&[Lanes]) -> T) -> T {
+    let mut state = arena.columns::<1>(sampler.columns() * at.strips());
+    sampler.prepare(at, state.get_mut()[0], arena);
+    work(state.get()[0])
+}

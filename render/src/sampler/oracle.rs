@@ -1,16 +1,21 @@
-//! The oracle: the exact product, tabulated anew at every shading point. Slow; the bound that other samplers are held against.
+//! The oracle: the product of light, BRDF and cosine, tabulated anew at every shading point. Slow; what product sampling is without the errors of
+//! a model. It does not know visibility, and a sampler that spreads its noise better can beat it.
 
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 
-use super::{ShadingPoint, product::IntermediateDensity};
+use super::product::IntermediateDensity;
 use crate::{
-    bake::search_prefix,
     color::luminance,
+    columns::Arena,
+    discrete::invert_running_sums,
     latlong,
+    one_point::OnePoint,
+    simd::Lanes,
     tail::{Tail, TailWarp},
+    tile::{Rows, ShadingPoint},
 };
 
 /// Cells along each side of Y.
@@ -36,6 +41,8 @@ const LOBE_POINTS: usize = 32;
 pub struct Oracle {
     tail: Arc<Tail>,
     cells: Arc<[Cell]>,
+    /// Of the points of all cells.
+    directions: Arc<[Vec3A]>,
     /// The largest [`Cell::spacing`].
     coarsest: f32,
 }
@@ -51,49 +58,72 @@ struct Cell {
     floor: f32,
 }
 
-/// The table of one shading point: running sums over the cells of each row, and over rows.
-#[derive(Clone, Debug)]
-pub struct OracleTable {
-    prefix: Vec<f32>,
-    rows: Vec<f32>,
-}
-
 impl Oracle {
     /// Evaluates the tail at the points of all cells.
     pub fn new(tail: &Arc<Tail>) -> Self {
         let cells: Arc<[Cell]> = (0..CELLS * CELLS).into_par_iter().map(|index| Cell::new(tail, index)).collect();
         let coarsest = cells.iter().map(|cell| cell.spacing).fold(0.0, f32::max);
-        Self { tail: tail.clone(), cells, coarsest }
+        let directions = cells.iter().flat_map(|cell| &cell.points).map(|point| point.0).collect();
+        Self { tail: tail.clone(), cells, directions, coarsest }
     }
 
     /// The root mean square of the target in each cell: the constant density of least variance.
     fn values(&self, at: &ShadingPoint) -> Vec<f32> {
-        let resolved = RESOLVED * at.brdf.narrowest_lobe();
-        if self.coarsest <= resolved {
-            return self.cells.iter().map(|cell| cell.value(at)).collect();
-        }
-        let value = |cell: &Cell| if cell.spacing <= resolved { cell.value(at) } else { cell.value_beside_lobes(at) };
+        let point = at.one();
+        let targets: Vec<f32> = point.brdf_cosines(&self.directions).into_iter().map(luminance).collect();
+        let resolved = RESOLVED * at.lobe_width();
+        let brdf_pdfs = if self.coarsest > resolved { point.brdf_pdfs(&self.directions) } else { Vec::new() };
+        let mut first = 0;
+        let value = |cell: &Cell| {
+            let own = first..first + cell.points.len();
+            first = own.end;
+            if cell.spacing <= resolved {
+                cell.value(&targets[own])
+            } else {
+                cell.value_beside_lobes(&targets[own.clone()], &brdf_pdfs[own])
+            }
+        };
         let mut values: Vec<f32> = self.cells.iter().map(value).collect();
-        for (index, part) in self.lobe_parts(at, resolved) {
-            values[index] = values[index].hypot(part);
+        if self.coarsest > resolved {
+            self.add_lobe_parts(&point, resolved, &mut values);
         }
         values
     }
 
-    /// What BRDF samples see in cells coarser than `resolved`: the cell of each, and the root of its part of the mean square.
-    fn lobe_parts(&self, at: &ShadingPoint, resolved: f32) -> impl Iterator<Item = (usize, f32)> {
-        (0..LOBE_POINTS * LOBE_POINTS).filter_map(move |k| {
-            let u = Vec2::new((k % LOBE_POINTS) as f32 + 0.5, (k / LOBE_POINTS) as f32 + 0.5) / LOBE_POINTS as f32;
-            let (wi, pdf) = at.brdf.sample(at.ns, at.wo, u)?;
-            let x = latlong::square(wi);
-            let (y, density) = self.tail.inverse(x);
+    /// Adds what BRDF samples see in cells coarser than `resolved`.
+    fn add_lobe_parts(&self, point: &OnePoint, resolved: f32, values: &mut [f32]) {
+        let u = |k: usize| Vec2::new((k % LOBE_POINTS) as f32 + 0.5, (k / LOBE_POINTS) as f32 + 0.5) / LOBE_POINTS as f32;
+        let u: Vec<Vec2> = (0..LOBE_POINTS * LOBE_POINTS).map(u).collect();
+        let (wi, pdfs): (Vec<_>, Vec<_>) = point.sample_brdf(&u).into_iter().flatten().unzip();
+        let x: Vec<Vec2> = wi.iter().map(|&wi| latlong::square(wi)).collect();
+        let targets = point.brdf_cosines(&wi);
+        for (((x, (y, density)), target), pdf) in x.iter().zip(self.tail.inverse_points(&x)).zip(targets).zip(pdfs) {
             let emitter = density * latlong::solid_angle_factor(x.y);
             let index = cell_of(y.y) * CELLS + cell_of(y.x);
             let cell = &self.cells[index];
             // Where the map is black, no y is carried to wi.
-            (emitter > 0.0 && cell.spacing > resolved)
-                .then(|| (index, cell.weigh(target(at, wi), pdf / emitter).sqrt()))
-        })
+            if emitter > 0.0 && cell.spacing > resolved {
+                values[index] = values[index].hypot(cell.weigh(luminance(target), pdf / emitter).sqrt());
+            }
+        }
+    }
+
+    /// Fills the table of a shading point: running sums along each row of cells, then those of the rows.
+    fn fill(&self, at: &ShadingPoint, table: &mut [f32]) {
+        let values = self.values(at);
+        let mean = (values.iter().sum::<f32>() / values.len() as f32).max(f32::MIN_POSITIVE / LEAST_FLOOR);
+        let (prefix, rows) = table.split_at_mut(CELLS * CELLS);
+        let mut above = 0.0;
+        let all = prefix.chunks_exact_mut(CELLS).zip(values.chunks_exact(CELLS)).zip(self.cells.chunks_exact(CELLS));
+        for (((sums, values), cells), row) in all.zip(rows) {
+            let mut sum = 0.0;
+            for ((out, value), cell) in sums.iter_mut().zip(values).zip(cells) {
+                sum += value + mean * cell.floor;
+                *out = sum;
+            }
+            above += sum;
+            *row = above;
+        }
     }
 }
 
@@ -102,21 +132,13 @@ fn cell_of(coordinate: f32) -> usize {
     ((coordinate * CELLS as f32) as usize).min(CELLS - 1)
 }
 
-/// Luminance of BRDF x cosine.
-fn target(at: &ShadingPoint, wi: Vec3A) -> f32 {
-    luminance(at.brdf_cosine(wi))
-}
-
 impl Cell {
     fn new(tail: &Tail, index: usize) -> Self {
         let corner = Vec2::new((index % CELLS) as f32, (index / CELLS) as f32);
         let points = |side: usize| -> Box<[(Vec3A, f32)]> {
             let inside = |k: usize| Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32;
-            let point = |k: usize| {
-                let (_, wi, pdf) = tail.forward_direction((corner + inside(k)) / CELLS as f32);
-                (wi, pdf)
-            };
-            (0..side * side).map(point).collect()
+            let y: Vec<Vec2> = (0..side * side).map(|k| (corner + inside(k)) / CELLS as f32).collect();
+            tail.forward_directions(&y).map(|(_, wi, pdf)| (wi, pdf)).collect()
         };
         let probe = points(3);
         let chord = probe.iter().map(|(w, _)| (*w - probe[4].0).length()).fold(0.0, f32::max);
@@ -126,20 +148,17 @@ impl Cell {
     }
 
     /// Root mean square over the cell's points.
-    fn value(&self, at: &ShadingPoint) -> f32 {
-        match &*self.points {
-            [(only, _)] => target(at, *only),
-            many => (many.iter().map(|(wi, _)| target(at, *wi).powi(2)).sum::<f32>() / many.len() as f32).sqrt(),
-        }
+    fn value(&self, targets: &[f32]) -> f32 {
+        (targets.iter().map(|target| target * target).sum::<f32>() / targets.len() as f32).sqrt()
     }
 
     /// The same where BRDF samples add their part.
-    fn value_beside_lobes(&self, at: &ShadingPoint) -> f32 {
-        let part = |&(wi, emitter): &(Vec3A, f32)| {
-            let density = at.brdf.pdf(at.ns, at.wo, wi) / emitter.max(f32::MIN_POSITIVE);
-            self.weigh(target(at, wi), density)
+    fn value_beside_lobes(&self, targets: &[f32], brdf_pdfs: &[f32]) -> f32 {
+        let points = self.points.iter().zip(targets).zip(brdf_pdfs);
+        let part = |((&(_, emitter), &target), &pdf): ((&(Vec3A, f32), &f32), &f32)| {
+            self.weigh(target, pdf / emitter.max(f32::MIN_POSITIVE))
         };
-        self.points.iter().map(part).sum::<f32>().sqrt()
+        points.map(part).sum::<f32>().sqrt()
     }
 
     /// The part of a point in the mean square over the cell, by the balance heuristic between the cell's own points and BRDF
@@ -150,43 +169,52 @@ impl Cell {
     }
 }
 
-impl IntermediateDensity for Oracle {
-    type Prepared = OracleTable;
+/// Numbers of a table.
+const TABLE: usize = CELLS * CELLS + CELLS;
 
-    fn prepare(&self, at: &ShadingPoint) -> OracleTable {
-        let mut prefix = self.values(at);
-        let mean = (prefix.iter().sum::<f32>() / prefix.len() as f32).max(f32::MIN_POSITIVE / LEAST_FLOOR);
-        let mut rows = Vec::with_capacity(CELLS);
-        let mut above = 0.0;
-        for (values, cells) in prefix.chunks_exact_mut(CELLS).zip(self.cells.chunks_exact(CELLS)) {
-            let mut sum = 0.0;
-            for (value, cell) in values.iter_mut().zip(cells) {
-                sum += *value + mean * cell.floor;
-                *value = sum;
-            }
-            above += sum;
-            rows.push(above);
-        }
-        OracleTable { prefix, rows }
-    }
-
-    fn sample(&self, table: &OracleTable, z: Vec2) -> (Vec2, f32) {
-        let (row, down) = search_prefix(&table.rows, z.y);
-        let (column, across) = search_prefix(&table.prefix[row * CELLS..(row + 1) * CELLS], z.x);
-        let y = Vec2::new(column as f32 + across, row as f32 + down) / CELLS as f32;
-        (y, table.cell(column, row))
-    }
-
-    fn density(&self, table: &OracleTable, y: Vec2) -> f32 {
-        table.cell(cell_of(y.x), cell_of(y.y))
-    }
+/// The density over Y in a cell of a table.
+fn density_of(table: &[f32], column: usize, row: usize) -> f32 {
+    let index = row * CELLS + column;
+    let before = if column == 0 { 0.0 } else { table[index - 1] };
+    (table[index] - before) * (CELLS * CELLS) as f32 / table[TABLE - 1]
 }
 
-impl OracleTable {
-    fn cell(&self, column: usize, row: usize) -> f32 {
-        let index = row * CELLS + column;
-        let before = if column == 0 { 0.0 } else { self.prefix[index - 1] };
-        let total = self.rows[CELLS - 1];
-        (self.prefix[index] - before) * (CELLS * CELLS) as f32 / total
+impl IntermediateDensity for Oracle {
+    /// A strip holds the tables of its points one after the other.
+    fn columns(&self) -> usize {
+        TABLE
+    }
+
+    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], _arena: &Arena) {
+        let tables = state.as_flattened_mut();
+        for place in 0..at.len() {
+            let (before, own) = tables.split_at_mut(place * TABLE);
+            // Copies of a point have copies of its table.
+            if place > 0 && at.point(place).is_same(&at.point(place - 1)) {
+                own[..TABLE].copy_from_slice(&before[(place - 1) * TABLE..]);
+            } else {
+                self.fill(&at.point(place), &mut own[..TABLE]);
+            }
+        }
+    }
+
+    fn sample(&self, at: &Rows<'_>, state: &[Lanes], z: [&[Lanes]; 2], y: [&mut [Lanes]; 2], q: &mut [Lanes], _: &Arena) {
+        let [z_u, z_v] = z.map(<[Lanes]>::as_flattened);
+        let [y_u, y_v] = y.map(<[Lanes]>::as_flattened_mut);
+        for place in 0..at.len() {
+            let table = &state.as_flattened()[place * TABLE..][..TABLE];
+            let (row, down) = invert_running_sums(&table[CELLS * CELLS..], z_v[place]);
+            let (column, across) = invert_running_sums(&table[row * CELLS..(row + 1) * CELLS], z_u[place]);
+            (y_u[place], y_v[place]) = ((column as f32 + across) / CELLS as f32, (row as f32 + down) / CELLS as f32);
+            q.as_flattened_mut()[place] = density_of(table, column, row);
+        }
+    }
+
+    fn density(&self, at: &Rows<'_>, state: &[Lanes], y: [&[Lanes]; 2], q: &mut [Lanes], _: &Arena) {
+        let [y_u, y_v] = y.map(<[Lanes]>::as_flattened);
+        for place in 0..at.len() {
+            let table = &state.as_flattened()[place * TABLE..][..TABLE];
+            q.as_flattened_mut()[place] = density_of(table, cell_of(y_u[place]), cell_of(y_v[place]));
+        }
     }
 }

@@ -5,7 +5,7 @@ use std::{f32::consts::TAU, sync::Arc};
 use glam::{Vec2, Vec3A};
 
 use super::{Bounds, normal_map::NormalMap, texture::Texture};
-use crate::brdf::{Brdf, Ggx, Lambert, MetallicRoughness};
+use crate::brdf::{Ggx, Lambert, MetallicRoughness, Surface};
 
 /// What a surface is made of.
 #[derive(Clone, Debug)]
@@ -54,11 +54,11 @@ impl Material {
     }
 
     /// The BRDF at a point.
-    pub fn brdf(&self, at: &SurfacePoint) -> Brdf {
+    pub fn surface(&self, at: &SurfacePoint) -> Surface {
         match self {
-            Self::Diffuse(albedo) => Brdf::Lambert(Lambert { albedo: albedo.clamp(Vec3A::ZERO, Vec3A::ONE) }),
-            Self::Ggx { alpha, f0 } => Brdf::Ggx(Ggx::new(alpha.at(at.p), *f0)),
-            Self::MetallicRoughness(textured) => Brdf::MetallicRoughness(textured.at(at)),
+            Self::Diffuse(albedo) => Lambert { albedo: albedo.clamp(Vec3A::ZERO, Vec3A::ONE).into() }.into(),
+            Self::Ggx { alpha, f0 } => Ggx::new(alpha.at(at.p), (*f0).into()).into(),
+            Self::MetallicRoughness(textured) => textured.at(at).into(),
         }
     }
 }
@@ -90,7 +90,7 @@ impl TexturedMetallicRoughness {
             (Some(texture), Some(uv)) => texture.sample_linear(uv),
             _ => Vec3A::ONE,
         };
-        MetallicRoughness::new(self.base_color * color, self.metallic * factors.z, self.roughness * factors.y)
+        MetallicRoughness::new((self.base_color * color).into(), self.metallic * factors.z, self.roughness * factors.y)
     }
 }
 

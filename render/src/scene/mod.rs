@@ -29,10 +29,9 @@ use std::path::Path;
 use glam::{Vec2, Vec3, Vec3A};
 
 use crate::{
-    brdf::tabulate_lobe_albedo,
+    brdf::{BrdfTable, tabulate_lobe_albedo},
     error::{Error, Result},
-    integrator::Visibility,
-    sampler::ShadingPoint,
+    tile::{ShadingPoint, Tile},
 };
 
 /// Distance by which shadow rays start above a surface, over the largest coordinate involved.
@@ -56,6 +55,8 @@ pub struct Scene {
     name: String,
     meshes: Vec<Mesh>,
     materials: Vec<Material>,
+    /// What the materials' surfaces refer to.
+    brdfs: BrdfTable,
     camera: Option<Camera>,
     faces: Vec<Face>,
     bvh: Bvh,
@@ -86,6 +87,7 @@ impl Scene {
             name: name.into(),
             meshes,
             materials,
+            brdfs: BrdfTable::default(),
             camera,
             faces: Vec::new(),
             bvh: Bvh::build(&[]),
@@ -190,14 +192,22 @@ impl Scene {
         Some(self.surface(ray, &self.bvh.closest(ray)?))
     }
 
-    /// [`Self::intersect`] of many rays: the rays that hit something, by their indices in order, with what they hit.
-    pub fn intersect_batch(&self, rays: &[Ray], indices: &mut Vec<usize>, surfaces: &mut Vec<ShadingPoint>) {
+    /// [`Self::intersect`] of many rays: fills a tile with what they hit, and `indices` with the rays that hit something, in order. `key` gives
+    /// the key of a ray's shading point.
+    pub fn intersect_batch(
+        &self,
+        rays: &[Ray],
+        key: impl Fn(usize) -> u32,
+        tile: &mut Tile,
+        indices: &mut Vec<usize>,
+    ) {
         let mut hits = vec![None; rays.len()];
         self.bvh.closest_batch(rays, &mut hits);
+        tile.clear(&self.brdfs);
         for (index, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
             if let Some(hit) = hit {
                 indices.push(index);
-                surfaces.push(self.surface(ray, hit));
+                tile.push(&self.surface(ray, hit), key(index));
             }
         }
     }
@@ -224,7 +234,7 @@ impl Scene {
         let color_uv = uv(&mesh.texcoords);
         let roughness_uv = mesh.roughness_texcoords.as_ref().map_or(color_uv, |own| uv(own));
         let material = &self.materials[mesh.material];
-        let brdf = material.brdf(&SurfacePoint { p, color_uv, roughness_uv });
+        let surface = material.surface(&SurfacePoint { p, color_uv, roughness_uv });
         let smooth = interpolated.unwrap_or(ng);
         let bent = match (material.normal_map(), &mesh.tangent_space, interpolated.unwrap_or(wound).try_normalize()) {
             (Some(map), Some(space), Some(outside)) => {
@@ -241,21 +251,24 @@ impl Scene {
             }
             _ => smooth,
         };
-        ShadingPoint { p, ng, ns: shading_normal(bent, ng, wo), wo, brdf }
+        ShadingPoint { p, ng, ns: shading_normal(bent, ng, wo), wo, surface }
     }
 
-    /// The ray that leaves a surface towards `wi`, which is above it.
-    pub fn leaving(&self, at: &ShadingPoint, wi: Vec3A) -> Ray {
-        Ray::new(self.above(at), wi)
-    }
-
-    /// Where a shadow ray from `at` starts: above the surface by more than the rounding error of position and ray.
+    /// The ray that leaves a surface at `p` (metres) of geometric normal `ng` towards `wi`, which is above it. It starts above the surface by more
+    /// than the rounding error of position and ray.
     ///
     /// The error of the intersection grows with the size of the triangle and with its distance from the origin of
     /// the coordinates, so that the scene's size is in the offset besides the position.
-    fn above(&self, at: &ShadingPoint) -> Vec3A {
-        let scale = at.p.abs().max_element().max(self.half_extent);
-        at.p + (OFFSET * scale) * at.ng
+    #[inline]
+    pub fn leaving(&self, p: Vec3A, ng: Vec3A, wi: Vec3A) -> Ray {
+        let scale = p.abs().max_element().max(self.half_extent);
+        Ray::new(p + (OFFSET * scale) * ng, wi)
+    }
+
+    /// Whether the environment is seen along rays; both slices have equal length.
+    pub fn visible_batch(&self, rays: &[Ray], out: &mut [bool]) {
+        self.bvh.occluded_batch(rays, out);
+        out.iter_mut().for_each(|out| *out = !*out);
     }
 }
 
@@ -271,18 +284,6 @@ fn shading_normal(interpolated: Vec3A, ng: Vec3A, wo: Vec3A) -> Vec3A {
     match (ns + (MIN_COSINE - cosine) * wo).try_normalize() {
         Some(bent) if bent.dot(wo) > 0.0 && bent.dot(ng) > 0.0 => bent,
         _ => ng,
-    }
-}
-
-impl Visibility for Scene {
-    fn visible(&self, at: &ShadingPoint, wi: Vec3A) -> bool {
-        !self.bvh.occluded(self.above(at), wi)
-    }
-
-    fn visible_batch(&self, rays: &[(&ShadingPoint, Vec3A)], out: &mut [bool]) {
-        let rays: Vec<Ray> = rays.iter().map(|(at, wi)| self.leaving(at, *wi)).collect();
-        self.bvh.occluded_batch(&rays, out);
-        out.iter_mut().for_each(|out| *out = !*out);
     }
 }
 

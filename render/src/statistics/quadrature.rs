@@ -6,7 +6,8 @@ use rayon::prelude::*;
 use crate::{
     color::luminance,
     random::{Purpose, Stream},
-    sampler::{EnvironmentLight, ShadingPoint},
+    sampler::EnvironmentLight,
+    tile::ShadingPoint,
 };
 
 /// How many points, and where in their strata.
@@ -30,6 +31,7 @@ pub struct Quadrature {
     points: Vec<Point>,
 }
 
+#[derive(Clone, Copy)]
 struct Point {
     wi: Vec3A,
     radiance: Vec3A,
@@ -55,32 +57,36 @@ impl Quadrature {
         let mut jitter = || if shape.seed.is_some() { random.uniform2() } else { Vec2::splat(0.5) };
         let stratum = |k: usize| Vec2::new((k % side) as f32, (k / side) as f32);
         let y: Vec<Vec2> = (0..side * side).map(|k| (stratum(k) + jitter()) / side as f32).collect();
-        let point = |&y: &Vec2| {
-            let sample = light.sample_through_tail(y, 1.0)?;
-            Some(Point { wi: sample.wi, radiance: sample.radiance, emitter_pdf: sample.pdf })
+        let point = |(x, wi, emitter_pdf): (Vec2, Vec3A, f32)| {
+            let radiance = light.environment().radiance_at(x);
+            (emitter_pdf > 0.0 && emitter_pdf.is_finite()).then_some(Point { wi, radiance, emitter_pdf })
         };
-        Self { light: light.clone(), shape, points: y.par_iter().filter_map(point).collect() }
+        let points = y.par_chunks(4096).flat_map_iter(|y| light.tail().forward_directions(y).filter_map(point)).collect();
+        Self { light: light.clone(), shape, points }
     }
 
     /// The points for a shading point; `index` tells apart the random numbers of several shading points.
     pub fn terms(&self, at: &ShadingPoint, index: u64) -> Vec<Term> {
-        let side = self.shape.brdf_strata;
+        let (side, point) = (self.shape.brdf_strata, at.one());
         let counts = ((self.shape.strata * self.shape.strata) as f64, (side * side) as f64);
-        let term = |wi: Vec3A, radiance: Vec3A, emitter_pdf: f32| {
-            let f = f64::from(luminance(at.brdf_cosine(wi) * radiance));
-            let brdf_pdf = if side > 0 { f64::from(at.brdf.pdf(at.ns, at.wo, wi)) } else { 0.0 };
-            let weight = 1.0 / (counts.0 * f64::from(emitter_pdf) + counts.1 * brdf_pdf);
-            weight.is_finite().then_some(Term { wi, f, weight })
-        };
         let mut random = Stream::new(13 + self.shape.seed.unwrap_or(0), Purpose::Test, index);
-        let mut from_brdf = |k: usize| {
-            let u = (Vec2::new((k % side) as f32, (k / side) as f32) + random.uniform2()) / side as f32;
-            let (wi, _) = at.brdf.sample(at.ns, at.wo, u)?;
-            term(wi, self.light.environment().radiance(wi), self.light.pdf(wi))
+        let stratum = |k: usize| (Vec2::new((k % side) as f32, (k / side) as f32) + random.uniform2()) / side as f32;
+        let u: Vec<Vec2> = (0..side * side).map(stratum).collect();
+        let of_lobe: Vec<Vec3A> = point.sample_brdf(&u).into_iter().flatten().map(|drawn| drawn.0).collect();
+        let emitter_pdfs = self.light.pdfs(&of_lobe);
+        let of_lobe = of_lobe.into_iter().zip(emitter_pdfs);
+        let points: Vec<Point> = self.points.iter().copied().chain(of_lobe.map(|(wi, emitter_pdf)| {
+            Point { wi, radiance: self.light.environment().radiance(wi), emitter_pdf }
+        })).collect();
+        let wi: Vec<Vec3A> = points.iter().map(|point| point.wi).collect();
+        let brdf_pdfs = if side > 0 { point.brdf_pdfs(&wi) } else { vec![0.0; wi.len()] };
+        let term = |((point, brdf_cosine), brdf_pdf): ((Point, Vec3A), f32)| {
+            let f = f64::from(luminance(brdf_cosine * point.radiance));
+            let weight = 1.0 / (counts.0 * f64::from(point.emitter_pdf) + counts.1 * f64::from(brdf_pdf));
+            weight.is_finite().then_some(Term { wi: point.wi, f, weight })
         };
-        let of_lobe: Vec<Term> = (0..side * side).filter_map(&mut from_brdf).collect();
-        let of_light = self.points.iter().filter_map(|point| term(point.wi, point.radiance, point.emitter_pdf));
-        of_light.chain(of_lobe).collect()
+        let values = point.brdf_cosines(&wi);
+        points.into_iter().zip(values).zip(brdf_pdfs).filter_map(term).collect()
     }
 }
 
@@ -90,7 +96,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        brdf::{Brdf, Ggx, Lambert},
+        brdf::{Ggx, Lambert, Surface},
         environment::built_in,
         tail::TailKind,
     };
@@ -103,13 +109,13 @@ mod tests {
         let light = EnvironmentLight::new(map, TailKind::Hierarchical).unwrap();
         let quadrature = Quadrature::new(&light, QuadratureShape { strata: 100, brdf_strata: 40, seed: Some(1) });
         let n = Vec3A::new(0.6, 0.8, 0.0);
-        let at = |brdf| ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, brdf };
-        let diffuse = quadrature.terms(&at(Brdf::Lambert(Lambert { albedo: Vec3A::ONE })), 0);
+        let at = |surface: Surface| ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface };
+        let diffuse = quadrature.terms(&at(Lambert { albedo: glam::Vec3::ONE }.into()), 0);
         let sum = |terms: &[Term], g: &dyn Fn(&Term) -> f64| terms.iter().map(|t| t.weight * g(t)).sum::<f64>();
         assert!((sum(&diffuse, &|t| t.f) - 2.0).abs() < 5e-3);
         let above = sum(&diffuse, &|t| f64::from(u8::from(t.wi.dot(n) > 0.0)));
         assert!((above - std::f64::consts::TAU).abs() < 0.03, "{above}");
-        let mirror = quadrature.terms(&at(Brdf::Ggx(Ggx::new(0.02, Vec3A::ONE))), 0);
+        let mirror = quadrature.terms(&at(Ggx::new(0.02, glam::Vec3::ONE).into()), 0);
         assert!((sum(&mirror, &|t| t.f) - 2.0).abs() < 1e-2);
     }
 
@@ -118,8 +124,8 @@ mod tests {
     fn jitter_does_not_change_integrals() {
         let light = EnvironmentLight::new(Arc::new(built_in("studio").unwrap()), TailKind::Hierarchical).unwrap();
         let n = Vec3A::Y;
-        let brdf = Brdf::Lambert(Lambert { albedo: Vec3A::ONE });
-        let at = ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, brdf };
+        let surface = Lambert { albedo: glam::Vec3::ONE }.into();
+        let at = ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface };
         let integral = |seed| {
             let quadrature = Quadrature::new(&light, QuadratureShape { strata: 128, brdf_strata: 0, seed });
             quadrature.terms(&at, 0).iter().map(|t| t.weight * t.f).sum::<f64>()

@@ -2,7 +2,7 @@
 
 use glam::Vec2;
 
-use super::BELOW_ONE;
+use crate::discrete::BELOW_ONE;
 
 /// The point `t` of `[0, 1)` at which the linear density from `a` to `b` (not both 0) has accumulated the share `u`.
 ///

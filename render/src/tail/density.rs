@@ -4,8 +4,10 @@ use std::f64::consts::PI;
 
 use glam::Vec2;
 
-use super::{BELOW_ONE, bilinear::Corners};
+use super::bilinear::Corners;
 use crate::{
+    columns::vectorized,
+    discrete::BELOW_ONE,
     error::{Error, Result},
     simd::{LANES, Lanes},
 };
@@ -104,29 +106,35 @@ impl BilinearDensity {
         Vec2::new(if u >= 1.0 { (u - 1.0).clamp(0.0, BELOW_ONE) } else { u }, v.min(1.0))
     }
 
-    /// [`Self::density`] at [`LANES`] points.
-    #[inline(always)]
-    pub(crate) fn density_lanes(&self, u: &Lanes, v: &Lanes) -> Lanes {
-        let (mut columns, mut rows, mut inside) = ([0; LANES], [0; LANES], [Vec2::ZERO; LANES]);
-        for k in 0..LANES {
-            (columns[k], rows[k], inside[k]) = self.cell(Vec2::new(u[k], v[k]));
-        }
-        // All loads before the arithmetic, so that they wait for memory together.
-        let mut corners = [Corners([0.0; 4]); LANES];
-        for k in 0..LANES {
-            corners[k] = self.corners(columns[k], rows[k]);
-        }
-        let mut out = [0.0; LANES];
-        for k in 0..LANES {
-            out[k] = corners[k].evaluate(inside[k]);
-        }
-        out
+    /// [`Self::density`] over columns.
+    pub fn densities(&self, x: [&[Lanes]; 2], out: &mut [Lanes]) {
+        densities(self, x, out);
     }
 
     /// The density at a point of X.
     pub fn density(&self, x: Vec2) -> f32 {
         let (column, row, inside) = self.cell(x);
         self.corners(column, row).evaluate(inside)
+    }
+}
+
+vectorized! {
+    fn densities['a](_simd, grid: &'a BilinearDensity, x: [&'a [Lanes]; 2], out: &'a mut [Lanes]) {
+        for strip in 0..out.len() {
+            let (u, v) = (x[0][strip], x[1][strip]);
+            let (mut columns, mut rows, mut inside) = ([0; LANES], [0; LANES], [Vec2::ZERO; LANES]);
+            for k in 0..LANES {
+                (columns[k], rows[k], inside[k]) = grid.cell(Vec2::new(u[k], v[k]));
+            }
+            // All loads before the arithmetic, so that they wait for memory together.
+            let mut corners = [Corners([0.0; 4]); LANES];
+            for k in 0..LANES {
+                corners[k] = grid.corners(columns[k], rows[k]);
+            }
+            for k in 0..LANES {
+                out[strip][k] = corners[k].evaluate(inside[k]);
+            }
+        }
     }
 }
 

@@ -2,7 +2,8 @@
 
 use glam::Vec2;
 
-use super::{BilinearDensity, TailWarp, WarpMap};
+use super::{BilinearDensity, TailWarp, WarpMap, each_lane};
+use crate::simd::Lanes;
 
 /// A tabulated smooth warp with the light that it was fitted to. It is a bijection with an exact density, but that density is only near
 /// the light: what is left over multiplies the target of a head ([`FlowTail::light_ratio`]).
@@ -30,20 +31,24 @@ impl FlowTail {
 
     /// The density of the light over that of the warp at `x`; 1 everywhere for an exact tail.
     pub fn light_ratio(&self, x: Vec2) -> f32 {
-        self.light.density(x) / self.density(x)
+        self.light.density(x) / self.map.inverse(x).1
     }
 }
 
 impl TailWarp for FlowTail {
-    fn forward(&self, y: Vec2) -> (Vec2, f32) {
-        self.map.forward(y)
+    fn forward_columns(&self, y: [&[Lanes]; 2], x: [&mut [Lanes]; 2], jacobian: &mut [Lanes]) {
+        each_lane(y, x, jacobian, |y| self.map.forward(y));
     }
 
-    fn inverse(&self, x: Vec2) -> (Vec2, f32) {
-        self.map.inverse(x)
+    fn inverse_columns(&self, x: [&[Lanes]; 2], y: [&mut [Lanes]; 2], density: &mut [Lanes]) {
+        each_lane(x, y, density, |x| self.map.inverse(x));
     }
 
-    fn density(&self, x: Vec2) -> f32 {
-        self.map.inverse(x).1
+    fn density_columns(&self, x: [&[Lanes]; 2], density: &mut [Lanes]) {
+        for (strip, out) in density.iter_mut().enumerate() {
+            for (lane, out) in out.iter_mut().enumerate() {
+                *out = self.map.inverse(Vec2::new(x[0][strip][lane], x[1][strip][lane])).1;
+            }
+        }
     }
 }

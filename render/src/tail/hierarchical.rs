@@ -2,8 +2,12 @@
 
 use glam::{Mat4, Vec2, Vec4};
 
-use super::{BELOW_ONE, TailWarp, bilinear::Corners, density::BilinearDensity};
-use crate::simd::{self, LANES, Lanes, Simd, Vectorized};
+use super::{TailWarp, bilinear::Corners, density::BilinearDensity};
+use crate::{
+    columns::vectorized,
+    discrete::{BELOW_ONE, remap},
+    simd::{LANES, Lanes},
+};
 
 /// Where a node cuts its rectangle of Y: `[y of the horizontal cut, x of the vertical cut above it, x of the one below it, 0]`.
 type Cuts = [f32; 4];
@@ -38,6 +42,21 @@ impl Level {
     #[inline(always)]
     fn child(&self, index: u32, lower: u32, right: u32) -> u32 {
         (index << (self.column_bits + self.row_bits)) + (lower << self.column_bits) + right
+    }
+
+    /// The cuts of nodes.
+    #[inline(always)]
+    fn load(&self, index: &[u32; LANES]) -> [Lanes; 3] {
+        let mut cuts = [[0.0; LANES]; 3];
+        for k in (0..LANES).step_by(4) {
+            // Four nodes at a time: four loads and a transposition instead of twelve loads.
+            let node = |lane: usize| Vec4::from_array(self.cuts[index[k + lane] as usize]);
+            let nodes = Mat4::from_cols(node(0), node(1), node(2), node(3)).transpose();
+            for (cuts, nodes) in cuts.iter_mut().zip([nodes.x_axis, nodes.y_axis, nodes.z_axis]) {
+                cuts[k..k + 4].copy_from_slice(&nodes.to_array());
+            }
+        }
+        cuts
     }
 }
 
@@ -81,12 +100,17 @@ impl Hierarchical {
             masses.push(finer.chunks_exact(children).map(sum).collect());
         }
         masses.reverse();
-        let mut bounds = vec![Bounds::SQUARE];
+        let (mut bounds, cells) = (vec![Bounds::SQUARE], columns * rows);
         for (level, masses) in levels.iter_mut().zip(&masses[1..]) {
             let children = 1 << (level.column_bits + level.row_bits);
-            let mut inner = Vec::with_capacity(masses.len());
+            // Cells have no cuts: their rectangles are not needed.
+            let mut inner = Vec::with_capacity(if masses.len() == cells { 0 } else { masses.len() });
             for (bounds, masses) in bounds.iter().zip(masses.chunks_exact(children)) {
-                level.cuts.push(cut(level, bounds, masses, &mut inner));
+                let (cuts, parts) = cut(level, bounds, masses);
+                level.cuts.push(cuts);
+                if inner.capacity() > 0 {
+                    inner.extend(&parts[..children]);
+                }
             }
             bounds = inner;
         }
@@ -111,37 +135,52 @@ impl Hierarchical {
         )
     }
 
-    /// The rectangle of a cell: each of its sides is a cut of the lowest node above the cell of which it is the border.
-    #[inline]
-    fn bounds(&self, column: u32, row: u32) -> Bounds<f32> {
-        let mut bounds = Bounds { left: f32::NAN, right: f32::NAN, top: f32::NAN, bottom: f32::NAN };
-        let (mut column, mut row, mut index) = (column, row, cell_index(self.square_levels, column, row));
+    /// The rectangles of cells: each side of one is a cut of the lowest node above the cell of which it is the border. A side that no
+    /// ancestor sets is the square's own.
+    #[inline(always)]
+    fn bounds(&self, columns: &[u32; LANES], rows: &[u32; LANES]) -> Bounds<Lanes> {
+        let mut bounds = Bounds { left: MISSING, right: MISSING, top: MISSING, bottom: MISSING };
+        let (mut columns, mut rows, mut index) = (*columns, *rows, [0; LANES]);
+        for k in 0..LANES {
+            index[k] = cell_index(self.square_levels, columns[k], rows[k]);
+        }
         for level in self.levels.iter().rev() {
-            let right = column & level.column_bits;
-            let lower = row & level.row_bits;
-            column >>= level.column_bits;
-            row >>= level.row_bits;
-            index >>= level.column_bits + level.row_bits;
-            let [cut, above, below, _] = level.cuts[index as usize];
-            let vertical = if lower == 0 { above } else { below };
-            // A side that was found lower down stays.
-            let side = if right == 0 { &mut bounds.right } else { &mut bounds.left };
-            *side = if side.is_nan() { vertical } else { *side };
-            let side = if lower == 0 { &mut bounds.bottom } else { &mut bounds.top };
-            *side = if side.is_nan() { cut } else { *side };
-            if (bounds.left + bounds.right) + (bounds.top + bounds.bottom) >= 0.0 {
+            let (mut right, mut lower) = ([0; LANES], [0; LANES]);
+            for k in 0..LANES {
+                (right[k], lower[k]) = (columns[k] & level.column_bits, rows[k] & level.row_bits);
+                columns[k] >>= level.column_bits;
+                rows[k] >>= level.row_bits;
+                index[k] >>= level.column_bits + level.row_bits;
+            }
+            let [horizontal, above, below] = level.load(&index);
+            let mut missing = 0;
+            for k in 0..LANES {
+                let vertical = if lower[k] == 0 { above[k] } else { below[k] };
+                // A side that was found lower down stays.
+                let Bounds { left, right: right_side, top, bottom } = &mut bounds;
+                right_side[k] = if (right[k] == 0) & (right_side[k] < 0.0) { vertical } else { right_side[k] };
+                left[k] = if (right[k] != 0) & (left[k] < 0.0) { vertical } else { left[k] };
+                bottom[k] = if (lower[k] == 0) & (bottom[k] < 0.0) { horizontal[k] } else { bottom[k] };
+                top[k] = if (lower[k] != 0) & (top[k] < 0.0) { horizontal[k] } else { top[k] };
+                missing |= u32::from((left[k] < 0.0) | (right_side[k] < 0.0) | (top[k] < 0.0) | (bottom[k] < 0.0));
+            }
+            if missing == 0 {
                 return bounds;
             }
         }
-        // A cut outside of [0, 1] there is none: what was not found is a side of the square.
-        Bounds {
-            left: bounds.left.max(0.0),
-            right: bounds.right.min(1.0),
-            top: bounds.top.max(0.0),
-            bottom: bounds.bottom.min(1.0),
+        let Bounds { left, right, top, bottom } = &mut bounds;
+        for k in 0..LANES {
+            left[k] = if left[k] < 0.0 { 0.0 } else { left[k] };
+            right[k] = if right[k] < 0.0 { 1.0 } else { right[k] };
+            top[k] = if top[k] < 0.0 { 0.0 } else { top[k] };
+            bottom[k] = if bottom[k] < 0.0 { 1.0 } else { bottom[k] };
         }
+        bounds
     }
 }
+
+/// Sides that are not found yet: cuts lie in `[0, 1]`.
+const MISSING: Lanes = [-1.0; LANES];
 
 /// The number of a cell in the order of the descent: the bits of row and column in turn, below what only one of them has.
 #[inline(always)]
@@ -171,39 +210,30 @@ fn gather(bits: u32) -> u32 {
     (bits | (bits >> 8)) & 0x0000_ffff
 }
 
-/// Cuts a node's rectangle in proportion to the masses of its children, and adds theirs.
-fn cut(level: &Level, bounds: &Bounds<f64>, masses: &[f64], children: &mut Vec<Bounds<f64>>) -> Cuts {
+/// Cuts a node's rectangle in proportion to the masses of its children; the cuts and the children's rectangles.
+fn cut(level: &Level, bounds: &Bounds<f64>, masses: &[f64]) -> (Cuts, [Bounds<f64>; 4]) {
     let per_row = 1 << level.column_bits;
     let (upper, lower) = masses.split_at(per_row);
     let whole = |row: &[f64]| row.iter().sum::<f64>();
     let horizontal = between(bounds.top, bounds.bottom, whole(upper), whole(lower));
-    let mut cuts = [horizontal as f32, 0.0, 0.0, 0.0];
+    let (mut cuts, mut children) = ([horizontal as f32, 0.0, 0.0, 0.0], [*bounds; 4]);
     for (row, masses) in [upper, lower].into_iter().enumerate() {
         let right = masses.get(1).copied().unwrap_or(0.0);
         let vertical = between(bounds.left, bounds.right, masses.first().copied().unwrap_or(0.0), right);
         cuts[1 + row] = vertical as f32;
         let [top, bottom] = [[bounds.top, horizontal], [horizontal, bounds.bottom]][row];
-        let parts = [
-            Bounds { left: bounds.left, right: vertical, top, bottom },
-            Bounds { left: vertical, right: bounds.right, top, bottom },
-        ];
-        children.extend(&parts[..masses.len()]);
+        // Of a row without a second column, only the first child is there.
+        children[row * per_row] = Bounds { left: bounds.left, right: vertical, top, bottom };
+        if per_row == 2 {
+            children[2 * row + 1] = Bounds { left: vertical, right: bounds.right, top, bottom };
+        }
     }
-    cuts
+    (cuts, children)
 }
 
 /// Where an interval is cut in proportion to two masses; at its end where there is nothing to divide.
 fn between(start: f64, end: f64, first: f64, second: f64) -> f64 {
     if second > 0.0 { (start + (end - start) * (first / (first + second))).clamp(start, end) } else { end }
-}
-
-/// The way of a point from the lower to the upper bound.
-#[inline(always)]
-fn fraction(at: f32, from: f32, to: f32) -> f32 {
-    let way = (at - from) / (to - from);
-    // In this order what is not a number (an empty interval) becomes 0.
-    let way = if way > 0.0 { way } else { 0.0 };
-    if way < BELOW_ONE { way } else { BELOW_ONE }
 }
 
 /// Points of Y on their way down the tree, one in each lane.
@@ -226,16 +256,7 @@ impl Descents {
     /// One level down.
     #[inline(always)]
     fn step(&mut self, level: &Level) {
-        let mut cuts = [[0.0; LANES]; 3];
-        for k in (0..LANES).step_by(4) {
-            // Four nodes at a time: four loads and a transposition instead of twelve loads.
-            let node = |lane: usize| Vec4::from_array(level.cuts[self.index[k + lane] as usize]);
-            let nodes = Mat4::from_cols(node(0), node(1), node(2), node(3)).transpose();
-            for (cuts, nodes) in cuts.iter_mut().zip([nodes.x_axis, nodes.y_axis, nodes.z_axis]) {
-                cuts[k..k + 4].copy_from_slice(&nodes.to_array());
-            }
-        }
-        let [horizontal, above, below] = &cuts;
+        let [horizontal, above, below] = &level.load(&self.index);
         let Self { x, y, bounds, index } = self;
         for k in 0..LANES {
             let is_lower = y[k] >= horizontal[k];
@@ -265,8 +286,8 @@ impl Descents {
         let (mut x, mut jacobian) = ([[0.0; LANES]; 2], [0.0; LANES]);
         for k in 0..LANES {
             let corners = Corners(corners[k]);
-            let across = fraction(self.x[k], self.bounds.left[k], self.bounds.right[k]);
-            let down = fraction(self.y[k], self.bounds.top[k], self.bounds.bottom[k]);
+            let across = remap(self.x[k], self.bounds.left[k], self.bounds.right[k]);
+            let down = remap(self.y[k], self.bounds.top[k], self.bounds.bottom[k]);
             let inside = corners.sample(Vec2::new(across, down));
             let point = grid.point(columns[k], rows[k], inside);
             (x[0][k], x[1][k]) = (point.x, point.y);
@@ -276,85 +297,76 @@ impl Descents {
     }
 }
 
-/// Chunks of [`LANES`] points that go down the tree side by side: each waits for memory while the others move.
-const ABREAST: usize = 4;
+/// Strips that go down the tree side by side: each waits for memory while the others move.
+const STRIPS: usize = 4;
 
-/// [`TailWarp::forward`] of at most `ABREAST * LANES` points.
-struct Forward<'a> {
-    tail: &'a Hierarchical,
-    y: &'a [Vec2],
-    out: &'a mut [(Vec2, f32)],
+vectorized! {
+    fn descend['a](
+        _simd, tail: &'a Hierarchical, y: [&'a [Lanes]; 2], x: [&'a mut [Lanes]; 2], jacobian: &'a mut [Lanes],
+    ) {
+        let [x_u, x_v] = x;
+        for first in (0..jacobian.len()).step_by(STRIPS) {
+            let count = STRIPS.min(jacobian.len() - first);
+            let mut descents = [Descents::AT_THE_ROOT; STRIPS];
+            let descents = &mut descents[..count];
+            for (k, descents) in descents.iter_mut().enumerate() {
+                for lane in 0..LANES {
+                    descents.x[lane] = remap(y[0][first + k][lane], 0.0, 1.0);
+                    descents.y[lane] = remap(y[1][first + k][lane], 0.0, 1.0);
+                }
+            }
+            for level in &tail.levels {
+                for descents in descents.iter_mut() {
+                    descents.step(level);
+                }
+            }
+            for (k, descents) in descents.iter().enumerate() {
+                ([x_u[first + k], x_v[first + k]], jacobian[first + k]) = descents.finish(tail);
+            }
+        }
+    }
 }
 
-impl Vectorized for Forward<'_> {
-    #[inline(always)]
-    fn run<S: Simd>(self, _simd: S) {
-        let mut descents = [Descents::AT_THE_ROOT; ABREAST];
-        let chunks = self.y.len().div_ceil(LANES).min(ABREAST);
-        let descents = &mut descents[..chunks];
-        for (descents, y) in descents.iter_mut().zip(self.y.chunks(LANES)) {
-            // Lanes without a point keep the point 0.
-            for ((y, in_x), in_y) in y.iter().zip(&mut descents.x).zip(&mut descents.y) {
-                (*in_x, *in_y) = (y.x.clamp(0.0, BELOW_ONE), y.y.clamp(0.0, BELOW_ONE));
+vectorized! {
+    fn ascend['a](
+        _simd, tail: &'a Hierarchical, x: [&'a [Lanes]; 2], y: [&'a mut [Lanes]; 2], density: &'a mut [Lanes],
+    ) {
+        let [y_u, y_v] = y;
+        for strip in 0..density.len() {
+            let (u, v) = (x[0][strip], x[1][strip]);
+            let (mut columns, mut rows, mut inside) = ([0; LANES], [0; LANES], [Vec2::ZERO; LANES]);
+            for k in 0..LANES {
+                let (column, row, place) = tail.grid.cell(Vec2::new(u[k], v[k]));
+                (columns[k], rows[k], inside[k]) = (column as u32, row as u32, place);
             }
-        }
-        for level in &self.tail.levels {
-            for descents in descents.iter_mut() {
-                descents.step(level);
+            let mut corners = [Corners([0.0; 4]); LANES];
+            for k in 0..LANES {
+                corners[k] = tail.grid.corners(columns[k] as usize, rows[k] as usize);
             }
-        }
-        for (descents, out) in descents.iter().zip(self.out.chunks_mut(LANES)) {
-            let ([u, v], jacobian) = descents.finish(self.tail);
-            for (k, out) in out.iter_mut().enumerate() {
-                *out = (Vec2::new(u[k], v[k]), jacobian[k]);
+            let Bounds { left, right, top, bottom } = tail.bounds(&columns, &rows);
+            for k in 0..LANES {
+                let share = corners[k].invert(inside[k]);
+                let u = left[k] + share.x * (right[k] - left[k]);
+                let v = top[k] + share.y * (bottom[k] - top[k]);
+                y_u[strip][k] = if u < BELOW_ONE { u } else { BELOW_ONE };
+                y_v[strip][k] = if v < BELOW_ONE { v } else { BELOW_ONE };
+                density[strip][k] = corners[k].evaluate(inside[k]);
             }
         }
     }
 }
 
 impl TailWarp for Hierarchical {
-    fn forward(&self, y: Vec2) -> (Vec2, f32) {
-        let y = y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE));
-        let mut bounds = Bounds { left: 0.0, right: 1.0, top: 0.0, bottom: 1.0 };
-        let mut index = 0;
-        for level in &self.levels {
-            let [horizontal, above, below, _] = level.cuts[index as usize];
-            let is_lower = y.y >= horizontal;
-            let vertical = if is_lower { below } else { above };
-            let is_right = y.x >= vertical;
-            // Selections, not branches: which part a sample falls into cannot be predicted.
-            bounds.top = if is_lower { horizontal } else { bounds.top };
-            bounds.bottom = if is_lower { bounds.bottom } else { horizontal };
-            bounds.left = if is_right { vertical } else { bounds.left };
-            bounds.right = if is_right { bounds.right } else { vertical };
-            let (lower, right) = (u32::from(is_lower), u32::from(is_right));
-            index = level.child(index, lower, right);
-        }
-        let (column, row) = self.cell(index);
-        let corners = self.grid.corners(column as usize, row as usize);
-        let across = fraction(y.x, bounds.left, bounds.right);
-        let down = fraction(y.y, bounds.top, bounds.bottom);
-        let inside = corners.sample(Vec2::new(across, down));
-        (self.grid.point(column, row, inside), 1.0 / corners.evaluate(inside))
+    fn forward_columns(&self, y: [&[Lanes]; 2], x: [&mut [Lanes]; 2], jacobian: &mut [Lanes]) {
+        descend(self, y, x, jacobian);
     }
 
-    fn forward_batch(&self, y: &[Vec2], out: &mut [(Vec2, f32)]) {
-        for (y, out) in y.chunks(ABREAST * LANES).zip(out.chunks_mut(ABREAST * LANES)) {
-            simd::dispatch(Forward { tail: self, y, out });
-        }
+    fn inverse_columns(&self, x: [&[Lanes]; 2], y: [&mut [Lanes]; 2], density: &mut [Lanes]) {
+        ascend(self, x, y, density);
     }
 
-    fn inverse(&self, x: Vec2) -> (Vec2, f32) {
-        let (column, row, inside) = self.grid.cell(x);
-        let corners = self.grid.corners(column, row);
-        let Bounds { left, right, top, bottom } = self.bounds(column as u32, row as u32);
-        let share = corners.invert(inside);
-        let y = Vec2::new(left + share.x * (right - left), top + share.y * (bottom - top));
-        (y.min(Vec2::splat(BELOW_ONE)), corners.evaluate(inside))
-    }
-
-    fn density(&self, x: Vec2) -> f32 {
-        self.grid.density(x)
+    fn density_columns(&self, x: [&[Lanes]; 2], density: &mut [Lanes]) {
+        self.grid.densities(x, density);
     }
 }
 
@@ -390,7 +402,8 @@ mod tests {
             let mut sum = 0.0;
             for row in 0..rows {
                 for column in 0..columns {
-                    let Bounds { left, right, top, bottom } = tree.bounds(column as u32, row as u32);
+                    let bounds = tree.bounds(&[column as u32; LANES], &[row as u32; LANES]);
+                    let [left, right, top, bottom] = [bounds.left, bounds.right, bounds.top, bounds.bottom].map(|side| side[0]);
                     let (area, mass) = ((right - left) * (bottom - top), tree.grid.corners(column, row).mean() / cells);
                     assert!((0.0..=1.0).contains(&left) && right <= 1.0 && top >= 0.0 && bottom <= 1.0);
                     // Four bounds, each rounded to 6e-8, times sides of at most 1.
@@ -399,19 +412,6 @@ mod tests {
                 }
             }
             assert!((sum - 1.0).abs() < 1e-5, "{sum}");
-        }
-    }
-
-    #[test]
-    fn batches_are_warped_like_single_points() {
-        let tree = tree(64, 31);
-        let y: Vec<Vec2> = (0..1000).map(|k| Vec2::new(k as f32 * 0.618_034 % 1.0, k as f32 / 999.0)).collect();
-        for length in [1, 15, 16, 17, 63, 64, 65, 1000] {
-            let mut out = vec![(Vec2::ZERO, 0.0); length];
-            tree.forward_batch(&y[..length], &mut out);
-            for (&y, &out) in y.iter().zip(&out) {
-                assert_eq!(tree.forward(y), out);
-            }
         }
     }
 }

@@ -18,32 +18,91 @@ pub use warp_map::WarpMap;
 use glam::{Vec2, Vec3A};
 use serde::{Deserialize, Serialize};
 
-use crate::{latlong, simd::Lanes};
-
-/// The largest f32 below 1: square coordinates are kept in `[0, 1)` where a cell is looked up.
-const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+use crate::{
+    columns::strips,
+    latlong,
+    simd::{LANES, Lanes},
+};
 
 /// A bijection of the unit square; coordinate 0 is a circle, coordinate 1 an interval, on both sides.
 ///
-/// `forward` and `inverse` are inverse to each other to rounding, and both report the Jacobian of the same map:
-/// `forward(y) = (x, |dx/dy|)`, `inverse(x) = (y, |dy/dx|)`. For an exact tail `|dy/dx|` is the normalised density of the
-/// light over X.
+/// Columns are what an implementation gives; the forms for single points are columns with one live lane. `forward` and `inverse` are
+/// inverse to each other to rounding, and both report the Jacobian of the same map: `forward(y) = (x, |dx/dy|)`,
+/// `inverse(x) = (y, |dy/dx|)`. For an exact tail `|dy/dx|` is the normalised density of the light over X.
 pub trait TailWarp: Send + Sync {
-    /// `y` in `[0, 1)^2` to `(x, |dx/dy|)`; the Jacobian is infinite where the light vanishes.
-    fn forward(&self, y: Vec2) -> (Vec2, f32);
+    /// `y` in `[0, 1)^2` to `x` and `|dx/dy|`; the Jacobian is infinite where the light vanishes. All columns are equally long.
+    fn forward_columns(&self, y: [&[Lanes]; 2], x: [&mut [Lanes]; 2], jacobian: &mut [Lanes]);
 
-    /// [`Self::forward`] of many points; `y` and `out` have equal length.
-    fn forward_batch(&self, y: &[Vec2], out: &mut [(Vec2, f32)]) {
-        for (&y, out) in y.iter().zip(out) {
-            *out = self.forward(y);
-        }
-    }
-
-    /// `x` in `[0, 1]^2` to `(y, |dy/dx|)`; the Jacobian is 0 where the light vanishes, and `y` is then only near.
-    fn inverse(&self, x: Vec2) -> (Vec2, f32);
+    /// `x` in `[0, 1]^2` to `y` and `|dy/dx|`; the Jacobian is 0 where the light vanishes, and `y` is then only near.
+    fn inverse_columns(&self, x: [&[Lanes]; 2], y: [&mut [Lanes]; 2], density: &mut [Lanes]);
 
     /// `|dy/dx|` alone: the density over X into which the uniform density over Y is carried.
-    fn density(&self, x: Vec2) -> f32;
+    fn density_columns(&self, x: [&[Lanes]; 2], density: &mut [Lanes]);
+
+    /// [`Self::forward_columns`] of a list of points.
+    fn forward_points(&self, y: &[Vec2]) -> Vec<(Vec2, f32)> {
+        in_columns(y, |y, x, jacobian| self.forward_columns(y, x, jacobian))
+    }
+
+    /// [`Self::inverse_columns`] of a list of points.
+    fn inverse_points(&self, x: &[Vec2]) -> Vec<(Vec2, f32)> {
+        in_columns(x, |x, y, density| self.inverse_columns(x, y, density))
+    }
+
+    /// [`Self::forward_columns`] of one point.
+    fn forward(&self, y: Vec2) -> (Vec2, f32) {
+        one(y, |y, x, jacobian| self.forward_columns(y, x, jacobian))
+    }
+
+    /// [`Self::inverse_columns`] of one point.
+    fn inverse(&self, x: Vec2) -> (Vec2, f32) {
+        one(x, |x, y, density| self.inverse_columns(x, y, density))
+    }
+
+    /// [`Self::density_columns`] of one point.
+    fn density(&self, x: Vec2) -> f32 {
+        one(x, |x, _, density| self.density_columns(x, density)).1
+    }
+}
+
+/// One point through a function over columns; the other lanes have the same point.
+fn one(point: Vec2, warp: impl FnOnce([&[Lanes]; 2], [&mut [Lanes]; 2], &mut [Lanes])) -> (Vec2, f32) {
+    let (from, mut to, mut factor) = ([[[point.x; LANES]], [[point.y; LANES]]], [[[0.0; LANES]]; 2], [[0.0; LANES]]);
+    let [x, y] = &mut to;
+    warp([&from[0], &from[1]], [x, y], &mut factor);
+    (Vec2::new(to[0][0][0], to[1][0][0]), factor[0][0])
+}
+
+/// A list of points through a function over columns.
+fn in_columns(
+    points: &[Vec2],
+    warp: impl FnOnce([&[Lanes]; 2], [&mut [Lanes]; 2], &mut [Lanes]),
+) -> Vec<(Vec2, f32)> {
+    let column = || vec![[0.0; LANES]; strips(points.len())];
+    let (mut from, mut to, mut factor) = ([column(), column()], [column(), column()], column());
+    let [u, v] = from.each_mut().map(|column| column.as_flattened_mut());
+    for ((point, u), v) in points.iter().zip(u).zip(v) {
+        (*u, *v) = (point.x, point.y);
+    }
+    let [x, y] = &mut to;
+    warp([&from[0], &from[1]], [x, y], &mut factor);
+    let [x, y] = to.each_ref().map(|column| column.as_flattened());
+    (0..points.len()).map(|k| (Vec2::new(x[k], y[k]), factor.as_flattened()[k])).collect()
+}
+
+/// A warp that is written for one point, lane by lane.
+fn each_lane(
+    from: [&[Lanes]; 2],
+    to: [&mut [Lanes]; 2],
+    factor: &mut [Lanes],
+    warp: impl Fn(Vec2) -> (Vec2, f32),
+) {
+    let [u, v] = from.map(|column| column.as_flattened());
+    let [x, y] = to.map(|column| column.as_flattened_mut());
+    for (k, factor) in factor.as_flattened_mut().iter_mut().enumerate() {
+        let (point, own) = warp(Vec2::new(u[k], v[k]));
+        (x[k], y[k], *factor) = (point.x, point.y, own);
+    }
 }
 
 /// Which tail warp to build.
@@ -127,16 +186,6 @@ impl Tail {
         }
     }
 
-    /// [`TailWarp::density`] at as many points as there are lanes.
-    #[inline(always)]
-    pub(crate) fn density_lanes(&self, u: &Lanes, v: &Lanes) -> Lanes {
-        match self {
-            Self::RowColumn(tail) => tail.grid().density_lanes(u, v),
-            Self::Hierarchical(tail) => tail.grid().density_lanes(u, v),
-            Self::Flow(tail) => std::array::from_fn(|k| tail.density(Vec2::new(u[k], v[k]))),
-        }
-    }
-
     /// The kind.
     pub fn kind(&self) -> TailKind {
         match self {
@@ -148,41 +197,40 @@ impl Tail {
 
     /// The direction to which a point of Y is carried, and the solid-angle pdf of that direction when Y is uniform.
     pub fn forward_direction(&self, y: Vec2) -> (Vec2, Vec3A, f32) {
-        let (x, jacobian) = self.forward(y);
-        (x, latlong::direction(x), latlong::solid_angle_factor(x.y) / jacobian)
+        direction_of(self.forward(y))
+    }
+
+    /// [`Self::forward_direction`] of a list of points.
+    pub fn forward_directions(&self, y: &[Vec2]) -> impl Iterator<Item = (Vec2, Vec3A, f32)> {
+        self.forward_points(y).into_iter().map(direction_of)
+    }
+}
+
+/// The direction of a point of X, and its pdf, from the Jacobian there.
+fn direction_of((x, jacobian): (Vec2, f32)) -> (Vec2, Vec3A, f32) {
+    (x, latlong::direction(x), latlong::solid_angle_factor(x.y) / jacobian)
+}
+
+impl Tail {
+    fn warp(&self) -> &dyn TailWarp {
+        match self {
+            Self::RowColumn(tail) => tail,
+            Self::Hierarchical(tail) => tail,
+            Self::Flow(tail) => tail,
+        }
     }
 }
 
 impl TailWarp for Tail {
-    fn forward(&self, y: Vec2) -> (Vec2, f32) {
-        match self {
-            Self::RowColumn(tail) => tail.forward(y),
-            Self::Hierarchical(tail) => tail.forward(y),
-            Self::Flow(tail) => tail.forward(y),
-        }
+    fn forward_columns(&self, y: [&[Lanes]; 2], x: [&mut [Lanes]; 2], jacobian: &mut [Lanes]) {
+        self.warp().forward_columns(y, x, jacobian);
     }
 
-    fn forward_batch(&self, y: &[Vec2], out: &mut [(Vec2, f32)]) {
-        match self {
-            Self::RowColumn(tail) => tail.forward_batch(y, out),
-            Self::Hierarchical(tail) => tail.forward_batch(y, out),
-            Self::Flow(tail) => tail.forward_batch(y, out),
-        }
+    fn inverse_columns(&self, x: [&[Lanes]; 2], y: [&mut [Lanes]; 2], density: &mut [Lanes]) {
+        self.warp().inverse_columns(x, y, density);
     }
 
-    fn inverse(&self, x: Vec2) -> (Vec2, f32) {
-        match self {
-            Self::RowColumn(tail) => tail.inverse(x),
-            Self::Hierarchical(tail) => tail.inverse(x),
-            Self::Flow(tail) => tail.inverse(x),
-        }
-    }
-
-    fn density(&self, x: Vec2) -> f32 {
-        match self {
-            Self::RowColumn(tail) => tail.grid().density(x),
-            Self::Hierarchical(tail) => tail.grid().density(x),
-            Self::Flow(tail) => tail.density(x),
-        }
+    fn density_columns(&self, x: [&[Lanes]; 2], density: &mut [Lanes]) {
+        self.warp().density_columns(x, density);
     }
 }

@@ -3,9 +3,14 @@
 use glam::Vec2;
 
 use super::{
-    BELOW_ONE, TailWarp,
+    TailWarp,
     bilinear::{invert_linear, sample_linear},
     density::BilinearDensity,
+    each_lane,
+};
+use crate::{
+    discrete::{BELOW_ONE, remap},
+    simd::Lanes,
 };
 
 /// The row-column tail (the inversion method in two steps, as in pbrt and Mitsuba), exact for the bilinear density: the marginal
@@ -72,22 +77,17 @@ fn last_at_most(count: usize, target: f32, value: impl Fn(usize) -> f32) -> usiz
     low
 }
 
-/// The share of the way from `start` to `end`.
-fn fraction(value: f32, start: f32, end: f32) -> f32 {
-    if end > start { ((value - start) / (end - start)).clamp(0.0, BELOW_ONE) } else { 0.0 }
-}
-
-impl TailWarp for RowColumn {
-    fn forward(&self, y: Vec2) -> (Vec2, f32) {
+impl RowColumn {
+    fn warp(&self, y: Vec2) -> (Vec2, f32) {
         let y = y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE));
         let row = last_at_most(self.grid.rows(), y.y, |row| self.above[row]);
-        let share = fraction(y.y, self.above[row], self.above[row + 1]);
+        let share = remap(y.y, self.above[row], self.above[row + 1]);
         let t = sample_linear(share, self.marginal[row], self.marginal[row + 1]);
 
         let columns = self.grid.columns();
         let target = y.x * self.before(row, t, columns);
         let column = last_at_most(columns, target, |column| self.before(row, t, column));
-        let share = fraction(target, self.before(row, t, column), self.before(row, t, column + 1));
+        let share = remap(target, self.before(row, t, column), self.before(row, t, column + 1));
         let corners = self.grid.corners(column, row);
         let [a, b, c, d] = corners.0;
         let s = sample_linear(share, (1.0 - t) * a + t * c, (1.0 - t) * b + t * d);
@@ -95,7 +95,7 @@ impl TailWarp for RowColumn {
         (self.grid.point(column as u32, row as u32, inside), 1.0 / corners.evaluate(inside))
     }
 
-    fn inverse(&self, x: Vec2) -> (Vec2, f32) {
+    fn unwarp(&self, x: Vec2) -> (Vec2, f32) {
         let (column, row, inside) = self.grid.cell(x);
         let corners = self.grid.corners(column, row);
         let [a, b, c, d] = corners.0;
@@ -108,8 +108,18 @@ impl TailWarp for RowColumn {
         let u = if total > 0.0 { (start + across * (end - start)) / total } else { inside.x };
         (Vec2::new(u, v).min(Vec2::splat(BELOW_ONE)), corners.evaluate(inside))
     }
+}
 
-    fn density(&self, x: Vec2) -> f32 {
-        self.grid.density(x)
+impl TailWarp for RowColumn {
+    fn forward_columns(&self, y: [&[Lanes]; 2], x: [&mut [Lanes]; 2], jacobian: &mut [Lanes]) {
+        each_lane(y, x, jacobian, |y| self.warp(y));
+    }
+
+    fn inverse_columns(&self, x: [&[Lanes]; 2], y: [&mut [Lanes]; 2], density: &mut [Lanes]) {
+        each_lane(x, y, density, |x| self.unwarp(x));
+    }
+
+    fn density_columns(&self, x: [&[Lanes]; 2], density: &mut [Lanes]) {
+        self.grid.densities(x, density);
     }
 }

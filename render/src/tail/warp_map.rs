@@ -3,8 +3,10 @@
 use glam::{DVec2, Vec2};
 use rayon::prelude::*;
 
-use super::BELOW_ONE;
-use crate::error::{Error, Result};
+use crate::{
+    discrete::BELOW_ONE,
+    error::{Error, Result},
+};
 
 /// Fewest and most cells along a side.
 const CELLS: std::ops::RangeInclusive<usize> = 4..=1024;

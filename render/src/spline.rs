@@ -1,17 +1,29 @@
-//! Rational-quadratic splines of [`LANES`] samples at once, each sample with a spline of its own: what
-//! [`Spline`](crate::head::Spline) does, without a branch.
+//! Rational-quadratic splines of [`LANES`] samples at once, each sample with a spline of its own.
 
 use crate::{
-    head::{
-        Topology,
-        spline::{BELOW_ONE, MIN_BIN, MIN_SLOPE, SLOPE_OFFSET},
-    },
+    discrete::BELOW_ONE,
     simd::{self, LANES, Lanes, Simd, Vectorized},
 };
 
+/// Floor of a bin's width and height.
+const MIN_BIN: f32 = 1e-4;
+/// Floor of a slope.
+const MIN_SLOPE: f32 = 1e-4;
+/// `ln(e^(1 - MIN_SLOPE) - 1)`: makes a zero logit the slope 1.
+const SLOPE_OFFSET: f32 = 0.541_166_65;
+
+/// What a coordinate's two ends are to each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Topology {
+    /// Two ends, with slopes of their own.
+    Interval,
+    /// One point.
+    Circle,
+}
+
 /// Which way a spline is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Direction {
+pub enum Direction {
     /// `z -> y`, sampling.
     Forward,
     /// `y -> z`, the density direction.
@@ -30,7 +42,7 @@ struct Bins {
 /// Carries `at` through the splines of the logits (`[3K + 1, LANES]`, which are overwritten); gives the images, and
 /// `|dz/dy|` there.
 #[inline(always)]
-pub(super) fn evaluate<S: Simd>(
+pub fn evaluate<S: Simd>(
     simd: S,
     topology: Topology,
     direction: Direction,

@@ -14,9 +14,9 @@ use std::{
 pub enum Stage {
     /// Camera rays (and those of further bounces): traversal, the hit's normals and textures.
     CameraRays,
-    /// Drawing directions: what is prepared for a point, the draw, the pdf of the draw; of mixtures also the pdfs of their parts.
+    /// Drawing directions: what is prepared for a point, the draw, the pdf of the draw.
     Sampling,
-    /// Pdfs of other samplers at a drawn direction, in two-sample MIS.
+    /// Pdfs of other samplers at a drawn direction: in mixtures, MIS and RIS.
     Pdf,
     /// Shadow rays.
     ShadowRays,
@@ -39,23 +39,29 @@ static TOTALS: [AtomicU64; STAGES.len()] = [const { AtomicU64::new(0) }; STAGES.
 thread_local! {
     /// Nanoseconds that this thread has not yet added to the totals.
     static OWN: Cell<[u64; STAGES.len()]> = const { Cell::new([0; STAGES.len()]) };
+    /// Nanoseconds of stages inside of the one that is under way.
+    static INSIDE: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Does some work of a stage, with a look at the clock before and after if timings are on.
-pub(super) fn timed<T>(stage: Stage, work: impl FnOnce() -> T) -> T {
+/// Does some work of a stage, with a look at the clock before and after if timings are on. The time of a stage inside of another counts for the
+/// inner one alone.
+pub(crate) fn timed<T>(stage: Stage, work: impl FnOnce() -> T) -> T {
     if !ENABLED.load(Relaxed) {
         return work();
     }
+    let outside = INSIDE.replace(0);
     let start = Instant::now();
     let result = work();
+    let elapsed = start.elapsed().as_nanos() as u64;
     let mut own = OWN.get();
-    own[stage as usize] += start.elapsed().as_nanos() as u64;
+    own[stage as usize] += elapsed.saturating_sub(INSIDE.get());
     OWN.set(own);
+    INSIDE.set(outside + elapsed);
     result
 }
 
 /// Adds what this thread has measured to the totals.
-pub(super) fn flush() {
+pub(crate) fn flush() {
     if ENABLED.load(Relaxed) {
         let own = OWN.replace([0; STAGES.len()]);
         for (total, own) in TOTALS.iter().zip(own) {

@@ -1,9 +1,56 @@
-//! Affine layers for [`LANES`] samples at once: products of a small matrix with `[inputs, LANES]`.
+//! Affine layers: weights as files have them, and packed for products of a small matrix with `[inputs, LANES]`.
 
 use crate::{
-    head::Linear,
+    error::{Error, Result},
     simd::{self, LANES, Lanes, Simd, Vectorized},
 };
+
+/// `y = W x + b`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Linear {
+    inputs: usize,
+    outputs: usize,
+    /// `[outputs, inputs]`, row-major.
+    weight: Vec<f32>,
+    bias: Vec<f32>,
+}
+
+impl Linear {
+    /// A layer of a row-major weight `[outputs, inputs]` and a bias `[outputs]` (PyTorch's order).
+    ///
+    /// # Errors
+    /// The sizes do not fit, or a value is not finite.
+    pub fn new(name: &str, inputs: usize, outputs: usize, weight: &[f32], bias: Vec<f32>) -> Result<Self> {
+        if outputs == 0 || weight.len() != inputs * outputs || bias.len() != outputs {
+            let reason = format!("{} weights and {} biases do not fit {outputs} x {inputs}", weight.len(), bias.len());
+            return Err(Error::argument(name, reason));
+        }
+        if !weight.iter().chain(&bias).all(|value| value.is_finite()) {
+            return Err(Error::argument(name, "holds a value that is not finite"));
+        }
+        Ok(Self { inputs, outputs, weight: weight.to_vec(), bias })
+    }
+
+    /// Length of the input.
+    pub fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// Length of the output.
+    pub fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    /// The row-major weight `[outputs, inputs]`.
+    pub fn weight(&self) -> &[f32] {
+        &self.weight
+    }
+
+    /// The bias `[outputs]`.
+    pub fn bias(&self) -> &[f32] {
+        &self.bias
+    }
+}
 
 /// Most outputs of a block. With two registers of [`LANES`] samples each, as AVX2 has, six outputs keep twelve sums in
 /// registers: enough to hide the latency of a multiply-add, and few enough to leave room for the factors.
@@ -12,7 +59,7 @@ const BLOCK: usize = 6;
 /// A part of the columns of a [`Linear`], its weights in the order in which they are read: for each block of outputs, for each
 /// input, the weights of the block.
 #[derive(Clone, Debug)]
-pub(super) struct LinearAbreast {
+pub(super) struct Packed {
     inputs: usize,
     bias: Vec<f32>,
     weights: Vec<f32>,
@@ -29,7 +76,7 @@ pub(super) enum Start<'a> {
     Of(&'a [Lanes]),
 }
 
-impl LinearAbreast {
+impl Packed {
     /// All of a layer.
     pub fn new(layer: &Linear) -> Self {
         Self::part(layer, 0, layer.inputs())
@@ -65,7 +112,7 @@ impl LinearAbreast {
 
 /// One layer.
 struct Forward<'a> {
-    layer: &'a LinearAbreast,
+    layer: &'a Packed,
     start: Start<'a>,
     x: &'a [Lanes],
     out: &'a mut [Lanes],
@@ -181,7 +228,7 @@ mod tests {
 
     #[test]
     fn parts_add_up_to_the_layer() {
-        struct Both<'a>([&'a LinearAbreast; 2], &'a [Lanes], &'a mut [Lanes]);
+        struct Both<'a>([&'a Packed; 2], &'a [Lanes], &'a mut [Lanes]);
         impl Vectorized for Both<'_> {
             #[inline(always)]
             fn run<S: Simd>(self, simd: S) {
@@ -197,12 +244,12 @@ mod tests {
             let layer = Linear::new("layer", inputs, outputs, &numbers(inputs * outputs), numbers(outputs)).unwrap();
             let x: Vec<Lanes> = (0..inputs).map(|_| std::array::from_fn(|_| numbers(1)[0])).collect();
             let mut out = vec![[f32::NAN; LANES]; outputs];
-            let parts = [LinearAbreast::part(&layer, 0, 2), LinearAbreast::part(&layer, 2, inputs - 2)];
+            let parts = [Packed::part(&layer, 0, 2), Packed::part(&layer, 2, inputs - 2)];
             dispatch(Both([&parts[0], &parts[1]], &x, &mut out));
             for lane in 0..LANES {
                 let column: Vec<f32> = x.iter().map(|x| x[lane]).collect();
-                let mut expected = vec![0.0; outputs];
-                layer.forward(&column, &mut expected);
+                let row = |(row, bias): (&[f32], &f32)| row.iter().zip(&column).map(|(w, x)| w * x).sum::<f32>() + bias;
+                let expected: Vec<f32> = layer.weight().chunks_exact(inputs).zip(layer.bias()).map(row).collect();
                 for (out, expected) in out.iter().zip(expected) {
                     let expected = if expected > 0.0 { expected } else { 0.1 * expected };
                     assert!((out[lane] - expected).abs() < 2e-6, "{inputs} {outputs}: {} {expected}", out[lane]);

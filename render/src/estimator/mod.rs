@@ -1,0 +1,102 @@
+//! Unbiased estimators of the light that shading points reflect from the environment.
+//!
+//! An estimator proposes contributions; whoever owns the scene finds out which of them are visible and tells the estimator.
+
+mod ris;
+mod single_sample;
+mod two_sample_mis;
+
+pub use ris::Ris;
+pub use single_sample::SingleSample;
+pub use two_sample_mis::TwoSampleMis;
+
+use glam::Vec3A;
+
+use crate::{columns::Arena, environment::Environment, points::Points, simd::Lanes, tile::Rows};
+
+/// An unbiased estimator of reflected light: the sum of its contributions that are not occluded.
+pub trait Estimator: Send + Sync {
+    /// Adds contributions for each row; all randomness comes from `points`.
+    fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena);
+
+    /// Tells which of the contributions that were proposed for these rows are visible. Samplers that learn do it here.
+    fn observe(&self, _at: &Rows<'_>, _contributions: &Contributions, _visible: &[bool]) {}
+}
+
+/// Directions and what they add to an estimate if the environment is seen along them. None of them is black.
+#[derive(Clone, Debug, Default)]
+pub struct Contributions {
+    places: Vec<u16>,
+    wi: Vec<Vec3A>,
+    radiance: Vec<Vec3A>,
+}
+
+impl Contributions {
+    /// Removes all.
+    pub fn clear(&mut self) {
+        self.places.clear();
+        self.wi.clear();
+        self.radiance.clear();
+    }
+
+    /// Adds a contribution of the point at a place among the rows.
+    pub fn push(&mut self, place: usize, wi: Vec3A, radiance: Vec3A) {
+        self.places.push(place as u16);
+        self.wi.push(wi);
+        self.radiance.push(radiance);
+    }
+
+    /// Places of the shading points among the rows that were proposed for.
+    pub fn places(&self) -> &[u16] {
+        &self.places
+    }
+
+    /// Unit directions, above the geometric surfaces.
+    pub fn wi(&self) -> &[Vec3A] {
+        &self.wi
+    }
+
+    /// Reflected radiance per channel, if visible.
+    pub fn radiance(&self) -> &[Vec3A] {
+        &self.radiance
+    }
+}
+
+/// Light x BRDF x cosine per channel for one direction of each row.
+pub(crate) fn integrand(
+    at: &Rows<'_>,
+    environment: &Environment,
+    wi: [&[Lanes]; 3],
+    mut out: [&mut [Lanes]; 3],
+    arena: &Arena,
+) {
+    let mut radiance = arena.columns::<3>(at.strips());
+    environment.radiances(wi, radiance.get_mut());
+    at.brdf_cosine(wi, out.each_mut().map(|column| &mut **column), arena);
+    for (out, radiance) in out.into_iter().zip(radiance.get()) {
+        for (out, radiance) in out.as_flattened_mut().iter_mut().zip(radiance.as_flattened()) {
+            *out *= radiance;
+        }
+    }
+}
+
+/// Adds `light x BRDF x cosine x weight` for a direction of each row; a weight of 0 is no sample.
+pub(crate) fn contribute(
+    at: &Rows<'_>,
+    environment: &Environment,
+    wi: [&[Lanes]; 3],
+    weights: &[Lanes],
+    out: &mut Contributions,
+    arena: &Arena,
+) {
+    let mut values = arena.columns::<3>(at.strips());
+    integrand(at, environment, wi, values.get_mut(), arena);
+    let ([x, y, z], [red, green, blue]) = (wi.map(<[Lanes]>::as_flattened), values.get().map(<[Lanes]>::as_flattened));
+    for (place, &weight) in weights.as_flattened()[..at.len()].iter().enumerate() {
+        let radiance = Vec3A::new(red[place], green[place], blue[place]) * weight;
+        // No sample has any direction, and what it reflects may be no number.
+        if weight > 0.0 && radiance.max_element() > 0.0 {
+            out.push(place, Vec3A::new(x[place], y[place], z[place]), radiance);
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! Resampled importance sampling: a few candidates, one of which survives in proportion to the unshadowed integrand.
+
+use std::sync::Arc;
+
+use super::{Contributions, Estimator, contribute, integrand};
+use crate::{
+    columns::Arena,
+    environment::Environment,
+    error::{Error, Result},
+    points::{Dimension, Points},
+    sampler::{Covering, Draws, Sampler, prepared},
+    simd::{LANES, Lanes},
+    tile::Rows,
+    timings::{Stage, timed},
+};
+
+/// Streaming RIS (Talbot et al. 2005, with a weighted reservoir) over `candidates` draws, alternately of two techniques, with
+/// balance-heuristic weights between them. The target is the luminance of light x BRDF x cosine without visibility.
+///
+/// The direction that survives has no closed pdf, only an unbiased estimate of its reciprocal: RIS is an estimator and no sampler, and takes no
+/// part in MIS.
+#[derive(Clone, Debug)]
+pub struct Ris<A, B> {
+    first: Covering<A>,
+    second: Covering<B>,
+    candidates: u32,
+    environment: Arc<Environment>,
+}
+
+/// What is kept of the candidates so far: the sum of weights, the survivor's direction and its target.
+struct Reservoirs<'a> {
+    total: &'a mut [Lanes],
+    wi: [&'a mut [Lanes]; 3],
+    target: &'a mut [Lanes],
+}
+
+/// One candidate of each row.
+struct Candidates<'a> {
+    wi: [&'a [Lanes]; 3],
+    target: &'a [Lanes],
+    /// The sum of both techniques' draws times their pdfs: the denominator of the balance heuristic.
+    density: &'a [Lanes],
+    /// The number by which it survives.
+    survives: &'a [Lanes],
+}
+
+impl Reservoirs<'_> {
+    fn clear(&mut self) {
+        for column in [&mut *self.total, self.target] {
+            column.as_flattened_mut().fill(0.0);
+        }
+    }
+
+    fn add(&mut self, candidates: &Candidates<'_>) {
+        for strip in 0..self.total.len() {
+            for lane in 0..LANES {
+                let target = candidates.target[strip][lane];
+                let weight = target / candidates.density[strip][lane];
+                let counts = (target > 0.0) & (weight > 0.0);
+                let total = self.total[strip][lane] + if counts { weight } else { 0.0 };
+                let chosen = counts & (candidates.survives[strip][lane] * total < weight);
+                self.total[strip][lane] = total;
+                let kept = &mut self.target[strip][lane];
+                *kept = if chosen { target } else { *kept };
+                for (kept, wi) in self.wi.iter_mut().zip(candidates.wi) {
+                    kept[strip][lane] = if chosen { wi[strip][lane] } else { kept[strip][lane] };
+                }
+            }
+        }
+    }
+}
+
+impl<A: Sampler, B: Sampler> Ris<A, B> {
+    /// RIS with `candidates` draws in all, the first technique having the odd one.
+    ///
+    /// # Errors
+    /// There must be 1 to 4096 candidates.
+    pub fn new(
+        first: Covering<A>,
+        second: Covering<B>,
+        candidates: u32,
+        environment: Arc<Environment>,
+    ) -> Result<Self> {
+        if !(1..=4096).contains(&candidates) {
+            return Err(Error::argument("ris", format!("{candidates} candidates: choose 1 to 4096")));
+        }
+        Ok(Self { first, second, candidates, environment })
+    }
+
+    /// Draws candidate `index` of each row and shows it to the reservoirs.
+    fn draw(
+        &self,
+        at: &Rows<'_>,
+        states: [&[Lanes]; 2],
+        (points, index): (&Points, u32),
+        reservoirs: &mut Reservoirs<'_>,
+        arena: &Arena,
+    ) {
+        let of_first = index % 2 == 0;
+        let (first, second): ((&dyn Sampler, _), (&dyn Sampler, _)) = ((&self.first, states[0]), (&self.second, states[1]));
+        let (own, other) = if of_first { (first, second) } else { (second, first) };
+        let mut columns = arena.columns::<10>(at.strips());
+        let [u, v, survives, x, y, z, own_pdf, target, green, blue] = columns.get_mut();
+        points.draw(Dimension::Light(index), at, [&mut *u, &mut *v, &mut *survives]);
+        own.0.sample(at, own.1, [u, v], Draws { wi: [x, y, z], pdf: own_pdf }, arena);
+        integrand(at, &self.environment, [x, y, z], [target, green, blue], arena);
+        for strip in 0..at.strips() {
+            for lane in 0..LANES {
+                let luminance =
+                    0.2126 * target[strip][lane] + 0.7152 * green[strip][lane] + 0.0722 * blue[strip][lane];
+                target[strip][lane] = if own_pdf[strip][lane] > 0.0 { luminance } else { 0.0 };
+            }
+        }
+        let (density, others) = (own_pdf, u);
+        timed(Stage::Pdf, || other.0.pdf(at, other.1, [x, y, z], others, arena));
+        let of_second = (self.candidates / 2) as f32;
+        let of_first_technique = (self.candidates - self.candidates / 2) as f32;
+        let (own_count, other_count) =
+            if of_first { (of_first_technique, of_second) } else { (of_second, of_first_technique) };
+        for (density, other) in density.as_flattened_mut().iter_mut().zip(others.as_flattened()) {
+            *density = own_count * *density + other_count * other;
+        }
+        let [_, _, survives, x, y, z, density, target, ..] = columns.get();
+        reservoirs.add(&Candidates { wi: [x, y, z], target, density, survives });
+    }
+}
+
+impl<A: Sampler, B: Sampler> Estimator for Ris<A, B> {
+    fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena) {
+        let mut columns = arena.columns::<5>(at.strips());
+        let [total, x, y, z, target] = columns.get_mut();
+        timed(Stage::Sampling, || {
+            let mut reservoirs = Reservoirs { total: &mut *total, wi: [&mut *x, &mut *y, &mut *z], target: &mut *target };
+            reservoirs.clear();
+            prepared(&self.first, at, arena, |first| {
+                prepared(&self.second, at, arena, |second| {
+                    for index in 0..self.candidates {
+                        self.draw(at, [first, second], (points, index), &mut reservoirs, arena);
+                    }
+                });
+            });
+        });
+        timed(Stage::Shading, || {
+            // The unbiased contribution weight, which stands where 1 / pdf would.
+            for (total, target) in total.as_flattened_mut().iter_mut().zip(target.as_flattened()) {
+                *total = if *target > 0.0 { *total / target } else { 0.0 };
+            }
+            contribute(at, &self.environment, [x, y, z], total, out, arena);
+        });
+    }
+}

@@ -1,0 +1,331 @@
+//! Inference of a head over strips of samples.
+//!
+//! Networks are bound by multiply-adds: all weights of a head fit the second-level cache and are read once for each strip.
+
+use glam::Vec2;
+
+use super::{Head, MAX_CONDITION, Mode, SELECTION_FLOOR, linear::Start};
+use crate::{
+    columns::{Arena, vectorized},
+    error::{Error, Result},
+    sampler::IntermediateDensity,
+    simd::{self, LANES, Lanes, Simd},
+    spline::{self, Direction},
+    tile::Rows,
+};
+
+/// Numbers of one strip between layers.
+struct Scratch<'a> {
+    /// Condition, then the encoder's output.
+    seen: &'a mut [Lanes],
+    first_layer: &'a mut [Lanes],
+    hidden: [&'a mut [Lanes]; 2],
+    logits: &'a mut [Lanes],
+}
+
+impl Head {
+    /// Strips of lanes that [`Scratch`] takes.
+    fn scratch_strips(&self) -> usize {
+        MAX_CONDITION + 4 * self.widest() + self.logits()
+    }
+
+    fn widest(&self) -> usize {
+        let layers = self.encoder.layers.iter().chain(&self.selection.layers).map(super::Linear::outputs);
+        layers.chain([self.elevation.widest(), self.azimuth.widest(), MAX_CONDITION]).max().unwrap_or(0)
+    }
+
+    /// The two splines may have different numbers of bins.
+    fn logits(&self) -> usize {
+        self.azimuth.outputs().max(self.elevation.outputs())
+    }
+
+    fn scratch<'a>(&self, buffer: &'a mut [Lanes]) -> Scratch<'a> {
+        let widest = self.widest();
+        let (seen, rest) = buffer.split_at_mut(MAX_CONDITION + widest);
+        let (first_layer, rest) = rest.split_at_mut(widest);
+        let (first, rest) = rest.split_at_mut(widest);
+        let (second, logits) = rest.split_at_mut(widest);
+        Scratch { seen, first_layer, hidden: [first, second], logits }
+    }
+
+    /// Columns of state that belong to the elevation's network: the condition's part of the first hidden layer (coupled), or the logits of the
+    /// spline, which depend on nothing else (autoregressive). Those of the azimuth's network follow.
+    fn elevation_columns(&self) -> usize {
+        match self.mode {
+            Mode::Coupled => self.elevation.of_condition.outputs(),
+            Mode::Autoregressive => self.elevation.outputs(),
+        }
+    }
+
+    /// From the condition in `scratch.seen` to what depends on it alone.
+    #[inline(always)]
+    fn prepare_strip<S: Simd>(&self, simd: S, scratch: &mut Scratch<'_>, state: &mut [Lanes]) {
+        self.encode(simd, scratch);
+        let Scratch { seen, first_layer, hidden: [first, second], .. } = scratch;
+        let (elevation, azimuth) = state.split_at_mut(self.elevation_columns());
+        self.azimuth.prepare(simd, seen, azimuth);
+        if self.mode == Mode::Autoregressive {
+            self.elevation.prepare(simd, seen, first_layer);
+            self.elevation.logits(simd, self.leaky_slope, first_layer, &[], [first, second], elevation);
+        } else {
+            self.elevation.prepare(simd, seen, elevation);
+        }
+    }
+
+    /// The encoder, which completes `scratch.seen`.
+    #[inline(always)]
+    fn encode<S: Simd>(&self, simd: S, scratch: &mut Scratch<'_>) {
+        let Scratch { seen, hidden: [first, second], .. } = scratch;
+        let length = self.condition.length();
+        if let Some((last, inner)) = self.encoder.packed.split_last() {
+            let (mut from, mut to) = (&mut **first, &mut **second);
+            from[..length].copy_from_slice(&seen[..length]);
+            for layer in inner {
+                layer.forward(simd, Start::Bias, from, to, Some(self.leaky_slope));
+                std::mem::swap(&mut from, &mut to);
+            }
+            last.forward(simd, Start::Bias, from, &mut seen[length..], Some(self.leaky_slope));
+        }
+    }
+
+    /// The share of samples beside BRDF sampling, from `scratch.seen`: `0.02 + 0.96 sigmoid(logit)`.
+    #[inline(always)]
+    fn select<S: Simd>(&self, simd: S, scratch: &mut Scratch<'_>) -> Lanes {
+        let Scratch { seen, hidden: [first, _], logits, .. } = scratch;
+        let mut share = [0.5; LANES];
+        if let [inner, last] = &self.selection.packed[..] {
+            inner.forward(simd, Start::Bias, seen, first, Some(self.leaky_slope));
+            last.forward(simd, Start::Bias, first, logits, None);
+            for l in 0..LANES {
+                share[l] = SELECTION_FLOOR + (1.0 - 2.0 * SELECTION_FLOOR) * simd::sigmoid(logits[0][l]);
+            }
+        }
+        share
+    }
+
+    /// Both splines in one direction: images of `(u, v)`, and the densities over Y.
+    #[inline(always)]
+    fn warp<S: Simd>(
+        &self,
+        simd: S,
+        direction: Direction,
+        scratch: &mut Scratch<'_>,
+        state: &[Lanes],
+        [u, v]: [&Lanes; 2],
+    ) -> [Lanes; 3] {
+        let (image_u, image_v, d_u, d_v);
+        // Coupled: F0(y_v; y_u), then F1(y_u; z_v). Sampling undoes F1 first.
+        if direction == Direction::Forward && self.mode == Mode::Coupled {
+            (image_u, d_u) = self.azimuth_spline(simd, direction, scratch, state, u, v);
+            (image_v, d_v) = self.elevation_spline(simd, direction, scratch, state, v, &image_u);
+        } else {
+            (image_v, d_v) = self.elevation_spline(simd, direction, scratch, state, v, u);
+            let y_v = if direction == Direction::Forward { &image_v } else { v };
+            let seen = if self.mode == Mode::Coupled { &image_v } else { y_v };
+            (image_u, d_u) = self.azimuth_spline(simd, direction, scratch, state, u, seen);
+        }
+        let mut density = [0.0; LANES];
+        for l in 0..LANES {
+            density[l] = d_u[l] * d_v[l];
+        }
+        [image_u, image_v, density]
+    }
+
+    #[inline(always)]
+    fn azimuth_spline<S: Simd>(
+        &self,
+        simd: S,
+        direction: Direction,
+        scratch: &mut Scratch<'_>,
+        state: &[Lanes],
+        u: &Lanes,
+        seen: &Lanes,
+    ) -> (Lanes, Lanes) {
+        let Scratch { hidden: [first, second], logits, .. } = scratch;
+        let logits = &mut logits[..self.azimuth.outputs()];
+        let state = &state[self.elevation_columns()..];
+        self.azimuth.logits(simd, self.leaky_slope, state, &[*seen], [first, second], logits);
+        spline::evaluate(simd, self.azimuth.topology, direction, logits, u)
+    }
+
+    #[inline(always)]
+    fn elevation_spline<S: Simd>(
+        &self,
+        simd: S,
+        direction: Direction,
+        scratch: &mut Scratch<'_>,
+        state: &[Lanes],
+        v: &Lanes,
+        seen: &Lanes,
+    ) -> (Lanes, Lanes) {
+        let Scratch { hidden: [first, second], logits, .. } = scratch;
+        let logits = &mut logits[..self.elevation.outputs()];
+        let state = &state[..self.elevation_columns()];
+        if self.mode == Mode::Autoregressive {
+            logits.copy_from_slice(state);
+        } else {
+            let (mut cos, mut sin) = ([0.0; LANES], [0.0; LANES]);
+            for l in 0..LANES {
+                (cos[l], sin[l]) = simd::cos_sin_turns(seen[l]);
+            }
+            self.elevation.logits(simd, self.leaky_slope, state, &[cos, sin], [first, second], logits);
+        }
+        spline::evaluate(simd, self.elevation.topology, direction, logits, v)
+    }
+
+    /// Prepares a condition vector of [`super::Condition::length`] numbers.
+    ///
+    /// # Errors
+    /// The vector has another length.
+    pub fn at(&self, condition: &[f32]) -> Result<HeadAt<'_>> {
+        let length = self.condition.length();
+        if condition.len() != length {
+            let reason = format!("has {} numbers, and the head takes {length}", condition.len());
+            return Err(Error::argument("condition", reason));
+        }
+        let mut lanes = [[0.0; LANES]; MAX_CONDITION];
+        for (lanes, &number) in lanes.iter_mut().zip(condition) {
+            *lanes = [number; LANES];
+        }
+        let (mut state, mut share) = (vec![[0.0; LANES]; self.columns()], [0.0; LANES]);
+        let mut scratch = vec![[0.0; LANES]; self.scratch_strips()];
+        prepare_one(self, &lanes, &mut scratch, &mut state, &mut share);
+        Ok(HeadAt { head: self, state, share: share[0] })
+    }
+}
+
+/// A head at one condition: every lane of a strip has the same.
+#[derive(Clone, Debug)]
+pub struct HeadAt<'a> {
+    head: &'a Head,
+    state: Vec<Lanes>,
+    share: f32,
+}
+
+impl HeadAt<'_> {
+    /// The share of samples that the head gives beside BRDF sampling.
+    pub fn share(&self) -> f32 {
+        self.share
+    }
+
+    /// Carries uniform points `z` to `(y, density over Y)`.
+    pub fn sample(&self, z: &[Vec2]) -> Vec<(Vec2, f32)> {
+        self.map(Direction::Forward, z)
+    }
+
+    /// The density direction: points `y` to `(z, density over Y)`.
+    pub fn invert(&self, y: &[Vec2]) -> Vec<(Vec2, f32)> {
+        self.map(Direction::Inverse, y)
+    }
+
+    fn map(&self, direction: Direction, points: &[Vec2]) -> Vec<(Vec2, f32)> {
+        let mut scratch = vec![[0.0; LANES]; self.head.scratch_strips()];
+        let strip = |points: &[Vec2]| {
+            let (mut from, mut to, mut q) = ([[[0.5; LANES]]; 2], [[[0.0; LANES]]; 2], [[0.0; LANES]]);
+            for (k, point) in points.iter().enumerate() {
+                (from[0][0][k], from[1][0][k]) = (point.x, point.y);
+            }
+            let [u, v] = &mut to;
+            warp_strips(self.head, direction, &self.state, [&from[0], &from[1]], [u, v], &mut q, &mut scratch);
+            (0..points.len()).map(|k| (Vec2::new(to[0][0][k], to[1][0][k]), q[0][k])).collect::<Vec<_>>()
+        };
+        points.chunks(LANES).flat_map(strip).collect()
+    }
+}
+
+vectorized! {
+    fn prepare_one['a](
+        simd, head: &'a Head, condition: &'a [Lanes; MAX_CONDITION],
+        scratch: &'a mut [Lanes], state: &'a mut [Lanes], share: &'a mut Lanes,
+    ) {
+        let mut scratch = head.scratch(scratch);
+        scratch.seen[..MAX_CONDITION].copy_from_slice(condition);
+        head.prepare_strip(simd, &mut scratch, state);
+        *share = head.select(simd, &mut scratch);
+    }
+}
+
+vectorized! {
+    /// Prepares rows, or (without state) gives their shares.
+    fn prepare_rows['a](
+        simd, head: &'a Head, at: &'a Rows<'a>, alpha: &'a [Lanes],
+        state: &'a mut [Lanes], shares: &'a mut [Lanes], scratch: &'a mut [Lanes],
+    ) {
+        let mut scratch = head.scratch(scratch);
+        let columns = head.columns();
+        for strip in 0..at.strips() {
+            let width = if alpha.is_empty() { [1.0; LANES] } else { alpha[strip] };
+            head.condition.load(&at.normals(strip), &at.views(strip), &width, scratch.seen);
+            if state.is_empty() {
+                head.encode(simd, &mut scratch);
+                shares[strip] = head.select(simd, &mut scratch);
+            } else {
+                head.prepare_strip(simd, &mut scratch, &mut state[strip * columns..][..columns]);
+            }
+        }
+    }
+}
+
+vectorized! {
+    fn warp_strips['a](
+        simd, head: &'a Head, direction: Direction, state: &'a [Lanes], from: [&'a [Lanes]; 2],
+        to: [&'a mut [Lanes]; 2], q: &'a mut [Lanes], scratch: &'a mut [Lanes],
+    ) {
+        let mut scratch = head.scratch(scratch);
+        let columns = head.columns();
+        let [to_u, to_v] = to;
+        for strip in 0..q.len() {
+            let state = &state[strip * columns..][..columns];
+            let [u, v, density] = head.warp(simd, direction, &mut scratch, state, [&from[0][strip], &from[1][strip]]);
+            (to_u[strip], to_v[strip], q[strip]) = (u, v, density);
+        }
+    }
+}
+
+impl IntermediateDensity for Head {
+    fn columns(&self) -> usize {
+        self.elevation_columns() + self.azimuth.of_condition.outputs()
+    }
+
+    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
+        self.with_conditions(at, arena, |alpha, scratch| prepare_rows(self, at, alpha, state, &mut [], scratch));
+    }
+
+    fn sample(
+        &self,
+        _at: &Rows<'_>,
+        state: &[Lanes],
+        z: [&[Lanes]; 2],
+        y: [&mut [Lanes]; 2],
+        q: &mut [Lanes],
+        arena: &Arena,
+    ) {
+        let mut scratch = arena.columns::<1>(self.scratch_strips());
+        warp_strips(self, Direction::Forward, state, z, y, q, scratch.get_mut()[0]);
+    }
+
+    fn density(&self, at: &Rows<'_>, state: &[Lanes], y: [&[Lanes]; 2], q: &mut [Lanes], arena: &Arena) {
+        let (mut scratch, mut z) = (arena.columns::<1>(self.scratch_strips()), arena.columns::<2>(at.strips()));
+        warp_strips(self, Direction::Inverse, state, y, z.get_mut(), q, scratch.get_mut()[0]);
+    }
+
+    fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        if self.has_selection() {
+            self.with_conditions(at, arena, |alpha, scratch| prepare_rows(self, at, alpha, &mut [], out, scratch));
+        } else {
+            out.as_flattened_mut().fill(0.5);
+        }
+    }
+}
+
+impl Head {
+    /// Calls `work` with the widths of lobes, where the condition holds them, and with scratch.
+    fn with_conditions(&self, at: &Rows<'_>, arena: &Arena, work: impl FnOnce(&[Lanes], &mut [Lanes])) {
+        let known = if self.condition == super::Condition::GgxRoughness { at.strips() } else { 0 };
+        let (mut alpha, mut scratch) = (arena.columns::<1>(known), arena.columns::<1>(self.scratch_strips()));
+        if known > 0 {
+            at.alpha(alpha.get_mut()[0], arena);
+        }
+        work(alpha.get()[0], scratch.get_mut()[0]);
+    }
+}

@@ -1,0 +1,219 @@
+//! Passes over an image, tiles in parallel, until a budget is spent.
+
+use std::{
+    cell::RefCell,
+    sync::atomic::{AtomicBool, Ordering},
+    time::{Duration, Instant},
+};
+
+use glam::{DVec3, Vec3A};
+use rayon::prelude::*;
+
+use super::wavefront::{Pixel, TilePixels, Workspace};
+use crate::{
+    environment::Environment,
+    estimator::Estimator,
+    image::Image,
+    points::Points,
+    scene::{Camera, Scene},
+    timings::flush,
+};
+
+/// Edge of a tile in pixels.
+const TILE: usize = 16;
+
+/// Edge of the squares in which the pixels of a tile are numbered: neighbours in a batch are neighbours in space.
+const BLOCK: usize = 4;
+
+/// Samples per pixel and pass where their number is the budget.
+const PASS: u32 = 16;
+/// The same where time is the budget: a pass should end close to the limit.
+const SHORT_PASS: u32 = 1;
+
+/// Largest width and height.
+pub const MAX_SIDE: usize = u16::MAX as usize;
+
+/// When to stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Budget {
+    /// After this many samples per pixel; 0 counts as 1.
+    Spp(u32),
+    /// After this much wall-clock time, at the end of the pass over all pixels that comes nearest to it.
+    Time(Duration),
+}
+
+/// What to render.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// The camera.
+    pub camera: &'a Camera,
+    /// The environment.
+    pub environment: &'a Environment,
+    /// Image width in pixels.
+    pub width: usize,
+    /// Image height in pixels.
+    pub height: usize,
+    /// Leave out shadow rays: the environment is seen from everywhere.
+    pub unshadowed: bool,
+    /// Surfaces that light may visit on its way to the camera: 1 is direct light, and 0 counts as 1.
+    pub depth: u32,
+}
+
+/// A finished or interrupted image.
+#[derive(Clone, Debug)]
+pub struct Rendering {
+    /// Light reflected by surfaces; black where the camera sees past them.
+    pub surfaces: Image,
+    /// The environment where the camera sees it; black elsewhere.
+    pub background: Image,
+    /// Share of each pixel's camera rays that hit a surface, `[height * width]`.
+    pub coverage: Vec<f32>,
+    /// Samples per pixel that were taken.
+    pub spp: u32,
+    /// Wall-clock seconds.
+    pub seconds: f64,
+    /// Shadow rays over light estimates.
+    pub rays_per_sample: f64,
+    /// The largest luminance of a single contribution before its shadow ray.
+    pub max_weight: f32,
+}
+
+impl Rendering {
+    /// Surfaces before the environment.
+    pub fn composite(&self) -> Image {
+        let add = |(a, b): (&[f32; 3], &[f32; 3])| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+        Image { pixels: self.surfaces.pixels.iter().zip(&self.background.pixels).map(add).collect(), ..self.surfaces }
+    }
+}
+
+/// Renders until the budget is spent or `stop` is set; an interrupted image holds the passes that were finished (at least one).
+///
+/// `progress` is called after every pass with the share of the budget that is spent. Same seed and same number of samples: same
+/// bytes, on any number of threads and whatever the budget was given in.
+///
+/// # Panics
+/// If a side is longer than [`MAX_SIDE`].
+pub fn render(
+    view: View<'_>,
+    estimator: &dyn Estimator,
+    budget: Budget,
+    seed: u64,
+    stop: &AtomicBool,
+    progress: &dyn Fn(f64),
+) -> Rendering {
+    assert!(view.width.max(view.height) <= MAX_SIDE, "an image of more than {MAX_SIDE} pixels along a side");
+    view.scene.prepare_materials();
+    let start = Instant::now();
+    // Without a sample there is no mean: 0 / 0 would be black with NaN, and the share of the budget never reach 1.
+    let budget = if budget == Budget::Spp(0) { Budget::Spp(1) } else { budget };
+    let pass = if matches!(budget, Budget::Spp(_)) { PASS } else { SHORT_PASS };
+    let mut film = Film::new(view.width, view.height);
+    let mut spp = 0;
+    loop {
+        let count = match budget {
+            Budget::Spp(total) => pass.min(total - spp),
+            Budget::Time(_) => pass,
+        };
+        film.add(&view, estimator, seed, spp..spp + count);
+        spp += count;
+        let spent = match budget {
+            Budget::Spp(total) => f64::from(spp) / f64::from(total),
+            // Half a pass more is as near to the limit as half a pass less.
+            Budget::Time(limit) => {
+                let elapsed = start.elapsed().as_secs_f64();
+                let half_pass = 0.5 * elapsed * f64::from(pass) / f64::from(spp);
+                (elapsed + half_pass) / limit.as_secs_f64()
+            }
+        };
+        progress(spent.min(1.0));
+        if spent >= 1.0 || stop.load(Ordering::Relaxed) {
+            break;
+        }
+    }
+    film.resolve(spp, start.elapsed().as_secs_f64())
+}
+
+/// The sums of all pixels, tile after tile: each sum is made in the order of the samples, so that it does not depend on passes.
+struct Film {
+    width: usize,
+    height: usize,
+    places: Vec<(u16, u16)>,
+    sums: Vec<Pixel>,
+    /// How many pixels each tile has.
+    tiles: Vec<usize>,
+}
+
+impl Film {
+    fn new(width: usize, height: usize) -> Self {
+        let mut film = Self { width, height, places: Vec::with_capacity(width * height), sums: Vec::new(), tiles: Vec::new() };
+        for top in (0..height).step_by(TILE) {
+            for left in (0..width).step_by(TILE) {
+                let before = film.places.len();
+                let (right, bottom) = ((left + TILE).min(width), (top + TILE).min(height));
+                for (y, x) in squares(top..bottom, left..right) {
+                    film.places.push((x as u16, y as u16));
+                }
+                film.tiles.push(film.places.len() - before);
+            }
+        }
+        film.sums = vec![Pixel::default(); film.places.len()];
+        film
+    }
+
+    /// Adds samples to every pixel, tiles in parallel.
+    fn add(&mut self, view: &View<'_>, estimator: &dyn Estimator, seed: u64, samples: std::ops::Range<u32>) {
+        thread_local! {
+            static WORKSPACE: RefCell<Workspace> = RefCell::default();
+        }
+        let (mut places, mut sums) = (&self.places[..], &mut self.sums[..]);
+        let mut tiles = Vec::with_capacity(self.tiles.len());
+        for &count in &self.tiles {
+            let (own, rest) = places.split_at(count);
+            let (own_sums, rest_sums) = std::mem::take(&mut sums).split_at_mut(count);
+            tiles.push(TilePixels { places: own, sums: own_sums });
+            (places, sums) = (rest, rest_sums);
+        }
+        tiles.into_par_iter().for_each(|mut pixels| {
+            WORKSPACE.with_borrow_mut(|workspace| {
+                for sample in samples.clone() {
+                    workspace.sample(view, estimator, Points::new(seed, sample), &mut pixels);
+                }
+            });
+            flush();
+        });
+    }
+
+    fn resolve(&self, spp: u32, seconds: f64) -> Rendering {
+        let mut pixels = vec![Pixel::default(); self.width * self.height];
+        for (&(x, y), sum) in self.places.iter().zip(&self.sums) {
+            pixels[usize::from(y) * self.width + usize::from(x)] = *sum;
+        }
+        let image = |of: fn(&Pixel) -> DVec3| Image {
+            width: self.width,
+            height: self.height,
+            pixels: pixels.iter().map(|pixel| Vec3A::from((of(pixel) / f64::from(spp)).as_vec3()).to_array()).collect(),
+        };
+        let (estimates, rays) = pixels.iter().fold((0, 0), |(e, r), pixel| (e + pixel.estimates, r + pixel.rays));
+        Rendering {
+            surfaces: image(|pixel| pixel.surfaces),
+            background: image(|pixel| pixel.background),
+            coverage: pixels.iter().map(|pixel| pixel.estimates as f32 / spp as f32).collect(),
+            spp,
+            seconds,
+            rays_per_sample: rays as f64 / estimates.max(1) as f64,
+            max_weight: pixels.iter().map(|pixel| pixel.max_weight).fold(0.0, f32::max),
+        }
+    }
+}
+
+/// Row and column of the pixels of a tile, square by square.
+fn squares(rows: std::ops::Range<usize>, columns: std::ops::Range<usize>) -> impl Iterator<Item = (usize, usize)> {
+    let tops = rows.clone().step_by(BLOCK);
+    let corners = tops.flat_map(move |top| columns.clone().step_by(BLOCK).map(move |left| (top, left, columns.end)));
+    corners.flat_map(move |(top, left, right)| {
+        let (bottom, right) = ((top + BLOCK).min(rows.end), (left + BLOCK).min(right));
+        (top..bottom).flat_map(move |y| (left..right).map(move |x| (y, x)))
+    })
+}

@@ -1,0 +1,116 @@
+//! One shading point and many directions: a tile of copies of the point.
+
+use glam::{Vec2, Vec3A};
+
+use crate::{
+    brdf::BrdfTable,
+    columns::{Arena, strips},
+    simd::{LANES, Lanes},
+    tile::{ShadingPoint, Tile},
+};
+
+/// Copies of the point in a tile.
+const COPIES: usize = 256;
+
+/// A shading point, ready for many directions or random numbers: for embedders, tests and quadratures. What a renderer does with many points
+/// goes through the same functions.
+#[derive(Debug)]
+pub struct OnePoint {
+    tile: Tile,
+    /// The work space of all calls.
+    pub arena: Arena,
+}
+
+impl OnePoint {
+    /// Copies of a point with an analytic BRDF, `copies` at a time at most.
+    pub fn new(at: &ShadingPoint, copies: usize) -> Self {
+        Self { tile: Tile::of(&vec![*at; copies]), arena: Arena::default() }
+    }
+
+    /// The copies.
+    pub fn tile(&self) -> &Tile {
+        &self.tile
+    }
+
+    /// `f_r max(0, n . wi)` per channel, in 1/sr, for each direction.
+    pub fn brdf_cosines(&self, wi: &[Vec3A]) -> Vec<Vec3A> {
+        self.map(wi, |columns, out: [&mut [Lanes]; 3]| self.tile.rows().brdf_cosine(columns, out, &self.arena))
+            .map(Vec3A::from_array)
+            .collect()
+    }
+
+    /// The solid-angle pdfs of BRDF sampling.
+    pub fn brdf_pdfs(&self, wi: &[Vec3A]) -> Vec<f32> {
+        self.map(wi, |columns, [out]| self.tile.rows().brdf_pdf(columns, out, &self.arena)).map(|[pdf]| pdf).collect()
+    }
+
+    /// Directions of BRDF sampling and their pdfs; `None` is no sample.
+    pub fn sample_brdf(&self, u: &[Vec2]) -> Vec<Option<(Vec3A, f32)>> {
+        self.map(u, |columns, [x, y, z, pdf]| self.tile.rows().sample_brdf(columns, [x, y, z], pdf, &self.arena))
+            .map(|[x, y, z, pdf]| (pdf > 0.0).then_some((Vec3A::new(x, y, z), pdf)))
+            .collect()
+    }
+
+    /// Maps a list of vectors by a function over columns of the tile's length.
+    pub fn map<const N: usize, const M: usize, V: Components<N>>(
+        &self,
+        list: &[V],
+        work: impl Fn([&[Lanes]; N], [&mut [Lanes]; M]),
+    ) -> impl Iterator<Item = [f32; M]> {
+        let length = strips(self.tile.len());
+        let mut all = Vec::with_capacity(list.len());
+        for part in list.chunks(self.tile.len()) {
+            let (mut from, mut to) = (self.arena.columns::<N>(length), self.arena.columns::<M>(length));
+            // Lanes without an element repeat the first one.
+            for k in 0..length * LANES {
+                let numbers = part.get(k).unwrap_or(&part[0]).components();
+                for (column, number) in from.get_mut().into_iter().zip(numbers) {
+                    column.as_flattened_mut()[k] = number;
+                }
+            }
+            work(from.get(), to.get_mut());
+            let columns = to.get().map(<[Lanes]>::as_flattened);
+            all.extend((0..part.len()).map(|k| columns.map(|column| column[k])));
+        }
+        all.into_iter()
+    }
+}
+
+impl ShadingPoint {
+    /// The point, ready for many directions.
+    pub fn one(&self) -> OnePoint {
+        OnePoint::new(self, COPIES)
+    }
+
+    /// The width in radians of the BRDF's narrowest lobe, to within a small factor; pi for a diffuse surface.
+    pub fn lobe_width(&self) -> f32 {
+        let point = OnePoint::new(self, 1);
+        let mut alpha = [[0.0; LANES]];
+        point.tile.rows().alpha(&mut alpha, &point.arena);
+        if self.surface.brdf == BrdfTable::LAMBERT { std::f32::consts::PI } else { alpha[0][0] }
+    }
+
+    /// `f_r max(0, n . wi)` towards `wi` per channel, in 1/sr; zero where `wi` is below the geometric surface. For many directions there
+    /// is [`OnePoint::brdf_cosines`].
+    pub fn brdf_cosine(&self, wi: Vec3A) -> Vec3A {
+        OnePoint::new(self, 1).brdf_cosines(&[wi])[0]
+    }
+}
+
+/// A vector as numbers.
+pub trait Components<const N: usize> {
+    /// Its numbers.
+    fn components(&self) -> [f32; N];
+}
+
+impl Components<2> for Vec2 {
+    fn components(&self) -> [f32; 2] {
+        self.to_array()
+    }
+}
+
+impl Components<3> for Vec3A {
+    fn components(&self) -> [f32; 3] {
+        self.to_array()
+    }
+}

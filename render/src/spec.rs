@@ -1,0 +1,350 @@
+//! Sampler specifications: `brdf`, `mis`, `ris:4`, `head+mis:FILE`, ... and the estimators that they name.
+//!
+//! A SPEC is a *source* of directions (`brdf`, `emitter`, `oracle`, `KIND:FILE`, or a source in a mixture with BRDF sampling), used alone,
+//! in two-sample MIS (`mis2`) or in resampling (`ris:M`).
+
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+    str::FromStr,
+    sync::Arc,
+};
+
+use crate::{
+    environment::Environment,
+    error::{Error, Result},
+    estimator::{Estimator, Ris, SingleSample, TwoSampleMis},
+    export::{ExportedSampler, Intermediate},
+    sampler::{BrdfSampler, Covering, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
+    tail::TailKind,
+};
+
+/// An estimator by name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SamplerSpec {
+    /// One direction.
+    One(Source),
+    /// Two-sample MIS with BRDF sampling, power heuristic; two shadow rays.
+    Two(Source),
+    /// Resampled importance sampling with this many candidates, half of them from the source, half from BRDF sampling.
+    Ris(u32, Source),
+}
+
+/// What directions are drawn from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// BRDF sampling.
+    Brdf,
+    /// Its other name, which says what it is on Lambert surfaces.
+    Cosine,
+    /// Emitter sampling.
+    Emitter,
+    /// Emitter sampling with MIS compensation, which covers a part only.
+    Compensated,
+    /// The product, tabulated at every shading point.
+    Oracle,
+    /// A file's sampler.
+    File(FileKind, PathBuf),
+    /// One-sample MIS with BRDF sampling, with the share that the source has learned, else 1/2.
+    Mixture(Box<Source>),
+}
+
+/// What a file's sampler is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// A trained head.
+    Head,
+    /// A table baked from a head.
+    Baked,
+    /// A table baked from the target itself.
+    Direct,
+}
+
+impl FileKind {
+    const ALL: [Self; 3] = [Self::Head, Self::Baked, Self::Direct];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Head => "head",
+            Self::Baked => "baked",
+            Self::Direct => "direct",
+        }
+    }
+
+    /// The kind of what a file holds.
+    pub fn of(intermediate: &Intermediate) -> Self {
+        match intermediate {
+            Intermediate::Head(_) => Self::Head,
+            Intermediate::Bake(_) => Self::Baked,
+            Intermediate::DirectBake(_) => Self::Direct,
+        }
+    }
+}
+
+impl SamplerSpec {
+    /// `brdf`.
+    pub fn brdf() -> Self {
+        Self::One(Source::Brdf)
+    }
+
+    /// `emitter`.
+    pub fn emitter() -> Self {
+        Self::One(Source::Emitter)
+    }
+
+    /// `mis`.
+    pub fn mis() -> Self {
+        Self::One(Source::Emitter.mixed())
+    }
+
+    /// `oracle`.
+    pub fn oracle() -> Self {
+        Self::One(Source::Oracle)
+    }
+
+    /// `ris:M`.
+    pub fn ris(candidates: u32) -> Self {
+        Self::Ris(candidates, Source::Emitter)
+    }
+
+    /// `KIND:FILE`.
+    pub fn file(kind: FileKind, file: PathBuf) -> Self {
+        Self::One(Source::File(kind, file))
+    }
+
+    /// `KIND+mis:FILE`.
+    pub fn file_with_mis(kind: FileKind, file: PathBuf) -> Self {
+        Self::One(Source::File(kind, file).mixed())
+    }
+
+    /// What a file's sampler was made to be: a head that has learned its share beside BRDF sampling is one in that mixture, all others are
+    /// alone.
+    pub fn of_exported(exported: &ExportedSampler, file: PathBuf) -> Self {
+        let source = Source::File(FileKind::of(&exported.intermediate), file);
+        Self::One(if exported.has_share() { source.mixed() } else { source })
+    }
+
+    /// Where the directions come from.
+    pub fn source(&self) -> &Source {
+        match self {
+            Self::One(source) | Self::Two(source) | Self::Ris(_, source) => source,
+        }
+    }
+
+    /// The file that it is read from, if there is one, and what it must hold.
+    pub fn path(&self) -> Option<(FileKind, &Path)> {
+        self.source().path()
+    }
+
+    /// Builds the estimator for a map.
+    ///
+    /// # Errors
+    /// A file cannot be read, is of another kind, or was made for another map.
+    pub fn build(&self, environment: &Arc<Environment>) -> Result<Box<dyn Estimator>> {
+        let source = self.source().build(environment)?;
+        let environment = environment.clone();
+        Ok(match self {
+            Self::One(_) => Box::new(SingleSample::new(Covering::new(source)?, environment)),
+            Self::Two(_) => Box::new(TwoSampleMis::new(source, BrdfSampler, environment)?),
+            Self::Ris(candidates, _) => {
+                let brdf = Covering::new(BrdfSampler)?;
+                Box::new(Ris::new(Covering::new(source)?, brdf, *candidates, environment)?)
+            }
+        })
+    }
+}
+
+impl Source {
+    /// In a mixture with BRDF sampling.
+    #[must_use]
+    pub fn mixed(self) -> Self {
+        Self::Mixture(Box::new(self))
+    }
+
+    fn path(&self) -> Option<(FileKind, &Path)> {
+        match self {
+            Self::File(kind, file) => Some((*kind, file)),
+            Self::Mixture(source) => source.path(),
+            _ => None,
+        }
+    }
+
+    /// Builds the sampler for a map.
+    ///
+    /// # Errors
+    /// As [`SamplerSpec::build`].
+    pub fn build(&self, environment: &Arc<Environment>) -> Result<Arc<dyn Sampler>> {
+        let light = || EnvironmentLight::new(environment.clone(), TailKind::Hierarchical);
+        Ok(match self {
+            Self::Brdf | Self::Cosine => Arc::new(BrdfSampler),
+            Self::Emitter => Arc::new(EmitterSampler::new(light()?)),
+            Self::Compensated => Arc::new(EmitterSampler::compensated(&light()?)?),
+            Self::Oracle => {
+                let light = light()?;
+                Arc::new(ProductSampler::new(light.clone(), Oracle::new(light.tail())))
+            }
+            Self::File(kind, file) => open(*kind, file, environment, false)?,
+            Self::Mixture(source) => match &**source {
+                // The compact emitters of a file are outside of the mixture.
+                Self::File(kind, file) => open(*kind, file, environment, true)?,
+                other => Arc::new(OneSampleMis::new(other.build(environment)?, BrdfSampler)),
+            },
+        })
+    }
+}
+
+/// The sampler of a file, alone or in a mixture with BRDF sampling.
+fn open(kind: FileKind, file: &Path, environment: &Arc<Environment>, mixed: bool) -> Result<Arc<dyn Sampler>> {
+    let exported = ExportedSampler::read(file)?;
+    let held = FileKind::of(&exported.intermediate);
+    if held != kind {
+        let holds = match held {
+            FileKind::Head if kind == FileKind::Baked => "a head; bake it first, or render it as head:FILE",
+            FileKind::Head => "a head; render it as head:FILE",
+            FileKind::Baked => "the bake of a head; render it as baked:FILE",
+            FileKind::Direct => "a direct bake; render it as direct:FILE",
+        };
+        return Err(Error::invalid(file, "intermediate.kind", format!("the file holds {holds}")));
+    }
+    exported.sampler(environment, mixed).map_err(|error| error.in_file(file))
+}
+
+impl FromStr for SamplerSpec {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let wrong = |reason: &str| Error::argument(format!("sampler '{text}'"), reason);
+        if text == "mis2" {
+            return Ok(Self::Two(Source::Emitter));
+        }
+        if let Some(source) = text.strip_prefix("mis2:") {
+            return Ok(Self::Two(source_of(source, text)?));
+        }
+        let Some(rest) = text.strip_prefix("ris").filter(|rest| rest.is_empty() || rest.starts_with(':')) else {
+            return Ok(Self::One(source_of(text, text)?));
+        };
+        let rest = rest.trim_start_matches(':');
+        let (count, source) = rest.split_once(':').map_or((rest, None), |(count, source)| (count, Some(source)));
+        let candidates = count.parse().ok().filter(|count| (1..=4096).contains(count));
+        let candidates = candidates.ok_or_else(|| wrong("name 1 to 4096 candidates, as in ris:4"))?;
+        Ok(Self::Ris(candidates, source.map_or(Ok(Source::Emitter), |source| source_of(source, text))?))
+    }
+}
+
+/// The source of a part of a SPEC, which `whole` is.
+fn source_of(text: &str, whole: &str) -> Result<Source> {
+    const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, head:FILE, baked:FILE, \
+                         direct:FILE, head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, oracle";
+    let wrong = |reason: String| Error::argument(format!("sampler '{whole}'"), reason);
+    let (name, file) = text.split_once(':').map_or((text, None), |(name, file)| (name, Some(file)));
+    let (base, mixed) = name.strip_suffix("+mis").map_or((name, false), |base| (base, true));
+    let source = match base {
+        "brdf" => Source::Brdf,
+        "cosine" => Source::Cosine,
+        "emitter" => Source::Emitter,
+        "mis" => Source::Emitter.mixed(),
+        "mis-comp" => Source::Compensated.mixed(),
+        "oracle" => Source::Oracle,
+        _ => {
+            let kind = FileKind::ALL.into_iter().find(|kind| kind.name() == base);
+            let kind = kind.ok_or_else(|| wrong(KNOWN.to_owned()))?;
+            let file = file.filter(|file| !file.is_empty());
+            let file = file.ok_or_else(|| wrong(format!("name a file, as in {name}:FILE")))?;
+            let source = Source::File(kind, file.into());
+            return Ok(if mixed { source.mixed() } else { source });
+        }
+    };
+    if file.is_some() {
+        return Err(wrong(format!("'{name}' takes nothing after a colon")));
+    }
+    match source {
+        source if !mixed => Ok(source),
+        Source::Emitter | Source::Oracle => Ok(source.mixed()),
+        _ => Err(wrong(KNOWN.to_owned())),
+    }
+}
+
+impl fmt::Display for SamplerSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::One(source) => source.fmt(f),
+            Self::Two(Source::Emitter) => f.write_str("mis2"),
+            Self::Two(source) => write!(f, "mis2:{source}"),
+            Self::Ris(candidates, Source::Emitter) => write!(f, "ris:{candidates}"),
+            Self::Ris(candidates, source) => write!(f, "ris:{candidates}:{source}"),
+        }
+    }
+}
+
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Brdf => f.write_str("brdf"),
+            Self::Cosine => f.write_str("cosine"),
+            Self::Emitter => f.write_str("emitter"),
+            // Not a SPEC: it leaves out what is dim.
+            Self::Compensated => f.write_str("compensated emitter"),
+            Self::Oracle => f.write_str("oracle"),
+            Self::File(kind, file) => write!(f, "{}:{}", kind.name(), file.display()),
+            Self::Mixture(source) => match &**source {
+                Self::Emitter => f.write_str("mis"),
+                Self::Compensated => f.write_str("mis-comp"),
+                Self::File(kind, file) => write!(f, "{}+mis:{}", kind.name(), file.display()),
+                other => write!(f, "{other}+mis"),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn specifications_print_as_they_parse() {
+        for text in [
+            "brdf",
+            "cosine",
+            "emitter",
+            "mis",
+            "mis2",
+            "mis-comp",
+            "ris:4",
+            "head:a/b.safetensors",
+            "baked:x:y",
+            "head+mis:a",
+            "direct+mis:b:c",
+            "ris:4:head:a",
+            "ris:16:direct:b:c",
+            "oracle",
+            "oracle+mis",
+            "mis2:direct:a",
+            "ris:4:head+mis:a",
+            "ris:4:mis",
+        ] {
+            assert_eq!(text.parse::<SamplerSpec>().unwrap().to_string(), text);
+        }
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        for text in [
+            "",
+            "ris",
+            "ris:0",
+            "ris:x",
+            "head",
+            "head:",
+            "mis:4",
+            "brdf:1",
+            "best",
+            "mis+mis:a",
+            "head+mis",
+            "ris:4:head",
+            "ris:4:mis:x",
+        ] {
+            let error = text.parse::<SamplerSpec>().unwrap_err().to_string();
+            assert!(error.contains(&format!("'{text}'")), "{error}");
+        }
+    }
+}

@@ -1,0 +1,357 @@
+//! Shading points of a tile as columns, and the rows of them that are worked on.
+
+use glam::Vec3A;
+
+use crate::{
+    brdf::{Brdf, BrdfTable, MAX_PARAMETERS, Surface, Surfaces},
+    columns::{Arena, gather, scatter, strips},
+    simd::{LANES, Lanes},
+};
+
+/// Most points of a tile: rows are 16-bit numbers.
+pub const MAX_POINTS: usize = 1 << 15;
+
+/// A point to be shaded; all vectors are unit length, in world space, and point away from the surface.
+#[derive(Clone, Copy, Debug)]
+pub struct ShadingPoint {
+    /// Position in metres.
+    pub p: Vec3A,
+    /// Geometric normal, on the side of `wo`.
+    pub ng: Vec3A,
+    /// Shading normal, on the side of `wo`.
+    pub ns: Vec3A,
+    /// Direction to the viewer.
+    pub wo: Vec3A,
+    /// The surface's BRDF, textures looked up.
+    pub surface: Surface,
+}
+
+impl ShadingPoint {
+    /// Whether two points reflect the same: all but the position is equal.
+    pub fn is_same(&self, other: &Self) -> bool {
+        (self.ng, self.ns, self.wo, self.surface) == (other.ng, other.ns, other.wo, other.surface)
+    }
+}
+
+/// Many shading points, structure of arrays. Each has a key that tells it apart for random numbers (its pixel).
+#[derive(Clone, Debug, Default)]
+pub struct Tile {
+    len: usize,
+    vectors: [[Vec<Lanes>; 3]; 4],
+    parameters: [Vec<Lanes>; MAX_PARAMETERS],
+    brdf: Vec<u32>,
+    keys: Vec<u32>,
+    /// Most parameters of the BRDFs that are there.
+    used: usize,
+    brdfs: BrdfTable,
+}
+
+/// Position.
+const P: usize = 0;
+/// Geometric normal.
+const NG: usize = 1;
+/// Shading normal.
+const NS: usize = 2;
+/// Direction to the viewer.
+const WO: usize = 3;
+
+impl Tile {
+    /// A tile of points, whose keys are their numbers, with the analytic BRDFs.
+    ///
+    /// # Panics
+    /// If there are more than [`MAX_POINTS`].
+    pub fn of(points: &[ShadingPoint]) -> Self {
+        let mut tile = Self::default();
+        for (key, point) in points.iter().enumerate() {
+            tile.push(point, key as u32);
+        }
+        tile
+    }
+
+    /// Removes all points; their BRDFs will be those of `brdfs`.
+    pub fn clear(&mut self, brdfs: &BrdfTable) {
+        self.len = 0;
+        self.used = 0;
+        self.brdf.clear();
+        self.keys.clear();
+        self.brdfs.clone_from(brdfs);
+    }
+
+    /// Adds a point with its key.
+    ///
+    /// # Panics
+    /// If there are [`MAX_POINTS`] already.
+    pub fn push(&mut self, point: &ShadingPoint, key: u32) {
+        assert!(self.len < MAX_POINTS, "a tile is full");
+        let (strip, lane) = (self.len / LANES, self.len % LANES);
+        let grow = |column: &mut Vec<Lanes>| {
+            if column.len() <= strip {
+                column.push([0.0; LANES]);
+            }
+        };
+        let vectors = [point.p, point.ng, point.ns, point.wo];
+        for (columns, vector) in self.vectors.iter_mut().zip(vectors) {
+            for (column, number) in columns.iter_mut().zip(vector.to_array()) {
+                grow(column);
+                column[strip][lane] = number;
+            }
+        }
+        for (column, number) in self.parameters.iter_mut().zip(point.surface.parameters) {
+            grow(column);
+            column[strip][lane] = number;
+        }
+        self.used = self.used.max(self.brdfs.get(point.surface.brdf).parameters());
+        self.brdf.push(point.surface.brdf);
+        self.keys.push(key);
+        self.len += 1;
+    }
+
+    /// How many points.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there is no point.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// A point.
+    pub fn point(&self, row: usize) -> ShadingPoint {
+        let (strip, lane) = (row / LANES, row % LANES);
+        let vector = |which: usize| Vec3A::from_array(self.vectors[which].each_ref().map(|column| column[strip][lane]));
+        let parameters = self.parameters.each_ref().map(|column| column[strip][lane]);
+        let surface = Surface { brdf: self.brdf[row], parameters };
+        ShadingPoint { p: vector(P), ng: vector(NG), ns: vector(NS), wo: vector(WO), surface }
+    }
+
+    /// Position (metres) and geometric normal of a point.
+    #[inline(always)]
+    pub fn position_and_normal(&self, row: usize) -> (Vec3A, Vec3A) {
+        let (strip, lane) = (row / LANES, row % LANES);
+        let vector = |which: usize| Vec3A::from_array(self.vectors[which].each_ref().map(|column| column[strip][lane]));
+        (vector(P), vector(NG))
+    }
+
+    /// The keys of the points.
+    pub fn keys(&self) -> &[u32] {
+        &self.keys
+    }
+
+    /// All rows in order.
+    pub fn rows(&self) -> Rows<'_> {
+        Rows { tile: self, list: None }
+    }
+}
+
+/// Some points of a tile in some order, without copies. Columns that belong to them (numbers drawn, pdfs, a sampler's state) have one
+/// place for each row of the list, in its order.
+#[derive(Clone, Copy, Debug)]
+pub struct Rows<'a> {
+    tile: &'a Tile,
+    list: Option<&'a [u16]>,
+}
+
+impl<'a> Rows<'a> {
+    /// How many rows.
+    pub fn len(&self) -> usize {
+        self.list.map_or(self.tile.len, <[u16]>::len)
+    }
+
+    /// Whether there is no row.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Strips of a column that belongs to these rows.
+    pub fn strips(&self) -> usize {
+        strips(self.len())
+    }
+
+    /// The row of the tile at a place.
+    #[inline(always)]
+    pub fn row(&self, place: usize) -> usize {
+        self.list.map_or(place, |list| list[place] as usize)
+    }
+
+    /// The point at a place.
+    pub fn point(&self, place: usize) -> ShadingPoint {
+        self.tile.point(self.row(place))
+    }
+
+    /// The key of the point at a place.
+    #[inline(always)]
+    pub fn key(&self, place: usize) -> u32 {
+        self.tile.keys[self.row(place)]
+    }
+
+    /// The rows at `places`, by their list `rows` in the tile, which is filled here.
+    pub fn select<'b>(&self, places: &[u16], rows: &'b mut Vec<u16>) -> Rows<'b>
+    where
+        'a: 'b,
+    {
+        rows.clear();
+        rows.extend(places.iter().map(|&place| self.row(place as usize) as u16));
+        Rows { tile: self.tile, list: Some(rows) }
+    }
+
+    /// One strip of positions in metres.
+    #[inline(always)]
+    pub fn positions(&self, strip: usize) -> [Lanes; 3] {
+        self.strip(&self.tile.vectors[P], strip)
+    }
+
+    /// One strip of shading normals.
+    #[inline(always)]
+    pub fn normals(&self, strip: usize) -> [Lanes; 3] {
+        self.strip(&self.tile.vectors[NS], strip)
+    }
+
+    /// One strip of directions to the viewer.
+    #[inline(always)]
+    pub fn views(&self, strip: usize) -> [Lanes; 3] {
+        self.strip(&self.tile.vectors[WO], strip)
+    }
+
+    #[inline(always)]
+    fn strip(&self, columns: &[Vec<Lanes>; 3], strip: usize) -> [Lanes; 3] {
+        let Some(list) = self.list else {
+            return [columns[0][strip], columns[1][strip], columns[2][strip]];
+        };
+        let mut out = [[0.0; LANES]; 3];
+        let rows = &list[(strip * LANES).min(list.len())..];
+        let [x, y, z] = [columns[0].as_flattened(), columns[1].as_flattened(), columns[2].as_flattened()];
+        for (lane, &row) in rows.iter().enumerate().take(LANES) {
+            (out[0][lane], out[1][lane], out[2][lane]) = (x[row as usize], y[row as usize], z[row as usize]);
+        }
+        out
+    }
+
+    /// Luminance-free reflection: `f_r max(0, n . wi)` per channel in 1/sr, zero where `wi` is below the geometric surface.
+    pub fn brdf_cosine(&self, wi: [&[Lanes]; 3], mut out: [&mut [Lanes]; 3], arena: &Arena) {
+        self.by_brdf(arena, |group| {
+            let [x, y, z] = &mut out;
+            match group.places {
+                None => group.brdf.evaluate_cosine(&group.surfaces, wi, [x, y, z]),
+                Some(places) => {
+                    let [mut own, mut values] = [arena.columns::<3>(group.strips), arena.columns::<3>(group.strips)];
+                    gather_all(wi, places, own.get_mut());
+                    group.brdf.evaluate_cosine(&group.surfaces, own.get(), values.get_mut());
+                    scatter_all(values.get(), places, [x, y, z]);
+                }
+            }
+        });
+        for strip in 0..self.strips() {
+            let ng = self.strip(&self.tile.vectors[NG], strip);
+            for lane in 0..LANES {
+                let cosine = ng[0][lane] * wi[0][strip][lane] + ng[1][lane] * wi[1][strip][lane] + ng[2][lane] * wi[2][strip][lane];
+                for channel in &mut out {
+                    channel[strip][lane] = if cosine > 0.0 { channel[strip][lane] } else { 0.0 };
+                }
+            }
+        }
+    }
+
+    /// Draws directions by the BRDFs; pdf 0 is no sample.
+    pub fn sample_brdf(&self, u: [&[Lanes]; 2], wi: [&mut [Lanes]; 3], pdf: &mut [Lanes], arena: &Arena) {
+        let [x, y, z] = wi;
+        self.by_brdf(arena, |group| match group.places {
+            None => group.brdf.sample(&group.surfaces, u, [x, y, z], pdf),
+            Some(places) => {
+                let (mut own, mut drawn) = (arena.columns::<2>(group.strips), arena.columns::<4>(group.strips));
+                gather_all(u, places, own.get_mut());
+                let [a, b, c, d] = drawn.get_mut();
+                group.brdf.sample(&group.surfaces, own.get(), [a, b, c], d);
+                scatter_all(drawn.get(), places, [x, y, z, pdf]);
+            }
+        });
+    }
+
+    /// The solid-angle pdfs of [`Self::sample_brdf`].
+    pub fn brdf_pdf(&self, wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
+        self.by_brdf(arena, |group| match group.places {
+            None => group.brdf.pdf(&group.surfaces, wi, out),
+            Some(places) => {
+                let [mut own, mut pdfs] = [arena.columns::<3>(group.strips), arena.columns::<3>(group.strips)];
+                gather_all(wi, places, own.get_mut());
+                group.brdf.pdf(&group.surfaces, own.get(), pdfs.get_mut()[0]);
+                scatter_all([pdfs.get()[0]], places, [out]);
+            }
+        });
+    }
+
+    /// Trowbridge-Reitz widths of the narrowest lobes, 1 for diffuse surfaces.
+    pub fn alpha(&self, out: &mut [Lanes], arena: &Arena) {
+        self.by_brdf(arena, |group| match group.places {
+            None => group.brdf.alpha(&group.surfaces, out),
+            Some(places) => {
+                let mut own = arena.columns::<1>(group.strips);
+                group.brdf.alpha(&group.surfaces, own.get_mut()[0]);
+                scatter_all(own.get(), places, [out]);
+            }
+        });
+    }
+
+    /// Calls `work` for each BRDF that is there, with its points.
+    fn by_brdf(&self, arena: &Arena, mut work: impl FnMut(Group<'_>)) {
+        if self.is_empty() {
+            return;
+        }
+        let (tile, first) = (self.tile, self.tile.brdf[self.row(0)]);
+        if (1..self.len()).all(|place| tile.brdf[self.row(place)] == first) {
+            return self.with_surfaces(arena, |surfaces| {
+                work(Group { brdf: tile.brdfs.get(first), places: None, strips: self.strips(), surfaces });
+            });
+        }
+        let (mut places, mut rows) = (arena.list(), arena.list());
+        for index in 0..tile.brdfs.len() as u32 {
+            places.clear();
+            places.extend((0..self.len() as u16).filter(|&place| tile.brdf[self.row(place as usize)] == index));
+            if !places.is_empty() {
+                let part = self.select(&places, &mut rows);
+                part.with_surfaces(arena, |surfaces| {
+                    let brdf = tile.brdfs.get(index);
+                    work(Group { brdf, places: Some(&places), strips: part.strips(), surfaces });
+                });
+            }
+        }
+    }
+
+    /// The columns that BRDFs see: the tile's own, or gathered.
+    fn with_surfaces(&self, arena: &Arena, work: impl FnOnce(Surfaces<'_>)) {
+        let tile = self.tile;
+        let own = |which: usize| tile.vectors[which].each_ref().map(|column| &column[..strips(tile.len)]);
+        let parameters = tile.parameters.each_ref().map(|column| &column[..strips(tile.len)]);
+        let Some(list) = self.list else {
+            return work(Surfaces { n: own(NS), wo: own(WO), parameters });
+        };
+        let mut gathered = arena.columns::<{ 6 + MAX_PARAMETERS }>(self.strips());
+        let columns = own(NS).into_iter().chain(own(WO)).chain(parameters);
+        for (from, to) in columns.zip(gathered.get_mut()).take(6 + tile.used) {
+            gather(from, list, to);
+        }
+        let [nx, ny, nz, ox, oy, oz, parameters @ ..] = gathered.get();
+        work(Surfaces { n: [nx, ny, nz], wo: [ox, oy, oz], parameters });
+    }
+}
+
+/// Points of one BRDF.
+struct Group<'a> {
+    brdf: &'a dyn Brdf,
+    /// Places among the rows; `None` for all.
+    places: Option<&'a [u16]>,
+    strips: usize,
+    surfaces: Surfaces<'a>,
+}
+
+fn gather_all<const N: usize>(from: [&[Lanes]; N], places: &[u16], to: [&mut [Lanes]; N]) {
+    for (from, to) in from.into_iter().zip(to) {
+        gather(from, places, to);
+    }
+}
+
+fn scatter_all<const N: usize>(from: [&[Lanes]; N], places: &[u16], to: [&mut [Lanes]; N]) {
+    for (from, to) in from.into_iter().zip(to) {
+        scatter(from, places, to);
+    }
+}
