@@ -221,39 +221,34 @@ impl<S: Sampler> WithCompactEmitters<S> {
     ) {
         let mut rows = arena.list();
         let at = at.select(places, &mut rows);
-        let (mut numbers, mut drawn) = (arena.columns::<2>(at.strips()), arena.columns::<4>(at.strips()));
+        let (mut numbers, mut drawn) = (arena.columns::<2>(at.strips()), arena.columns::<5>(at.strips()));
         for (from, to) in u.into_iter().zip(numbers.get_mut()) {
             gather(from, places, to);
         }
-        let [x, y, z, pdf] = drawn.get_mut();
-        let rest = &self.rest;
-        prepared(rest, &at, arena, |state| match from {
-            None => rest.sample(&at, state, numbers.get(), Draws { wi: [x, y, z], pdf }, arena),
+        let [x, y, z, own, mixed] = drawn.get_mut();
+        prepared(&self.rest, &at, arena, |state| match from {
+            None => {
+                let out = Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *own };
+                self.rest.sample(&at, state, numbers.get(), out, arena);
+                mixed.copy_from_slice(own);
+            }
             Some(emitter) => {
-                let mut own = arena.columns::<1>(at.strips());
-                own.get_mut()[0].as_flattened_mut().fill(1.0);
-                emitter.light.directions(numbers.get(), Draws { wi: [x, y, z], pdf: own.get_mut()[0] }, arena);
-                rest.pdf(&at, state, [x, y, z], pdf, arena);
-                // No direction is no sample.
-                for (pdf, own) in pdf.as_flattened_mut().iter_mut().zip(own.get()[0].as_flattened()) {
-                    *pdf = if *own > 0.0 { *pdf } else { f32::NAN };
-                }
+                own.as_flattened_mut().fill(1.0);
+                let out = Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *own };
+                emitter.light.directions(numbers.get(), out, arena);
+                self.rest.pdf(&at, state, [x, y, z], mixed, arena);
             }
         });
-        if from.is_none() {
-            for pdf in pdf.as_flattened_mut() {
-                *pdf = if *pdf > 0.0 { *pdf } else { f32::NAN };
-            }
+        self.mix(&at, &|place, part| shares(places[place] as usize, part), [x, y, z], mixed, arena);
+        for (mixed, own) in mixed.as_flattened_mut().iter_mut().zip(own.as_flattened()) {
+            // No direction is no sample.
+            *mixed = if *own > 0.0 { *mixed } else { 0.0 };
         }
-        self.mix(&at, &|place, part| shares(places[place] as usize, part), [x, y, z], pdf, arena);
-        for pdf in pdf.as_flattened_mut() {
-            *pdf = if *pdf > 0.0 { *pdf } else { 0.0 };
-        }
-        let [x, y, z, pdf] = drawn.get();
+        let [x, y, z, _, mixed] = drawn.get();
         for (from, to) in [x, y, z].into_iter().zip(&mut out.wi) {
             scatter(from, places, to);
         }
-        scatter(pdf, places, out.pdf);
+        scatter(mixed, places, out.pdf);
     }
 }
 
