@@ -260,6 +260,23 @@ fn what_is_not_a_map_gets_one_sentence_with_file_and_field() {
     assert!(matches!(read_radiance(folder.path()), Err(Error::Io { .. })));
 }
 
+#[cfg(unix)]
+#[test]
+fn pipes_devices_and_folders_are_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    // Nobody writes to the pipe: opening it would wait for ever.
+    let pipe = folder.path().join("pipe.hdr");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for (path, word) in [
+        (pipe.as_path(), "pipe.hdr: it is a pipe or a device"),
+        (Path::new("/dev/zero"), "/dev/zero: it is a pipe or a device"),
+        (folder.path(), ": it is a folder"),
+    ] {
+        let error = read_radiance(path).unwrap_err();
+        assert!(matches!(error, Error::Io { .. }) && error.to_string().contains(word), "{error}");
+    }
+}
+
 /// The position of a header attribute's value in a file.
 fn attribute_value(bytes: &[u8], name_and_type: &[u8]) -> usize {
     let start = bytes.windows(name_and_type.len()).position(|window| window == name_and_type).unwrap();

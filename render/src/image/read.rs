@@ -1,6 +1,6 @@
 //! Reading radiance maps, whatever the file is called: the first bytes tell the format.
 
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::{Read, Seek};
 use std::path::Path;
 
@@ -17,13 +17,12 @@ pub const MAX_PIXELS: usize = 1 << 27;
 /// what is read of each format.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read; [`Error::Invalid`], naming the field, if it is neither format, is damaged,
+/// [`Error::Io`] if the file cannot be read or is none, but a folder, a pipe or a device; [`Error::Invalid`], naming the field, if it is neither format, is damaged,
 /// holds no colour, or has more than [`MAX_PIXELS`] pixels. No content of a file makes this function panic
 /// (unless panics abort).
 pub fn read_radiance(path: &Path) -> Result<Image> {
     let failed = |source| Error::io(path, source);
-    let mut file = File::open(path).map_err(failed)?;
-    let file_size = file.metadata().map_err(failed)?.len();
+    let (mut file, file_size) = open_regular(path).map_err(failed)?;
     let mut magic = Vec::with_capacity(4);
     file.by_ref().take(4).read_to_end(&mut magic).map_err(failed)?;
     file.rewind().map_err(failed)?;
@@ -36,6 +35,26 @@ pub fn read_radiance(path: &Path) -> Result<Image> {
     } else {
         Err(Error::invalid(path, "first bytes", "neither a Radiance (.hdr) nor an OpenEXR (.exr) file"))
     }
+}
+
+/// Opens a file to read, and tells its size in bytes.
+///
+/// # Errors
+/// The file cannot be opened, or `path` is no regular file: a pipe would be waited for, and a device may have no end.
+pub(crate) fn open_regular(path: &Path) -> std::io::Result<(File, u64)> {
+    let check = |metadata: Metadata| {
+        let kind = metadata.file_type();
+        match (kind.is_file(), kind.is_dir()) {
+            (true, _) => Ok(metadata.len()),
+            (_, true) => Err(std::io::Error::other("it is a folder, not a file")),
+            _ => Err(std::io::Error::other("it is a pipe or a device, not a regular file")),
+        }
+    };
+    // Before it is opened, since opening a pipe waits for its other end; and after, since names can change what they stand for.
+    check(std::fs::metadata(path)?)?;
+    let file = File::open(path)?;
+    let size = check(file.metadata()?)?;
+    Ok((file, size))
 }
 
 /// Turns a panic of a decoder into an error.

@@ -393,12 +393,81 @@ fn broken_images_are_refused() {
     assert_fails(load(&json, &bin), "textures[0].source");
     set(&mut json, "/textures/0/sampler", json!(4));
     assert_fails(load(&json, &bin), "textures[0].sampler");
+}
 
-    // A header that promises 100,000 x 100,000 texels.
-    let (json, mut bin) = textured(&json!({"bufferView": 2}));
-    let start = bin.windows(4).position(|four| four == b"IHDR").unwrap() + 4;
-    bin[start..start + 8].copy_from_slice(&[0, 1, 0x86, 0xa0, 0, 1, 0x86, 0xa0]);
-    assert_fails(load(&json, &bin), "images[0]");
+/// [`png`], its header saying another size.
+fn png_of(width: u32, height: u32) -> Vec<u8> {
+    let mut bytes = png();
+    let start = bytes.windows(4).position(|four| four == b"IHDR").unwrap();
+    bytes[start + 4..start + 8].copy_from_slice(&width.to_be_bytes());
+    bytes[start + 8..start + 12].copy_from_slice(&height.to_be_bytes());
+    // The checksum of the type and the 13 bytes of the header.
+    let checksum = bytes[start..start + 17].iter().fold(!0_u32, |sum, &byte| {
+        (0..8).fold(sum ^ u32::from(byte), |sum, _| (sum >> 1) ^ if sum & 1 == 1 { 0xedb8_8320 } else { 0 })
+    });
+    bytes[start + 17..start + 21].copy_from_slice(&(!checksum).to_be_bytes());
+    bytes
+}
+
+/// A JPEG of 8 x 8 texels, its header saying another size.
+fn jpeg_of(width: u16, height: u16) -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image::write_buffer_with_format(&mut bytes, &[9; 192], 8, 8, image::ColorType::Rgb8, image::ImageFormat::Jpeg)
+        .unwrap();
+    let mut bytes = bytes.into_inner();
+    // Start of frame: marker, length and precision come before the size.
+    let start = bytes.windows(2).position(|two| two == [0xff, 0xc0]).unwrap() + 5;
+    bytes[start..start + 2].copy_from_slice(&height.to_be_bytes());
+    bytes[start + 2..start + 4].copy_from_slice(&width.to_be_bytes());
+    bytes
+}
+
+#[test]
+fn images_that_promise_too_much_are_refused_before_they_are_decoded() {
+    use base64::Engine as _;
+    let cases = [
+        (png_of(100_000, 100_000), "100000 x 100000 texels; up to 134217728"),
+        (png_of(16_384, 16_384), "16384 x 16384 texels; up to 134217728"),
+        (png_of(20_000, 1), "20000 x 1 texels; up to 134217728, and 16384 in a row"),
+        (png_of(16_384, 8_192), "16384 x 8192 texels, which take at least 16257 bytes"),
+        (jpeg_of(65_000, 65_000), "65000 x 65000 texels; up to 134217728"),
+        (jpeg_of(16_000, 8_000), "16000 x 8000 texels, which take at least 250000 bytes"),
+    ];
+    for (bytes, word) in cases {
+        let data = format!("data:;base64,{}", base64::engine::general_purpose::STANDARD.encode(&bytes));
+        let (json, bin) = textured(&json!({"uri": data}));
+        assert_fails(load(&json, &bin), &format!("images[0]: has {word}"));
+
+        let folder = tempfile::tempdir().unwrap();
+        let (json, bin) = textured(&json!({"uri": "image"}));
+        std::fs::write(folder.path().join("image"), &bytes).unwrap();
+        let path = folder.path().join("scene.glb");
+        std::fs::write(&path, glb(json.to_string().as_bytes(), &bin)).unwrap();
+        assert_fails(Scene::load(&path), &format!("images[0]: has {word}"));
+    }
+    // What the headers of both say is what is decoded.
+    for bytes in [png_of(2, 2), jpeg_of(8, 8)] {
+        let data = format!("data:;base64,{}", base64::engine::general_purpose::STANDARD.encode(&bytes));
+        let (json, bin) = textured(&json!({"uri": data}));
+        load(&json, &bin).unwrap();
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn pipes_devices_and_folders_are_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    // Nobody writes to the pipe: opening it would wait for ever.
+    assert!(std::process::Command::new("mkfifo").arg(at("scene.glb")).status().unwrap().success());
+    assert_fails(Scene::load(&at("scene.glb")), "it is a pipe or a device");
+    std::fs::create_dir(at("scene.gltf")).unwrap();
+    assert_fails(Scene::load(&at("scene.gltf")), "it is a folder");
+    std::os::unix::fs::symlink("/dev/zero", at("zero")).unwrap();
+    let (json, bin) = textured(&json!({"uri": "zero"}));
+    let path = at("scene.glb2");
+    std::fs::write(&path, glb(json.to_string().as_bytes(), &bin)).unwrap();
+    assert_fails(Scene::load(&path), "images[0].uri: cannot read 'zero': it is a pipe or a device");
 }
 
 #[test]
