@@ -1,11 +1,24 @@
 //! Elementary functions that compilers turn into SIMD instructions, and the dispatch to the best instruction set.
 //!
 //! The functions have no branch and no table: in a loop over an array of fixed length they become a few vector instructions on
-//! every processor, with the same result on each. Code that uses them is run through [`dispatch`]. It must be made of plain loops and
-//! `#[inline(always)]` functions: closures are not compiled for the processor that is found.
+//! every processor. They are made of additions, multiplications, divisions and comparisons, each rounded on its own, so their results are
+//! the same to the bit on every processor and with every instruction set. Fused multiply-adds are the only thing that differs: the matrix
+//! products and the scaling of spline bins in heads ([`Simd::mul_add_e_f32s`]) are fused with `avx2`, `avx512` and `neon`, and are rounded
+//! twice with `portable`.
+//!
+//! Code that uses them is run through [`dispatch`]. It must be made of plain loops and `#[inline(always)]` functions: closures are not
+//! compiled for the processor that is found.
+
+use std::{ffi::OsStr, sync::LazyLock};
 
 pub use pulp::Simd;
 use pulp::{Arch, WithSimd};
+
+use crate::error::{Error, Result};
+
+/// The environment variable that names the instruction set: `portable`, `avx2` or `avx512` on x86-64, `portable` or `neon` on aarch64.
+/// It is read once, when the first work is dispatched or [`instruction_set`] is called. Without it the best set is taken.
+pub const VARIABLE: &str = "HEADTAIL_SIMD";
 
 /// Numbers that are worked on side by side: one AVX-512 register, or two AVX2 registers.
 pub const LANES: usize = 16;
@@ -30,9 +43,59 @@ impl<W: Vectorized> WithSimd for Op<W> {
     }
 }
 
-/// Runs work with the best instructions that the processor has.
+/// An instruction set that this processor has.
+#[derive(Clone, Copy)]
+struct InstructionSet {
+    name: &'static str,
+    arch: Arch,
+}
+
+/// The set that all work is dispatched to, or why there is none.
+static CHOSEN: LazyLock<std::result::Result<InstructionSet, String>> =
+    LazyLock::new(|| choose(std::env::var_os(VARIABLE).as_deref()));
+
+/// The instruction sets that this processor has, the best first.
+fn available() -> Vec<InstructionSet> {
+    let mut found = Vec::new();
+    #[cfg(target_arch = "x86_64")]
+    {
+        found.extend(pulp::x86::V4::try_new().map(|v4| InstructionSet { name: "avx512", arch: Arch::V4(v4) }));
+        found.extend(pulp::x86::V3::try_new().map(|v3| InstructionSet { name: "avx2", arch: Arch::V3(v3) }));
+    }
+    #[cfg(target_arch = "aarch64")]
+    found.extend(pulp::aarch64::Neon::try_new().map(|neon| InstructionSet { name: "neon", arch: Arch::Neon(neon) }));
+    found.push(InstructionSet { name: "portable", arch: Arch::Scalar });
+    found
+}
+
+/// The set called `wanted`, or the best one; the error is what is wrong with [`VARIABLE`].
+fn choose(wanted: Option<&OsStr>) -> std::result::Result<InstructionSet, String> {
+    let found = available();
+    let Some(wanted) = wanted else { return Ok(found[0]) };
+    found.iter().copied().find(|set| wanted == set.name).ok_or_else(|| {
+        let names: Vec<_> = found.iter().map(|set| set.name).collect();
+        format!("{wanted:?} is not an instruction set of this processor; choose one of {}", names.join(", "))
+    })
+}
+
+/// The name of the instruction set that work is dispatched to; see [`VARIABLE`].
+///
+/// # Errors
+/// [`Error::Argument`] if [`VARIABLE`] names a set that is unknown, or that this processor does not have. Programs call this before
+/// anything else: [`dispatch`] has no way to report the error.
+pub fn instruction_set() -> Result<&'static str> {
+    CHOSEN.as_ref().map(|set| set.name).map_err(|reason| Error::argument(VARIABLE, reason))
+}
+
+/// Runs work with the best instructions that the processor has, or those that [`VARIABLE`] names.
+///
+/// # Panics
+/// If [`instruction_set`] is an error.
 pub fn dispatch(work: impl Vectorized) {
-    Arch::new().dispatch(Op(work));
+    match &*CHOSEN {
+        Ok(set) => set.arch.dispatch(Op(work)),
+        Err(reason) => panic!("{VARIABLE}: {reason}"),
+    }
 }
 
 /// Runs work that is part of other work as a function of its own, compiled once for each instruction set.
@@ -230,5 +293,103 @@ mod tests {
         let mut values = [0.0; LANES];
         dispatch(Fill(&mut values));
         assert_eq!(values[3], exp(3.0));
+    }
+
+    /// All functions of this module.
+    struct Functions<'a> {
+        x: &'a [Lanes],
+        y: &'a [Lanes],
+        out: &'a mut [[Lanes; 7]],
+    }
+
+    impl Vectorized for Functions<'_> {
+        #[inline(always)]
+        fn run<S: Simd>(self, _simd: S) {
+            for ((x, y), out) in self.x.iter().zip(self.y).zip(self.out) {
+                for l in 0..LANES {
+                    out[0][l] = exp(x[l]);
+                    out[1][l] = ln(x[l]);
+                    out[2][l] = softplus(x[l]);
+                    out[3][l] = sigmoid(x[l]);
+                    (out[4][l], out[5][l]) = cos_sin_turns(x[l]);
+                    out[6][l] = atan2_turns(y[l], x[l]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn functions_give_the_same_bits_with_every_instruction_set() {
+        // Every 4099th bit pattern, NaN and infinities among them, then numbers of the size that is common.
+        let patterns = (0..1_u32 << 20).map(|k| f32::from_bits(k.wrapping_mul(4099)));
+        let x: Vec<f32> = patterns.chain((0..1 << 20).map(|k| (k - (1 << 19)) as f32 * 1.7e-4)).collect();
+        let y: Vec<f32> = x.iter().rev().map(|y| y * 0.7).collect();
+        let (x, y) = (x.as_chunks::<LANES>().0, y.as_chunks::<LANES>().0);
+        let results: Vec<_> = available()
+            .into_iter()
+            .map(|set| {
+                let mut out = vec![[[0.0; LANES]; 7]; x.len()];
+                set.arch.dispatch(Op(Functions { x, y, out: &mut out }));
+                (set.name, out)
+            })
+            .collect();
+        let (reference, expected) = results.last().unwrap();
+        assert_eq!(*reference, "portable");
+        for (name, out) in &results {
+            for (k, (out, expected)) in out.iter().zip(expected).enumerate() {
+                for (function, (out, expected)) in out.iter().zip(expected).enumerate() {
+                    for l in 0..LANES {
+                        // Which NaN it is, no one asks.
+                        let equal =
+                            out[l].to_bits() == expected[l].to_bits() || out[l].is_nan() && expected[l].is_nan();
+                        assert!(equal, "{name}, function {function} of {}: {} {}", x[k][l], out[l], expected[l]);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_instruction_set_is_chosen_by_its_name() {
+        let choose = |name: &str| choose(Some(OsStr::new(name))).map(|set| set.name);
+        for set in available() {
+            assert_eq!(choose(set.name), Ok(set.name));
+        }
+        assert_eq!(super::choose(None).map(|set| set.name), Ok(available()[0].name));
+        for unknown in ["", "AVX2", "mmx", if cfg!(target_arch = "x86_64") { "neon" } else { "avx2" }] {
+            let reason = choose(unknown).unwrap_err();
+            assert!(
+                reason.starts_with(&format!("{unknown:?} is not an instruction set of this processor")),
+                "{reason}"
+            );
+            assert!(reason.ends_with("portable"), "{reason}");
+        }
+    }
+
+    /// What the next test runs in a process of its own.
+    #[test]
+    fn the_instruction_set_has_a_name() {
+        let name = instruction_set().unwrap();
+        println!("it is {name}");
+        assert!(available().iter().any(|set| set.name == name));
+    }
+
+    #[test]
+    fn the_environment_variable_names_the_instruction_set() {
+        let run = |value: &str, test: &str| {
+            let program = std::env::current_exe().unwrap();
+            let mut command = std::process::Command::new(program);
+            command.args(["--exact", "--nocapture", &format!("simd::tests::{test}")]).env(VARIABLE, value);
+            let output = command.output().unwrap();
+            (output.status.success(), String::from_utf8([output.stdout, output.stderr].concat()).unwrap())
+        };
+        for set in available() {
+            let (success, output) = run(set.name, "the_instruction_set_has_a_name");
+            assert!(success && output.contains(&format!("it is {}", set.name)), "{output}");
+        }
+        for test in ["the_instruction_set_has_a_name", "dispatched_work_is_done"] {
+            let (success, output) = run("mmx", test);
+            assert!(!success && output.contains("HEADTAIL_SIMD") && output.contains("portable"), "{output}");
+        }
     }
 }

@@ -260,6 +260,23 @@ fn what_is_not_a_map_gets_one_sentence_with_file_and_field() {
     assert!(matches!(read_radiance(folder.path()), Err(Error::Io { .. })));
 }
 
+#[cfg(unix)]
+#[test]
+fn pipes_devices_and_folders_are_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    // Nobody writes to the pipe: opening it would wait for ever.
+    let pipe = folder.path().join("pipe.hdr");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for (path, word) in [
+        (pipe.as_path(), "pipe.hdr: it is a pipe or a device"),
+        (Path::new("/dev/zero"), "/dev/zero: it is a pipe or a device"),
+        (folder.path(), ": it is a folder"),
+    ] {
+        let error = read_radiance(path).unwrap_err();
+        assert!(matches!(error, Error::Io { .. }) && error.to_string().contains(word), "{error}");
+    }
+}
+
 /// The position of a header attribute's value in a file.
 fn attribute_value(bytes: &[u8], name_and_type: &[u8]) -> usize {
     let start = bytes.windows(name_and_type.len()).position(|window| window == name_and_type).unwrap();
@@ -309,6 +326,7 @@ fn small_files() -> Vec<(String, Vec<u8>)> {
         .into_iter()
         .map(|compression| (format!("{compression:?}"), exr_file((12, 9), scan_lines(compression), halves())))
         .collect();
+    files.push(("DWA with every kind of channel".into(), dwa_file(DWAA(None)).0));
     files.push(("tiled".into(), exr_file((12, 9), tiles(5, 4), f32_channels(&image))));
     files.push(("flat hdr".into(), hdr_file(3, 2, &[[3, 4, 5, 129]; 6])));
     let pixels: Vec<_> = image.pixels.iter().map(|&pixel| image::Rgb(pixel)).collect();
@@ -322,7 +340,8 @@ fn small_files() -> Vec<(String, Vec<u8>)> {
 fn files_cut_anywhere_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     for (name, bytes) in small_files() {
-        for length in 0..bytes.len() {
+        // Every length of small files, and 2000 of large ones.
+        for length in (0..bytes.len()).step_by(1 + bytes.len() / 2000) {
             let path = write(folder.path(), "cut", &bytes[..length]);
             assert!(read_radiance(&path).is_err(), "{name} cut to {length} of {} bytes is taken as whole", bytes.len());
         }
@@ -353,6 +372,47 @@ fn damaged_files_never_panic() {
             let path = write(folder.path(), "damaged", &damaged);
             let outcome = std::panic::catch_unwind(|| read_radiance(&path).map(drop));
             assert!(outcome.is_ok(), "{name} panics with bytes {case:?}");
+        }
+    }
+}
+
+/// A file of two DWA blocks with every kind of channel (cosines, run lengths, others), and where the blocks' counters start.
+fn dwa_file(compression: exr::prelude::Compression) -> (Vec<u8>, Vec<usize>) {
+    let rows = compression.scan_lines_per_block();
+    let image = picture(64, 2 * rows);
+    let half = |c: usize| flat(FlatSamples::F16(channel(&image, c).iter().map(|&v| f16::from_f32(v)).collect()));
+    let alpha = flat(FlatSamples::F16(vec![f16::ONE; image.pixels.len()]));
+    let depth = flat(FlatSamples::F32(channel(&image, 0)));
+    let channels = vec![("R", half(0)), ("G", half(1)), ("B", half(2)), ("A", alpha), ("Z", depth)];
+    let bytes = exr_file((64, 2 * rows), scan_lines(compression), channels);
+    let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
+    // The table of two offsets ends where the first block is. A block starts with its row and its length, 4 bytes each.
+    let table = (8..bytes.len() - 16).find(|&at| number(at) == at + 16).unwrap();
+    let counters = vec![number(table) + 8, number(table + 8) + 8];
+    (bytes, counters)
+}
+
+#[test]
+fn dwa_blocks_that_promise_too_much_are_refused_before_allocation() {
+    use exr::prelude::Compression::{DWAA, DWAB};
+    let folder = tempfile::tempdir().unwrap();
+    for compression in [DWAA(None), DWAB(None)] {
+        let (bytes, blocks) = dwa_file(compression);
+        assert_eq!(read_radiance(&write(folder.path(), "a.exr", &bytes)).unwrap().width, 64);
+        for start in blocks {
+            // Counters 1 to 9 are sizes; 0 is the version, 10 how cosines are coded.
+            for counter in 0..11 {
+                for value in [0, 1, 5, 1 << 10, 1 << 20, 1 << 31, 1 << 41, i64::MAX as u64, u64::MAX] {
+                    let mut damaged = bytes.clone();
+                    let at = start + 8 * counter;
+                    damaged[at..at + 8].copy_from_slice(&value.to_le_bytes());
+                    let read = read_radiance(&write(folder.path(), "a.exr", &damaged));
+                    if (1..10).contains(&counter) && value >= 1 << 20 {
+                        let error = read.unwrap_err().to_string();
+                        assert!(error.contains("a.exr: pixels: ") && !error.contains('\n'), "{error}");
+                    }
+                }
+            }
         }
     }
 }

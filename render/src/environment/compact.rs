@@ -98,35 +98,44 @@ impl Grid {
         ((theta - step / 2.0).max(0.0)).cos() - (theta + step / 2.0).min(f64::from(PI)).cos()
     }
 
-    fn neighbours(self, texel: usize) -> Vec<usize> {
-        let (column, row) = (texel % self.width, texel / self.width);
-        let mut found = Vec::new();
-        for near in row.saturating_sub(1)..=(row + 1).min(self.height - 1) {
-            if near == row && (row == 0 || row == self.height - 1) {
-                found.extend(near * self.width..(near + 1) * self.width);
-                continue;
-            }
-            for across in [self.width - 1, 0, 1] {
-                found.push(near * self.width + (column + across) % self.width);
-            }
-        }
-        found
+    /// Whether all texels of a row touch each other.
+    fn is_pole(self, row: usize) -> bool {
+        row == 0 || row == self.height - 1
     }
 
-    /// The connected texels around `seed` that belong, and those next to them that do not.
+    /// Calls `visit` with the texels around one; of a pole row's own, only where `whole_pole` asks for them.
+    fn neighbours(self, texel: usize, whole_pole: bool, mut visit: impl FnMut(usize)) {
+        let (column, row) = (texel % self.width, texel / self.width);
+        for near in row.saturating_sub(1)..=(row + 1).min(self.height - 1) {
+            let start = near * self.width;
+            if near != row || !self.is_pole(row) {
+                for across in [self.width - 1, 0, 1] {
+                    visit(start + (column + across) % self.width);
+                }
+            } else if whole_pole {
+                (start..start + self.width).for_each(&mut visit);
+            }
+        }
+    }
+
+    /// The connected texels around `seed` that belong, and those next to them that do not; linear in the number of texels.
     fn region(self, seed: usize, belongs: impl Fn(usize) -> bool) -> (Vec<usize>, Vec<usize>) {
         let mut seen = vec![false; self.width * self.height];
         let (mut inside, mut border) = (vec![seed], Vec::new());
         seen[seed] = true;
+        // The first texel of a pole row brings in all others of it.
+        let mut poles_seen = [false; 2];
         let mut next = 0;
         while let Some(&texel) = inside.get(next) {
             next += 1;
-            for near in self.neighbours(texel) {
+            let row = texel / self.width;
+            let whole_pole = self.is_pole(row) && !std::mem::replace(&mut poles_seen[usize::from(row > 0)], true);
+            self.neighbours(texel, whole_pole, |near| {
                 if std::mem::replace(&mut seen[near], true) {
-                    continue;
+                    return;
                 }
                 if belongs(near) { inside.push(near) } else { border.push(near) }
-            }
+            });
         }
         (inside, border)
     }
@@ -187,6 +196,19 @@ mod tests {
             assert_eq!(compact_emitters(64, 32, &map, &rest).unwrap().len(), 1);
             assert!(rest.iter().all(|&value| value == 1.0));
         }
+    }
+
+    #[test]
+    fn wide_pole_rows_take_linear_time() {
+        // With every texel of a pole asking for all others, this map would take 2^44 steps.
+        let width = 1 << 22;
+        let mut map = vec![1.0; 2 * width];
+        map[..width].fill(1e5);
+        let grid = Grid { width, height: 2 };
+        let (inside, border) = grid.region(width - 1, |k| map[k] > 2.0);
+        assert_eq!((inside.len(), border.len()), (width, width));
+        let emitters = compact_emitters(width, 2, &map, &vec![1.0; 2 * width]).unwrap();
+        assert!(emitters.len() == 1 && emitters[0][width / 2] == 1e5 - 1.0 && emitters[0][width] == 0.0);
     }
 
     #[test]

@@ -1,11 +1,15 @@
 //! Linear RGB images: reading radiance maps, writing results.
 
+mod dwa;
 mod openexr;
 mod radiance;
 mod read;
+mod without_panic;
 mod write;
 
+pub(crate) use read::open_regular;
 pub use read::{MAX_PIXELS, read_radiance};
+pub(crate) use without_panic::without_panic;
 pub use write::{Attribute, AttributeValue, encode_exr, encode_png, encode_png_rgb8, write_exr, write_png};
 
 use glam::Vec3A;

@@ -9,6 +9,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
+use exr::block::UncompressedBlock;
 use exr::block::lines::LineRef;
 use exr::block::reader::ChunksReader;
 use exr::math::Vec2;
@@ -17,8 +18,8 @@ use exr::meta::attribute::{ChannelList, SampleType};
 use exr::meta::header::Header;
 use exr::prelude::f16;
 
-use super::Image;
 use super::read::check_size;
+use super::{Image, dwa};
 use crate::error::{Error, Result};
 
 /// The first bytes of every OpenEXR file.
@@ -33,6 +34,9 @@ pub(super) fn read(path: &Path, file: File, file_size: u64) -> Result<Image> {
     check_headers(path, reader.headers(), file_size)?;
     let source = choose_channels(path, reader.headers())?;
     let header = &reader.headers()[source.layer];
+    if header.deep {
+        return Err(Error::invalid(path, "type", "deep images cannot be read"));
+    }
     if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
         return Err(Error::invalid(path, "channels", "subsampled channels cannot be read"));
     }
@@ -42,9 +46,13 @@ pub(super) fn read(path: &Path, file: File, file_size: u64) -> Result<Image> {
     let chunks = reader
         .filter_chunks(false, |_, _, block| block.layer == source.layer && block.level == Vec2(0, 0))
         .map_err(|e| invalid(path, "offset table", &e))?;
-    let mut decompressor = chunks.sequential_decompressor(false);
+    let meta_data = chunks.meta_data().clone();
     let mut blocks_read = HashSet::new();
-    while let Some(block) = decompressor.decompress_next_block() {
+    for chunk in chunks {
+        let chunk = chunk.map_err(|e| invalid(path, "pixels", &e))?;
+        dwa::check_sizes(&meta_data.headers[chunk.layer_index], &chunk)
+            .map_err(|reason| Error::invalid(path, "pixels", reason))?;
+        let block = UncompressedBlock::decompress_chunk(chunk, &meta_data, false);
         let block = block.map_err(|e| invalid(path, "pixels", &e))?;
         // The table has one entry for each block that is wanted, so that none is missing if none comes twice.
         let wanted = block.index.layer == source.layer && block.index.level == Vec2(0, 0);

@@ -1,10 +1,10 @@
 //! Reading radiance maps, whatever the file is called: the first bytes tell the format.
 
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::{Read, Seek};
 use std::path::Path;
 
-use super::{Image, openexr, radiance};
+use super::{Image, openexr, radiance, without_panic};
 use crate::error::{Error, Result};
 
 /// The largest number of pixels that is read, 2^27: a map of 16384 x 8192, or 1.6 GB in memory.
@@ -17,20 +17,19 @@ pub const MAX_PIXELS: usize = 1 << 27;
 /// what is read of each format.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read; [`Error::Invalid`], naming the field, if it is neither format, is damaged,
+/// [`Error::Io`] if the file cannot be read or is none, but a folder, a pipe or a device; [`Error::Invalid`], naming the field, if it is neither format, is damaged,
 /// holds no colour, or has more than [`MAX_PIXELS`] pixels. No content of a file makes this function panic
 /// (unless panics abort).
 pub fn read_radiance(path: &Path) -> Result<Image> {
     let failed = |source| Error::io(path, source);
-    let mut file = File::open(path).map_err(failed)?;
-    let file_size = file.metadata().map_err(failed)?.len();
+    let (mut file, file_size) = open_regular(path).map_err(failed)?;
     let mut magic = Vec::with_capacity(4);
     file.by_ref().take(4).read_to_end(&mut magic).map_err(failed)?;
     file.rewind().map_err(failed)?;
     if magic == openexr::MAGIC {
-        without_panic(path, || openexr::read(path, file, file_size))
+        checked(path, || openexr::read(path, file, file_size))
     } else if magic.starts_with(radiance::MAGIC) {
-        without_panic(path, || radiance::read(path, file, file_size))
+        checked(path, || radiance::read(path, file, file_size))
     } else if magic.is_empty() {
         Err(Error::invalid(path, "first bytes", "the file is empty"))
     } else {
@@ -38,14 +37,32 @@ pub fn read_radiance(path: &Path) -> Result<Image> {
     }
 }
 
+/// Opens a file to read, and tells its size in bytes.
+///
+/// # Errors
+/// The file cannot be opened, or `path` is no regular file: a pipe would be waited for, and a device may have no end.
+pub(crate) fn open_regular(path: &Path) -> std::io::Result<(File, u64)> {
+    let check = |metadata: Metadata| {
+        let kind = metadata.file_type();
+        match (kind.is_file(), kind.is_dir()) {
+            (true, _) => Ok(metadata.len()),
+            (_, true) => Err(std::io::Error::other("it is a folder, not a file")),
+            _ => Err(std::io::Error::other("it is a pipe or a device, not a regular file")),
+        }
+    };
+    // Before it is opened, since opening a pipe waits for its other end; and after, since names can change what they stand for.
+    check(std::fs::metadata(path)?)?;
+    let file = File::open(path)?;
+    let size = check(file.metadata()?)?;
+    Ok((file, size))
+}
+
 /// Turns a panic of a decoder into an error.
 ///
-/// What the headers promise is checked, and the tests' damaged files never get here in a release build. But deep inside
-/// compressed blocks the decoders count on well-formed data: with overflow checks on, B44 blocks of `exr` 1.74 that end too
-/// early do panic.
-fn without_panic(path: &Path, read: impl FnOnce() -> Result<Image>) -> Result<Image> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(read))
-        .unwrap_or_else(|_| Err(Error::invalid(path, "pixels", "they are damaged")))
+/// What headers and blocks promise is checked before, and the tests' damaged files never get here in a release build. But deep inside
+/// compressed blocks the decoders count on well-formed data: with overflow checks on, B44 blocks of `exr` 1.74 that end too early do panic.
+fn checked(path: &Path, read: impl FnOnce() -> Result<Image>) -> Result<Image> {
+    without_panic(read).unwrap_or_else(|| Err(Error::invalid(path, "pixels", "they are damaged")))
 }
 
 /// Refuses sizes that are not worth an allocation.

@@ -2,7 +2,6 @@
 
 use std::{
     cell::Cell,
-    fs::File,
     io::Read,
     path::{Path, PathBuf},
 };
@@ -13,7 +12,10 @@ use gltf::{
 };
 
 use super::uri;
-use crate::error::{Error, Result};
+use crate::{
+    error::{Error, Result},
+    image::open_regular,
+};
 
 /// The most bytes that the file and all files it names may have together.
 const MAX_BYTES: u64 = 4 << 30;
@@ -191,17 +193,13 @@ fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<Vec<u8>>)
 
 /// Reads a whole file, and takes its size from `bytes_left`.
 fn read_file(path: &Path, bytes_left: &Cell<u64>) -> std::io::Result<Vec<u8>> {
-    let file = File::open(path)?;
-    let metadata = file.metadata()?;
-    if !metadata.is_file() {
-        return Err(std::io::Error::other("not a regular file"));
-    }
-    let Some(left) = bytes_left.get().checked_sub(metadata.len()) else {
+    let (file, size) = open_regular(path)?;
+    let Some(left) = bytes_left.get().checked_sub(size) else {
         return Err(std::io::Error::other(format!("more than {} GiB in all", MAX_BYTES >> 30)));
     };
     bytes_left.set(left);
     let mut bytes = Vec::new();
     // The file may grow meanwhile.
-    file.take(metadata.len()).read_to_end(&mut bytes)?;
+    file.take(size).read_to_end(&mut bytes)?;
     Ok(bytes)
 }

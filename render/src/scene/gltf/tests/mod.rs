@@ -1,12 +1,13 @@
 //! Files made here: a good one in many forms, and every way to break it.
 
+mod images;
+
 use glam::{Vec3, Vec3A};
 use serde_json::{Value, json};
 
 use crate::{
     brdf::{BrdfTable, Kernel, MetallicRoughness},
     error::Result,
-    image::encode_png_rgb8,
     random::{Purpose, Stream},
     scene::{Ray, Scene},
 };
@@ -286,144 +287,19 @@ fn the_first_perspective_camera_of_the_scene_is_taken() {
     assert_fails(load(&json, &bin), "cameras[1]: vertical field of view");
 }
 
-/// A PNG of 2 x 2 texels: red, green, blue, white.
-fn png() -> Vec<u8> {
-    let texels = [255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255];
-    let mut bytes = std::io::Cursor::new(Vec::new());
-    image::write_buffer_with_format(&mut bytes, &texels, 2, 2, image::ColorType::Rgb8, image::ImageFormat::Png)
-        .unwrap();
-    bytes.into_inner()
-}
-
-/// [`triangle`] with a texture whose image is `image`.
-fn textured(image: &Value) -> (Value, Vec<u8>) {
-    let (mut json, mut bin) = triangle();
-    set(&mut json, "/materials/0/pbrMetallicRoughness", json!({"baseColorTexture": {"index": 0}}));
-    set(&mut json, "/textures", json!([{"source": 0, "sampler": 0}]));
-    set(&mut json, "/samplers", json!([{"wrapS": 33071, "wrapT": 33071}]));
-    set(&mut json, "/images", json!([image]));
-    let png = png();
-    let view = json!({"buffer": 0, "byteOffset": bin.len(), "byteLength": png.len()});
-    json["bufferViews"].as_array_mut().unwrap().push(view);
-    bin.extend(png);
-    set(&mut json, "/buffers/0/byteLength", json!(bin.len()));
-    (json, bin)
-}
-
+#[cfg(unix)]
 #[test]
-fn textures_come_from_views_data_and_files() {
-    use base64::Engine as _;
-    let data = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png()));
-    for image in [json!({"bufferView": 2, "mimeType": "image/png"}), json!({"uri": data})] {
-        let (json, bin) = textured(&image);
-        let scene = load(&json, &bin).unwrap();
-        // Texture coordinates are the positions, v downwards: the first row of texels is at y = 0.
-        assert_eq!(color_at(&scene, 0.1, 0.1), Vec3A::X);
-        assert_eq!(color_at(&scene, 0.85, 0.1), Vec3A::Y);
-        assert_eq!(color_at(&scene, 0.1, 0.85), Vec3A::Z);
-    }
-
-    // A .gltf with both files beside it, one name with a space.
+fn pipes_devices_and_folders_are_refused_at_once() {
     let folder = tempfile::tempdir().unwrap();
-    let (mut json, bin) = textured(&json!({"uri": "base%20color.png"}));
-    set(&mut json, "/buffers/0/uri", json!("buffer.bin"));
-    std::fs::write(folder.path().join("base color.png"), png()).unwrap();
-    std::fs::write(folder.path().join("buffer.bin"), bin).unwrap();
-    let path = folder.path().join("scene.gltf");
-    std::fs::write(&path, json.to_string()).unwrap();
-    assert_eq!(color_at(&Scene::load(&path).unwrap(), 0.1, 0.1), Vec3A::X);
-    std::fs::remove_file(folder.path().join("base color.png")).unwrap();
-    assert_fails(Scene::load(&path), "images[0].uri: cannot read 'base%20color.png'");
-}
-
-#[test]
-fn metalness_is_blue_and_roughness_green() {
-    let (mut json, bin) = textured(&json!({"bufferView": 2}));
-    // The texels are red, green and blue: neither, rough, metallic.
-    let info = json!({"index": 0});
-    let pbr = json!({"metallicRoughnessTexture": info, "metallicFactor": 0.5, "roughnessFactor": 0.25});
-    set(&mut json, "/materials/0/pbrMetallicRoughness", pbr);
-    let at = |json: &Value, x, y| {
-        let surface = surface_at(&load(json, &bin).unwrap(), x, y);
-        (surface.metallic(), surface.roughness())
-    };
-    assert_eq!(at(&json, 0.1, 0.1), (0.0, 0.0));
-    assert_eq!(at(&json, 0.85, 0.1), (0.0, 0.25));
-    assert_eq!(at(&json, 0.1, 0.85), (0.5, 0.0));
-    assert_eq!(color_at(&load(&json, &bin).unwrap(), 0.1, 0.1), Vec3A::ONE);
-
-    // A set of coordinates of its own, which the primitive does not have: the factors alone.
-    set(&mut json, "/materials/0/pbrMetallicRoughness/metallicRoughnessTexture/texCoord", json!(1));
-    assert_eq!(at(&json, 0.1, 0.1), (0.5, 0.25));
-    // Both textures, each with its own set; the second one is the first one's accessor.
-    set(&mut json, "/materials/0/pbrMetallicRoughness/baseColorTexture", json!({"index": 0}));
-    assert_eq!(at(&json, 0.85, 0.1), (0.5, 0.25));
-    set(&mut json, "/meshes/0/primitives/0/attributes/TEXCOORD_1", json!(2));
-    assert_eq!(at(&json, 0.85, 0.1), (0.0, 0.25));
-    assert_eq!(color_at(&load(&json, &bin).unwrap(), 0.85, 0.1), Vec3A::Y);
-    // A texture that is not there.
-    set(&mut json, "/materials/0/pbrMetallicRoughness/metallicRoughnessTexture/index", json!(3));
-    assert_fails(load(&json, &bin), "metallicRoughnessTexture.index");
-}
-
-#[test]
-fn what_a_material_leaves_out_is_metallic_and_rough() {
-    let (mut json, bin) = triangle();
-    for material in [json!({}), json!({"pbrMetallicRoughness": {}})] {
-        set(&mut json, "/materials/0", material);
-        let surface = surface_at(&load(&json, &bin).unwrap(), 0.2, 0.2);
-        assert_eq!((surface.base_color(), surface.metallic(), surface.roughness()), (Vec3::ONE, 1.0, 1.0));
-    }
-}
-
-#[test]
-fn broken_images_are_refused() {
-    for (image, word) in [
-        (json!({}), "images[0]: has neither"),
-        (json!({"bufferView": 9}), "images[0].bufferView"),
-        (json!({"bufferView": 0}), "neither PNG nor JPEG"),
-        (json!({"uri": "data:image/png;base64,iVBORw0KGgo="}), "cannot be decoded"),
-        (json!({"uri": "https://example.org/a.png"}), "images[0].uri"),
-    ] {
-        let (json, bin) = textured(&image);
-        assert_fails(load(&json, &bin), word);
-    }
-    let (mut json, bin) = textured(&json!({"bufferView": 2}));
-    set(&mut json, "/textures/0/source", json!(4));
-    assert_fails(load(&json, &bin), "textures[0].source");
-    set(&mut json, "/textures/0/sampler", json!(4));
-    assert_fails(load(&json, &bin), "textures[0].sampler");
-
-    // A header that promises 100,000 x 100,000 texels.
-    let (json, mut bin) = textured(&json!({"bufferView": 2}));
-    let start = bin.windows(4).position(|four| four == b"IHDR").unwrap() + 4;
-    bin[start..start + 8].copy_from_slice(&[0, 1, 0x86, 0xa0, 0, 1, 0x86, 0xa0]);
-    assert_fails(load(&json, &bin), "images[0]");
-}
-
-#[test]
-fn normal_maps_lean_the_shading_normal() {
-    use base64::Engine as _;
-    // One texel that leans to growing u, which is +x on this triangle.
-    let png = encode_png_rgb8(1, 1, &[[255, 128, 255]]).unwrap();
-    let uri = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png));
-    let (mut json, bin) = textured(&json!({"uri": uri}));
-    set(&mut json, "/materials/0/normalTexture", json!({"index": 0}));
-    let normal = |json: &Value| {
-        let scene = load(json, &bin).unwrap();
-        let at = scene.intersect(&Ray::new(Vec3A::new(0.2, 0.2, 1.0), -Vec3A::Z)).unwrap();
-        assert_eq!(at.ng, Vec3A::Z);
-        at.ns
-    };
-    let half = std::f32::consts::FRAC_1_SQRT_2;
-    assert!((normal(&json) - Vec3A::new(half, 0.0, half)).length() < 5e-3, "{}", normal(&json));
-    set(&mut json, "/materials/0/normalTexture/scale", json!(0.0));
-    assert_eq!(normal(&json), Vec3A::Z);
-    set(&mut json, "/materials/0/normalTexture", json!({"index": 7}));
-    assert_fails(load(&json, &bin), "materials[0].normalTexture.index: index 7");
-    set(&mut json, "/materials/0/normalTexture", json!({"index": 0, "scale": 1e39}));
-    assert_fails(load(&json, &bin), "normalTexture.scale");
-    set(&mut json, "/materials/0/normalTexture", json!({"index": 0}));
-    set(&mut json, "/meshes/0/primitives/0/attributes/TANGENT", json!(0));
-    assert_fails(load(&json, &bin), "accessors[0].type");
+    let at = |name: &str| folder.path().join(name);
+    // Nobody writes to the pipe: opening it would wait for ever.
+    assert!(std::process::Command::new("mkfifo").arg(at("scene.glb")).status().unwrap().success());
+    assert_fails(Scene::load(&at("scene.glb")), "it is a pipe or a device");
+    std::fs::create_dir(at("scene.gltf")).unwrap();
+    assert_fails(Scene::load(&at("scene.gltf")), "it is a folder");
+    std::os::unix::fs::symlink("/dev/zero", at("zero")).unwrap();
+    let (json, bin) = images::textured(&json!({"uri": "zero"}));
+    let path = at("scene.glb2");
+    std::fs::write(&path, glb(json.to_string().as_bytes(), &bin)).unwrap();
+    assert_fails(Scene::load(&path), "images[0].uri: cannot read 'zero': it is a pipe or a device");
 }

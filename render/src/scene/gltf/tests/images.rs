@@ -1,0 +1,202 @@
+//! Textures: where their images come from, what they change, and what is refused.
+
+use base64::{Engine as _, engine::general_purpose::STANDARD};
+use glam::Vec3A;
+use serde_json::{Value, json};
+
+use super::{assert_fails, color_at, glb, load, set, surface_at, triangle};
+use crate::{
+    image::encode_png_rgb8,
+    scene::{Ray, Scene},
+};
+
+/// A PNG of 2 x 2 texels: red, green, blue, white.
+fn png() -> Vec<u8> {
+    let texels = [255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255];
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image::write_buffer_with_format(&mut bytes, &texels, 2, 2, image::ColorType::Rgb8, image::ImageFormat::Png)
+        .unwrap();
+    bytes.into_inner()
+}
+
+/// [`triangle`] with a texture whose image is `image`.
+pub(super) fn textured(image: &Value) -> (Value, Vec<u8>) {
+    let (mut json, mut bin) = triangle();
+    set(&mut json, "/materials/0/pbrMetallicRoughness", json!({"baseColorTexture": {"index": 0}}));
+    set(&mut json, "/textures", json!([{"source": 0, "sampler": 0}]));
+    set(&mut json, "/samplers", json!([{"wrapS": 33071, "wrapT": 33071}]));
+    set(&mut json, "/images", json!([image]));
+    let png = png();
+    let view = json!({"buffer": 0, "byteOffset": bin.len(), "byteLength": png.len()});
+    json["bufferViews"].as_array_mut().unwrap().push(view);
+    bin.extend(png);
+    set(&mut json, "/buffers/0/byteLength", json!(bin.len()));
+    (json, bin)
+}
+
+#[test]
+fn textures_come_from_views_data_and_files() {
+    let data = format!("data:image/png;base64,{}", STANDARD.encode(png()));
+    for image in [json!({"bufferView": 2, "mimeType": "image/png"}), json!({"uri": data})] {
+        let (json, bin) = textured(&image);
+        let scene = load(&json, &bin).unwrap();
+        // Texture coordinates are the positions, v downwards: the first row of texels is at y = 0.
+        assert_eq!(color_at(&scene, 0.1, 0.1), Vec3A::X);
+        assert_eq!(color_at(&scene, 0.85, 0.1), Vec3A::Y);
+        assert_eq!(color_at(&scene, 0.1, 0.85), Vec3A::Z);
+    }
+
+    // A .gltf with both files beside it, one name with a space.
+    let folder = tempfile::tempdir().unwrap();
+    let (mut json, bin) = textured(&json!({"uri": "base%20color.png"}));
+    set(&mut json, "/buffers/0/uri", json!("buffer.bin"));
+    std::fs::write(folder.path().join("base color.png"), png()).unwrap();
+    std::fs::write(folder.path().join("buffer.bin"), bin).unwrap();
+    let path = folder.path().join("scene.gltf");
+    std::fs::write(&path, json.to_string()).unwrap();
+    assert_eq!(color_at(&Scene::load(&path).unwrap(), 0.1, 0.1), Vec3A::X);
+    std::fs::remove_file(folder.path().join("base color.png")).unwrap();
+    assert_fails(Scene::load(&path), "images[0].uri: cannot read 'base%20color.png'");
+}
+
+#[test]
+fn metalness_is_blue_and_roughness_green() {
+    let (mut json, bin) = textured(&json!({"bufferView": 2}));
+    // The texels are red, green and blue: neither, rough, metallic.
+    let info = json!({"index": 0});
+    let pbr = json!({"metallicRoughnessTexture": info, "metallicFactor": 0.5, "roughnessFactor": 0.25});
+    set(&mut json, "/materials/0/pbrMetallicRoughness", pbr);
+    let at = |json: &Value, x, y| {
+        let surface = surface_at(&load(json, &bin).unwrap(), x, y);
+        (surface.metallic(), surface.roughness())
+    };
+    assert_eq!(at(&json, 0.1, 0.1), (0.0, 0.0));
+    assert_eq!(at(&json, 0.85, 0.1), (0.0, 0.25));
+    assert_eq!(at(&json, 0.1, 0.85), (0.5, 0.0));
+    assert_eq!(color_at(&load(&json, &bin).unwrap(), 0.1, 0.1), Vec3A::ONE);
+
+    // A set of coordinates of its own, which the primitive does not have: the factors alone.
+    set(&mut json, "/materials/0/pbrMetallicRoughness/metallicRoughnessTexture/texCoord", json!(1));
+    assert_eq!(at(&json, 0.1, 0.1), (0.5, 0.25));
+    // Both textures, each with its own set; the second one is the first one's accessor.
+    set(&mut json, "/materials/0/pbrMetallicRoughness/baseColorTexture", json!({"index": 0}));
+    assert_eq!(at(&json, 0.85, 0.1), (0.5, 0.25));
+    set(&mut json, "/meshes/0/primitives/0/attributes/TEXCOORD_1", json!(2));
+    assert_eq!(at(&json, 0.85, 0.1), (0.0, 0.25));
+    assert_eq!(color_at(&load(&json, &bin).unwrap(), 0.85, 0.1), Vec3A::Y);
+    // A texture that is not there.
+    set(&mut json, "/materials/0/pbrMetallicRoughness/metallicRoughnessTexture/index", json!(3));
+    assert_fails(load(&json, &bin), "metallicRoughnessTexture.index");
+}
+
+#[test]
+fn what_a_material_leaves_out_is_metallic_and_rough() {
+    let (mut json, bin) = triangle();
+    for material in [json!({}), json!({"pbrMetallicRoughness": {}})] {
+        set(&mut json, "/materials/0", material);
+        let surface = surface_at(&load(&json, &bin).unwrap(), 0.2, 0.2);
+        assert_eq!((surface.base_color(), surface.metallic(), surface.roughness()), (Vec3::ONE, 1.0, 1.0));
+    }
+}
+
+#[test]
+fn broken_images_are_refused() {
+    for (image, word) in [
+        (json!({}), "images[0]: has neither"),
+        (json!({"bufferView": 9}), "images[0].bufferView"),
+        (json!({"bufferView": 0}), "neither PNG nor JPEG"),
+        (json!({"uri": "data:image/png;base64,iVBORw0KGgo="}), "cannot be decoded"),
+        (json!({"uri": "https://example.org/a.png"}), "images[0].uri"),
+    ] {
+        let (json, bin) = textured(&image);
+        assert_fails(load(&json, &bin), word);
+    }
+    let (mut json, bin) = textured(&json!({"bufferView": 2}));
+    set(&mut json, "/textures/0/source", json!(4));
+    assert_fails(load(&json, &bin), "textures[0].source");
+    set(&mut json, "/textures/0/sampler", json!(4));
+    assert_fails(load(&json, &bin), "textures[0].sampler");
+}
+
+/// [`png`], its header saying another size.
+fn png_of(width: u32, height: u32) -> Vec<u8> {
+    let mut bytes = png();
+    let start = bytes.windows(4).position(|four| four == b"IHDR").unwrap();
+    bytes[start + 4..start + 8].copy_from_slice(&width.to_be_bytes());
+    bytes[start + 8..start + 12].copy_from_slice(&height.to_be_bytes());
+    // The checksum of the type and the 13 bytes of the header.
+    let checksum = bytes[start..start + 17].iter().fold(!0_u32, |sum, &byte| {
+        (0..8).fold(sum ^ u32::from(byte), |sum, _| (sum >> 1) ^ if sum & 1 == 1 { 0xedb8_8320 } else { 0 })
+    });
+    bytes[start + 17..start + 21].copy_from_slice(&(!checksum).to_be_bytes());
+    bytes
+}
+
+/// A JPEG of 8 x 8 texels, its header saying another size.
+fn jpeg_of(width: u16, height: u16) -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image::write_buffer_with_format(&mut bytes, &[9; 192], 8, 8, image::ColorType::Rgb8, image::ImageFormat::Jpeg)
+        .unwrap();
+    let mut bytes = bytes.into_inner();
+    // Start of frame: marker, length and precision come before the size.
+    let start = bytes.windows(2).position(|two| two == [0xff, 0xc0]).unwrap() + 5;
+    bytes[start..start + 2].copy_from_slice(&height.to_be_bytes());
+    bytes[start + 2..start + 4].copy_from_slice(&width.to_be_bytes());
+    bytes
+}
+
+#[test]
+fn images_that_promise_too_much_are_refused_before_they_are_decoded() {
+    let cases = [
+        (png_of(100_000, 100_000), "100000 x 100000 texels; up to 134217728"),
+        (png_of(16_384, 16_384), "16384 x 16384 texels; up to 134217728"),
+        (png_of(20_000, 1), "20000 x 1 texels; up to 134217728, and 16384 in a row"),
+        (png_of(16_384, 8_192), "16384 x 8192 texels, which take at least 16257 bytes"),
+        (jpeg_of(65_000, 65_000), "65000 x 65000 texels; up to 134217728"),
+        (jpeg_of(16_000, 8_000), "16000 x 8000 texels, which take at least 250000 bytes"),
+    ];
+    for (bytes, word) in cases {
+        let data = format!("data:;base64,{}", STANDARD.encode(&bytes));
+        let (json, bin) = textured(&json!({"uri": data}));
+        assert_fails(load(&json, &bin), &format!("images[0]: has {word}"));
+
+        let folder = tempfile::tempdir().unwrap();
+        let (json, bin) = textured(&json!({"uri": "image"}));
+        std::fs::write(folder.path().join("image"), &bytes).unwrap();
+        let path = folder.path().join("scene.glb");
+        std::fs::write(&path, glb(json.to_string().as_bytes(), &bin)).unwrap();
+        assert_fails(Scene::load(&path), &format!("images[0]: has {word}"));
+    }
+    // What the headers of both say is what is decoded.
+    for bytes in [png_of(2, 2), jpeg_of(8, 8)] {
+        let data = format!("data:;base64,{}", STANDARD.encode(&bytes));
+        let (json, bin) = textured(&json!({"uri": data}));
+        load(&json, &bin).unwrap();
+    }
+}
+
+#[test]
+fn normal_maps_lean_the_shading_normal() {
+    // One texel that leans to growing u, which is +x on this triangle.
+    let png = encode_png_rgb8(1, 1, &[[255, 128, 255]]).unwrap();
+    let uri = format!("data:image/png;base64,{}", STANDARD.encode(png));
+    let (mut json, bin) = textured(&json!({"uri": uri}));
+    set(&mut json, "/materials/0/normalTexture", json!({"index": 0}));
+    let normal = |json: &Value| {
+        let scene = load(json, &bin).unwrap();
+        let at = scene.intersect(&Ray::new(Vec3A::new(0.2, 0.2, 1.0), -Vec3A::Z)).unwrap();
+        assert_eq!(at.ng, Vec3A::Z);
+        at.ns
+    };
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    assert!((normal(&json) - Vec3A::new(half, 0.0, half)).length() < 5e-3, "{}", normal(&json));
+    set(&mut json, "/materials/0/normalTexture/scale", json!(0.0));
+    assert_eq!(normal(&json), Vec3A::Z);
+    set(&mut json, "/materials/0/normalTexture", json!({"index": 7}));
+    assert_fails(load(&json, &bin), "materials[0].normalTexture.index: index 7");
+    set(&mut json, "/materials/0/normalTexture", json!({"index": 0, "scale": 1e39}));
+    assert_fails(load(&json, &bin), "normalTexture.scale");
+    set(&mut json, "/materials/0/normalTexture", json!({"index": 0}));
+    set(&mut json, "/meshes/0/primitives/0/attributes/TANGENT", json!(0));
+    assert_fails(load(&json, &bin), "accessors[0].type");
+}
