@@ -18,6 +18,7 @@ pub mod random;
 pub mod sampler;
 pub mod scene;
 pub mod simd;
+pub mod spline;
 pub mod statistics;
 pub mod tail;
 
