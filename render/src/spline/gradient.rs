@@ -54,7 +54,7 @@ pub fn inverse_with_gradient<R: Real, const L: usize>(
     let x = turned(topology, logits, y);
     let [across, up] = axes(logits, scratch);
     let index = count_reached(across, &x);
-    let bin = locate(topology, logits, across, up, &x);
+    let bin = locate(topology, logits, [across, up], &x);
     let (mut values, mut log_slopes) = ([R::ZERO; L], [R::ZERO; L]);
     let (mut d_value, mut d_log_slope) = (Derivatives::zero(), Derivatives::zero());
     let (one, two) = (R::ONE, R::of(2.0));

@@ -96,7 +96,7 @@ pub fn inverse<R: Real, const L: usize>(
 ) -> ([R; L], [R; L]) {
     let x = turned(topology, logits, y);
     let [across, up] = axes(logits, scratch);
-    let bin = locate(topology, logits, across, up, &x);
+    let bin = locate(topology, logits, [across, up], &x);
     let (mut z, mut slopes) = ([R::ZERO; L], [R::ZERO; L]);
     for l in 0..L {
         let (d0, d1) = (slope(bin.slopes[0][l]), slope(bin.slopes[1][l]));
@@ -128,7 +128,7 @@ pub fn forward<R: Real, const L: usize>(
     }
     let [across, up] = axes(logits, scratch);
     // With the axes exchanged: the bin's left end is its bottom.
-    let bin = locate(topology, logits, up, across, &at);
+    let bin = locate(topology, logits, [up, across], &at);
     let (mut y, mut slopes) = ([R::ZERO; L], [R::ZERO; L]);
     for l in 0..L {
         let (d0, d1) = (slope(bin.slopes[0][l]), slope(bin.slopes[1][l]));
@@ -251,85 +251,74 @@ const PART: usize = 8;
 fn locate<R: Real, const L: usize>(
     topology: Topology,
     logits: Logits<'_, R>,
-    first: Axis<'_, R, L>,
-    second: Axis<'_, R, L>,
+    axes: [Axis<'_, R, L>; 2],
     at: &[R; L],
 ) -> Bin<R, L> {
-    let mut bin = Bin::zero();
+    let zero = [R::ZERO; L];
+    let mut bin = Bin { left: zero, bottom: zero, width: zero, height: zero, slopes: [zero; 2] };
     let mut lane = 0;
     while lane + PART <= L {
-        bin.set(lane, &locate_part::<R, L, PART>(topology, logits, first, second, at, lane));
+        locate_part::<R, L, PART>(topology, logits, axes, at, lane, &mut bin);
         lane += PART;
     }
     while lane < L {
-        bin.set(lane, &locate_part::<R, L, 1>(topology, logits, first, second, at, lane));
+        locate_part::<R, L, 1>(topology, logits, axes, at, lane, &mut bin);
         lane += 1;
     }
     bin
 }
 
-/// The bins of `P` points from `lane` on: the last ones whose starts they have reached.
+/// [`locate`] for `P` points from `lane` on: each takes the last bin whose start it has reached.
 #[inline(always)]
 fn locate_part<R: Real, const L: usize, const P: usize>(
     topology: Topology,
     logits: Logits<'_, R>,
-    first: Axis<'_, R, L>,
-    second: Axis<'_, R, L>,
+    [first, second]: [Axis<'_, R, L>; 2],
     at: &[R; L],
     lane: usize,
-) -> Bin<R, P> {
-    // Arrays of their own, which compilers keep in registers.
-    let (at, scales): (_, [&[R; P]; 2]) =
-        (*part::<R, P>(at, lane), [part(&first.scale, lane), part(&second.scale, lane)]);
-    let mut bin = Bin::zero();
-    let (mut left, mut bottom) = ([R::ZERO; P], [R::ZERO; P]);
+    out: &mut Bin<R, L>,
+) {
+    // Arrays of their own, no fields, are what compilers keep in registers.
+    let zero = [R::ZERO; P];
+    let (mut left, mut bottom) = (zero, zero);
+    let (mut bin_left, mut bin_bottom, mut bin_width, mut bin_height) = (zero, zero, zero, zero);
+    let (mut bin_slope, mut bin_next) = (zero, zero);
+    let (at, first_scale, second_scale): ([R; P], [R; P], [R; P]) =
+        (*part(at, lane), *part(&first.scale, lane), *part(&second.scale, lane));
     let (bins, least) = (logits.bins, R::of(MIN_BIN));
-    let columns = Logits { first: logits.first + lane, ..logits };
-    for (k, (of_first, of_second)) in first.exponentials.iter().zip(second.exponentials).enumerate() {
-        let (of_first, of_second): (&[R; P], &[R; P]) = (part(of_first, lane), part(of_second, lane));
-        let own = columns.row::<P>(2 * bins + k);
-        let next = columns.row::<P>(2 * bins + right_knot(topology, bins, k));
+    let first_slope = 2 * bins * logits.stride + logits.first + lane;
+    for k in 0..bins {
+        let own: &[R; P] = part(logits.values, first_slope + k * logits.stride);
+        let next: &[R; P] = part(logits.values, first_slope + right_knot(topology, bins, k) * logits.stride);
+        let of_first: &[R; P] = part(&first.exponentials[k], lane);
+        let of_second: &[R; P] = part(&second.exponentials[k], lane);
         for l in 0..P {
-            let width = least + of_first[l] * scales[0][l];
-            let height = least + of_second[l] * scales[1][l];
+            let width = least + of_first[l] * first_scale[l];
+            let height = least + of_second[l] * second_scale[l];
             let reached = at[l] >= left[l];
-            bin.left[l] = R::select(reached, left[l], bin.left[l]);
-            bin.bottom[l] = R::select(reached, bottom[l], bin.bottom[l]);
-            bin.width[l] = R::select(reached, width, bin.width[l]);
-            bin.height[l] = R::select(reached, height, bin.height[l]);
-            bin.slopes[0][l] = R::select(reached, own[l], bin.slopes[0][l]);
-            bin.slopes[1][l] = R::select(reached, next[l], bin.slopes[1][l]);
+            bin_left[l] = R::select(reached, left[l], bin_left[l]);
+            bin_bottom[l] = R::select(reached, bottom[l], bin_bottom[l]);
+            bin_width[l] = R::select(reached, width, bin_width[l]);
+            bin_height[l] = R::select(reached, height, bin_height[l]);
+            bin_slope[l] = R::select(reached, own[l], bin_slope[l]);
+            bin_next[l] = R::select(reached, next[l], bin_next[l]);
             left[l] = left[l] + width;
             bottom[l] = bottom[l] + height;
         }
     }
-    bin
+    let lanes = lane..lane + P;
+    out.left[lanes.clone()].copy_from_slice(&bin_left);
+    out.bottom[lanes.clone()].copy_from_slice(&bin_bottom);
+    out.width[lanes.clone()].copy_from_slice(&bin_width);
+    out.height[lanes.clone()].copy_from_slice(&bin_height);
+    out.slopes[0][lanes.clone()].copy_from_slice(&bin_slope);
+    out.slopes[1][lanes].copy_from_slice(&bin_next);
 }
 
-/// Some of the lanes.
+/// Some of the numbers.
 #[inline(always)]
-fn part<R, const P: usize>(lanes: &[R], first: usize) -> &[R; P] {
-    lanes[first..].first_chunk().expect("as many lanes")
-}
-
-impl<R: Real, const L: usize> Bin<R, L> {
-    #[inline(always)]
-    fn zero() -> Self {
-        let zero = [R::ZERO; L];
-        Self { left: zero, bottom: zero, width: zero, height: zero, slopes: [zero; 2] }
-    }
-
-    /// Sets `P` lanes from `lane` on.
-    #[inline(always)]
-    fn set<const P: usize>(&mut self, lane: usize, part: &Bin<R, P>) {
-        let lanes = lane..lane + P;
-        self.left[lanes.clone()].copy_from_slice(&part.left);
-        self.bottom[lanes.clone()].copy_from_slice(&part.bottom);
-        self.width[lanes.clone()].copy_from_slice(&part.width);
-        self.height[lanes.clone()].copy_from_slice(&part.height);
-        self.slopes[0][lanes.clone()].copy_from_slice(&part.slopes[0]);
-        self.slopes[1][lanes].copy_from_slice(&part.slopes[1]);
-    }
+fn part<R, const P: usize>(numbers: &[R], first: usize) -> &[R; P] {
+    numbers[first..].first_chunk().expect("as many numbers")
 }
 
 /// The knot at the right of a bin: on the circle, the last is the first.
