@@ -107,12 +107,17 @@ pub fn call<S: Simd>(simd: S, work: impl Vectorized) {
 /// `e^x` with a relative error below 2e-7 for `x` in `[-87, 88]`; arguments beyond are moved there.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
+    exp_to_88(if x > 88.0 { 88.0 } else { x })
+}
+
+/// [`exp`] of what is known to be at most 88.
+#[inline(always)]
+pub fn exp_to_88(x: f32) -> f32 {
     /// Adding it rounds to an integer, which is then in the low bits.
     const ROUND: f32 = 12_582_912.0;
     const LN_2_HIGH: f32 = 0.693_359_4;
     const LN_2_LOW: f32 = -2.121_944_4e-4;
     let x = if x < -87.0 { -87.0 } else { x };
-    let x = if x > 88.0 { 88.0 } else { x };
     let shifted = x * std::f32::consts::LOG2_E + ROUND;
     let n = shifted - ROUND;
     let r = x - n * LN_2_HIGH - n * LN_2_LOW;

@@ -10,9 +10,18 @@ use crate::{
     error::{Error, Result},
     sampler::IntermediateDensity,
     simd::{self, LANES, Lanes, Simd},
-    spline::{self, Direction},
+    spline::{self, Logits, Topology},
     tile::Rows,
 };
+
+/// Which way a head is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Direction {
+    /// `z -> y`, sampling.
+    Forward,
+    /// `y -> z`, the density direction.
+    Inverse,
+}
 
 /// Numbers of one strip between layers.
 struct Scratch<'a> {
@@ -31,6 +40,7 @@ impl Head {
 
     fn widest(&self) -> usize {
         let layers = self.encoder.layers.iter().chain(&self.selection.layers).map(super::Linear::outputs);
+        // Splines need scratch of fewer rows than they have logits.
         layers.chain([self.elevation.widest(), self.azimuth.widest(), MAX_CONDITION]).max().unwrap_or(0)
     }
 
@@ -145,7 +155,7 @@ impl Head {
         let logits = &mut logits[..self.azimuth.outputs()];
         let state = &state[self.elevation_columns()..];
         self.azimuth.logits(simd, self.leaky_slope, state, &[*seen], [first, second], logits);
-        spline::evaluate(simd, self.azimuth.topology, direction, logits, u)
+        evaluate(self.azimuth.topology, direction, logits, first, u)
     }
 
     #[inline(always)]
@@ -159,18 +169,17 @@ impl Head {
         seen: &Lanes,
     ) -> (Lanes, Lanes) {
         let Scratch { hidden: [first, second], logits, .. } = scratch;
-        let logits = &mut logits[..self.elevation.outputs()];
         let state = &state[..self.elevation_columns()];
         if self.mode == Mode::Autoregressive {
-            logits.copy_from_slice(state);
-        } else {
-            let (mut cos, mut sin) = ([0.0; LANES], [0.0; LANES]);
-            for l in 0..LANES {
-                (cos[l], sin[l]) = simd::cos_sin_turns(seen[l]);
-            }
-            self.elevation.logits(simd, self.leaky_slope, state, &[cos, sin], [first, second], logits);
+            return evaluate(self.elevation.topology, direction, state, first, v);
         }
-        spline::evaluate(simd, self.elevation.topology, direction, logits, v)
+        let (mut cos, mut sin) = ([0.0; LANES], [0.0; LANES]);
+        for l in 0..LANES {
+            (cos[l], sin[l]) = simd::cos_sin_turns(seen[l]);
+        }
+        let logits = &mut logits[..self.elevation.outputs()];
+        self.elevation.logits(simd, self.leaky_slope, state, &[cos, sin], [first, second], logits);
+        evaluate(self.elevation.topology, direction, logits, first, v)
     }
 
     /// Prepares a condition vector of [`super::Condition::length`] numbers.
@@ -191,6 +200,21 @@ impl Head {
         let mut scratch = vec![[0.0; LANES]; self.scratch_strips()];
         prepare_one(self, &lanes, &mut scratch, &mut state, &mut share);
         Ok(HeadAt { head: self, state, share: share[0] })
+    }
+}
+
+/// Images of `at` under the splines of some logits, and `|dz/dy|` there.
+#[inline(always)]
+fn evaluate(
+    topology: Topology,
+    direction: Direction,
+    logits: &[Lanes],
+    scratch: &mut [Lanes],
+    at: &Lanes,
+) -> (Lanes, Lanes) {
+    match direction {
+        Direction::Forward => spline::forward(topology, Logits::strip(logits), scratch, at),
+        Direction::Inverse => spline::inverse(topology, Logits::strip(logits), scratch, at),
     }
 }
 
