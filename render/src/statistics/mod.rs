@@ -4,6 +4,7 @@
 //! Everything here computes in `f64`.
 
 mod chi_square;
+mod figures;
 mod interval;
 mod metric;
 mod quadrature;
@@ -11,6 +12,7 @@ mod tiles;
 mod welch;
 
 pub use chi_square::{ChiSquareReport, SphereChiSquare};
+pub use figures::{Bench, Effort, Figures, variance_ratio};
 pub use interval::MeanInterval;
 pub use metric::{ErrorMetrics, RELATIVE_EPSILON, TRIMMED_FRACTION, ttuv};
 pub use quadrature::{Quadrature, QuadratureShape, Term};
