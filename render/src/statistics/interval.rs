@@ -72,6 +72,11 @@ impl RatioInterval {
         Some(Self { ratio, log_error, degrees_of_freedom: (count - 1) as f64 })
     }
 
+    /// The ratio the other way round.
+    pub fn inverse(self) -> Self {
+        Self { ratio: 1.0 / self.ratio, ..self }
+    }
+
     /// The geometric mean of independent ratios; degrees of freedom by Welch and Satterthwaite. `None` without ratios.
     pub fn geometric_mean(ratios: &[Self]) -> Option<Self> {
         if ratios.is_empty() {
