@@ -14,6 +14,10 @@ use super::reading;
 use super::summary::{BudgetKind, Group, Measure, Summary};
 use super::{Comparison, State};
 
+/// What the sampler of that name is; under shadows the density of least variance is another one.
+const ORACLE: &str = "The exact product of light, BRDF and cosine, without visibility, tabulated at every shading point. Where \
+                      shadows matter, other samplers can have less error.";
+
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
@@ -509,8 +513,9 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
             ),
         ),
     ];
+    let oracle = summary.samplers.iter().any(|sampler| sampler == "oracle").then(|| ("Oracle", ORACLE.to_owned()));
     section += "<section>\n<h2>How it was measured</h2>\n<dl class=\"method\">\n";
-    for (term, text) in facts {
+    for (term, text) in facts.into_iter().chain(oracle) {
         push(&mut section, format_args!("<div><dt>{term}</dt><dd>{text}</dd></div>\n"));
     }
     section + "</dl>\n</section>\n"
@@ -638,6 +643,14 @@ mod tests {
             let (low, high) = summary.ratio(group, Measure::Mse).unwrap().ends().unwrap();
             assert!(page.contains(&format!("<span class=\"ci\">{} to {}</span>", times(low), times(high))));
         }
+    }
+
+    #[test]
+    fn the_oracle_is_explained_where_it_is_shown() {
+        let mut comparison = synthetic::comparison();
+        assert!(!page_of(&comparison).contains("without visibility"));
+        comparison.rows.push(synthetic::row("oracle", "4spp", 0));
+        assert!(page_of(&comparison).contains("exact product of light, BRDF and cosine, without visibility"));
     }
 
     #[test]
