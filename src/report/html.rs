@@ -528,7 +528,7 @@ fn push(text: &mut String, arguments: std::fmt::Arguments) {
 #[cfg(test)]
 mod tests {
     use super::super::synthetic;
-    use super::super::{Comparison, RenderedImage, Row};
+    use super::super::{Comparison, Row};
     use super::*;
 
     fn page_of(comparison: &Comparison) -> String {

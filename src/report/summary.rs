@@ -339,8 +339,10 @@ mod tests {
         let row = |sampler: &str, run: u32, mse: f64| Row { mse, ..synthetic::row(sampler, "16spp", run) };
         let noise = [1.0, 3.0, 2.0, 7.0];
         // Rows of a file may come in any order: pairs are found by the number of the run.
-        let mut rows: Vec<Row> = noise.iter().zip(0..).map(|(&mse, run)| row("mis", run, mse)).collect();
-        rows.extend(noise.iter().zip(0..).rev().map(|(&mse, run)| row("ris", run, 0.75 * mse + 0.01 * f64::from(run))));
+        let mut rows: Vec<Row> = noise.iter().zip(0_u32..4).map(|(&mse, run)| row("mis", run, mse)).collect();
+        rows.extend(
+            noise.iter().zip(0_u32..4).rev().map(|(&mse, run)| row("ris", run, 0.75 * mse + 0.01 * f64::from(run))),
+        );
         rows
     }
 
