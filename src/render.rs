@@ -149,7 +149,7 @@ pub fn exposure(rendering: &Rendering) -> f32 {
     if shown > 0.0 && shown.is_finite() { (MIDDLE_GREY / shown).log2() } else { 0.0 }
 }
 
-/// Renders without a word.
+/// Renders without a progress bar, and to the end.
 pub fn quietly(view: View<'_>, estimator: &dyn DirectEstimator, budget: Budget, seed: u64) -> Rendering {
     integrator::render(view, estimator, budget, seed, &std::sync::atomic::AtomicBool::new(false), &|_| {})
 }

@@ -122,7 +122,7 @@ pub struct Row {
     pub version: String,
 }
 
-/// A rendering to be looked at.
+/// A rendering that the page shows.
 pub struct RenderedImage {
     /// The name of the sampler, as in the rows.
     pub sampler: String,
