@@ -41,7 +41,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let light = TrainingLight::new(&config, &environment)?;
     let fitted = fit::train(&light, &config, fit::Outputs::NONE, &stop)?;
     if stop.load(Ordering::Relaxed) {
-        bail!("interrupted while training; nothing was written");
+        bail!(progress::Interrupted::new("while training; nothing was written"));
     }
     let summary = &fitted.summary;
     let (before, after) = (summary.initial, summary.divergence);

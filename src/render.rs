@@ -7,7 +7,7 @@ use clap::Args;
 use headtail_render::{
     color::luminance,
     image::{Attribute, Image, write_exr, write_png},
-    integrator::{self, Budget, DirectEstimator, Rendering, Timings, View},
+    integrator::{self, Budget, DirectEstimator, Rendering, Stage, Timings, View},
     sampler::SamplerSpec,
 };
 
@@ -28,8 +28,8 @@ Ctrl-C writes what there is.")]
 pub struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
-    /// brdf (or cosine), emitter, mis, mis2, mis-comp, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE, ris:M:direct:FILE or oracle; fit
-    /// says which one its file is.
+    /// brdf (or cosine), emitter, mis, mis2, mis-comp, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE, ris:M:direct:FILE or oracle (the
+    /// exact product of light, BRDF and cosine, without visibility; slow); fit says which one its file is.
     #[arg(long, value_name = "SPEC")]
     sampler: SamplerSpec,
     /// Samples per pixel.
@@ -44,7 +44,7 @@ pub struct Arguments {
     /// Stops by which the PNG is made brighter than its automatic exposure.
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     exposure: f32,
-    /// Print where the time went. Reading the clock slows rendering down by a few per cent.
+    /// Print where the time went, in thread-seconds by stage. Reading the clock slows rendering down by a few per cent.
     #[arg(long)]
     timings: bool,
     /// Linear OpenEXR file; the PNG lies beside it.
@@ -88,10 +88,42 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         rendering.spp, rendering.seconds, rendering.rays_per_sample, rendering.max_weight
     );
     if arguments.timings {
-        println!("{}", Timings::take(rendering.seconds, rayon::current_num_threads()));
+        let threads = rayon::current_num_threads();
+        println!("{}", table(&Timings::take(rendering.seconds, threads), rendering.seconds, threads));
     }
     println!("{} and {} written", arguments.out.display(), png.display());
     Ok(())
+}
+
+/// The stages of a rendering by the names that `--timings` prints.
+const STAGES: [(Stage, &str); 5] = [
+    (Stage::CameraRays, "camera rays"),
+    (Stage::Sampling, "sampling"),
+    (Stage::Pdf, "pdf evaluation"),
+    (Stage::ShadowRays, "shadow rays"),
+    (Stage::Shading, "shading"),
+];
+
+/// Thread-seconds of the stages that were measured in a rendering of `seconds` on `threads` threads, then the rest: random
+/// numbers, the film, threads that waited.
+fn table(timings: &Timings, seconds: f64, threads: usize) -> String {
+    let whole = seconds * threads as f64;
+    let mut table =
+        format!("thread-seconds by stage, of {threads} threads x {seconds:.3} s = {whole:.3} thread-seconds:");
+    let mut rest = whole;
+    let mut line = |name: &str, spent: f64| {
+        table += &format!("\n{name:18} {spent:9.3} {:5.1} %", 100.0 * spent / whole);
+    };
+    for (stage, name) in STAGES {
+        let spent = timings.seconds(stage);
+        // The clock ticks in nanoseconds: a stage that any work passed through has some.
+        if spent > 0.0 {
+            line(name, spent);
+            rest -= spent;
+        }
+    }
+    line("outside of stages", rest);
+    table
 }
 
 /// What an OpenEXR result says of itself.
@@ -117,7 +149,7 @@ pub fn exposure(rendering: &Rendering) -> f32 {
     if shown > 0.0 && shown.is_finite() { (MIDDLE_GREY / shown).log2() } else { 0.0 }
 }
 
-/// Renders without a word.
+/// Renders without a progress bar, and to the end.
 pub fn quietly(view: View<'_>, estimator: &dyn DirectEstimator, budget: Budget, seed: u64) -> Rendering {
     integrator::render(view, estimator, budget, seed, &std::sync::atomic::AtomicBool::new(false), &|_| {})
 }

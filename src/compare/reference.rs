@@ -5,7 +5,7 @@ use std::{
     sync::atomic::{AtomicBool, Ordering},
 };
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     image::{Image, read_radiance, write_exr},
@@ -17,7 +17,7 @@ use headtail_render::{
 use super::Arguments;
 use crate::{
     arguments::{OpenedView, make_folder},
-    progress,
+    progress::{self, Interrupted},
     render::attributes,
 };
 
@@ -36,6 +36,10 @@ pub struct Reference {
 
 impl Reference {
     /// Takes the image named by `--reference`, else one from the cache, else renders one (and keeps it in the cache).
+    ///
+    /// # Errors
+    /// If an image cannot be read or written or has another size; [`Interrupted`] if the stop flag ends a rendering, of which
+    /// nothing is written.
     pub fn obtain(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool) -> Result<Self> {
         let size = (arguments.view.camera.width as usize, arguments.view.camera.height as usize);
         if let Some(file) = &arguments.reference {
@@ -60,8 +64,7 @@ impl Reference {
         let (rendering, by) = converged(arguments, opened, arguments.reference_spp, stop)?;
         let image = rendering.composite();
         write_exr(&copy, &image, &attributes(by, &rendering, seed(arguments)))?;
-        // An interrupted reference is not the one that its name would promise.
-        if let (Some(stem), false) = (&cached, stop.load(Ordering::Relaxed)) {
+        if let Some(stem) = &cached {
             make_folder(stem.parent().unwrap_or(Path::new(".")))?;
             let [image_file, coverage_file] = files(stem);
             let coverage = Image { pixels: rendering.coverage.iter().map(|&c| [c; 3]).collect(), ..image };
@@ -73,7 +76,7 @@ impl Reference {
     }
 }
 
-/// Renders with the best sampler that needs no training; it and its name.
+/// Renders with the best sampler that needs no training; it and its name. An interrupted rendering is an error.
 fn converged<'a>(
     arguments: &Arguments,
     opened: &OpenedView,
@@ -96,6 +99,9 @@ fn converged<'a>(
     let show = |spent: f64| bar.set_position((1000.0 * spent) as u64);
     let rendering = render(opened.view(), &*estimator, Budget::Spp(spp), seed(arguments), stop, &show);
     bar.finish_and_clear();
+    if stop.load(Ordering::Relaxed) {
+        bail!(Interrupted::new("while the reference was rendered; no run is done"));
+    }
     Ok((rendering, by))
 }
 

@@ -46,11 +46,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let stop = progress::stop_flag()?;
     let light = fit_light(&environment, &config, outputs.checkpoints.as_ref(), &stop)?;
-    ensure!(
-        !(config.tail == TailKind::Flow && stop.load(Ordering::Relaxed)),
-        "interrupted while the flow tail was fitted; nothing was written{}",
-        if outputs.checkpoints.is_some() { " but its checkpoint" } else { "" }
-    );
+    if config.tail == TailKind::Flow && stop.load(Ordering::Relaxed) {
+        let but = if outputs.checkpoints.is_some() { " but its checkpoint" } else { "" };
+        bail!(progress::Interrupted::new(format!("while the flow tail was fitted; nothing was written{but}")));
+    }
     if config.compact_emitters && light.luminance == environment.luminance() {
         eprintln!("note: {map} has no compact emitters; the head serves all of its light");
     }

@@ -8,8 +8,10 @@ pub mod pareto;
 
 use std::fmt::Write;
 
+use headtail_render::statistics::RatioInterval;
+
 use super::number::{escape, text, times};
-use super::summary::{BudgetKind, Group, Measure, Ratio, Summary};
+use super::summary::{BudgetKind, Group, Measure, Summary};
 
 /// Colours of the palette (`--s0` to `--s7` in the style sheet); samplers beyond them have dashed lines and hollow markers.
 const COLOURS: usize = 8;
@@ -372,8 +374,8 @@ pub fn ratio_bars(summary: &Summary) -> String {
         comparisons.iter().filter_map(move |(_, budget, measure)| ratio(sampler, budget, *measure))
     });
     let reach = ratios.flat_map(|ratio| {
-        let (low, high) = ratio.interval.unwrap_or((ratio.value, ratio.value));
-        [low.max(ratio.value / 3.0), high.min(ratio.value * 3.0)]
+        let (low, high) = ratio.ends().unwrap_or((ratio.ratio, ratio.ratio));
+        [low.max(ratio.ratio / 3.0), high.min(ratio.ratio * 3.0)]
     });
     let axis = Axis::around(reach.chain([1.0]).collect::<Vec<_>>().into_iter(), 0.0, 100.0);
     let mut html = String::from("<div class=\"bars\">");
@@ -393,7 +395,7 @@ pub fn ratio_bars(summary: &Summary) -> String {
     html
 }
 
-fn bar(html: &mut String, summary: &Summary, axis: &Axis, sampler: &str, ratio: Option<Ratio>) {
+fn bar(html: &mut String, summary: &Summary, axis: &Axis, sampler: &str, ratio: Option<RatioInterval>) {
     let class = series_class(summary, sampler);
     push(
         html,
@@ -414,11 +416,11 @@ fn bar(html: &mut String, summary: &Summary, axis: &Axis, sampler: &str, ratio: 
         let (a, b) = (axis.at(a), axis.at(b));
         format!("left:{:.2}%;width:{:.2}%", a.min(b), (a - b).abs())
     };
-    push(html, format_args!("<span class=\"bar\" style=\"{}\"></span>", span(1.0, ratio.value)));
-    if let Some((low, high)) = ratio.interval {
+    push(html, format_args!("<span class=\"bar\" style=\"{}\"></span>", span(1.0, ratio.ratio)));
+    if let Some((low, high)) = ratio.ends().filter(|(low, high)| low < high) {
         push(html, format_args!("<span class=\"bar-ci\" style=\"{}\"></span>", span(low, high)));
     }
-    push(html, format_args!("</span><span class=\"bar-value\">{}\u{d7}</span></div>", times(ratio.value)));
+    push(html, format_args!("</span><span class=\"bar-value\">{}\u{d7}</span></div>", times(ratio.ratio)));
 }
 
 fn text_tick(value: f64) -> String {

@@ -7,28 +7,38 @@ use headtail_render::statistics::{MeanInterval, RELATIVE_EPSILON, TRIMMED_FRACTI
 
 use super::chart;
 use super::chart::pareto::{self, Place};
-use super::number::{amount, duration, escape, html, html_digits, html_uncertainty, times};
-use super::picture::{self, ErrorMap, ErrorScale};
+use super::gallery::{Gallery, Panel, Picture};
+use super::number::{amount, duration, ends, escape, html, html_digits, html_uncertainty, times};
+use super::picture::{self, ErrorScale};
 use super::reading;
-use super::summary::{Budget, BudgetKind, Group, Measure, Summary};
-use super::{Comparison, RenderedImage};
+use super::summary::{BudgetKind, Group, Measure, Summary};
+use super::{Comparison, State};
+
+/// What the sampler of that name is; under shadows the density of least variance is another one.
+const ORACLE: &str = "The exact product of light, BRDF and cosine, without visibility, tabulated at every shading point. Where \
+                      shadows matter, other samplers can have less error.";
 
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
-/// The whole page.
-pub fn page(comparison: &Comparison, summary: &Summary) -> Result<String> {
-    let gallery = Gallery::of(comparison, summary)?;
+/// The whole page. The gallery is brought up to date with the comparison.
+///
+/// # Errors
+/// If a picture is not of the size of the reference.
+pub fn page(comparison: &Comparison, summary: &Summary, gallery: &mut Gallery) -> Result<String> {
+    gallery.update(comparison, summary)?;
+    let gallery = &*gallery;
     let title = format!("{} under {}", comparison.scene, comparison.env);
     let mut page = format!("{}<body>\n", head(&comparison.version, &format!("{title} \u{b7} headtail comparison")));
     page += &header(comparison, summary);
     page += "<main>\n";
+    page += &incomplete(comparison);
     page += &reading_section(comparison, summary);
-    page += &slider(comparison, summary, &gallery);
-    page += &multiples(comparison, summary, &gallery);
+    page += &slider(comparison, summary, gallery);
+    page += &multiples(comparison, summary, gallery);
     page += &charts(summary);
     page += &table(comparison, summary);
-    page += &method(comparison, summary, &gallery);
+    page += &method(comparison, summary, gallery);
     page += "</main>\n";
     push(&mut page, format_args!("<script>\n{SCRIPT}</script>\n</body>\n</html>\n"));
     Ok(page)
@@ -49,76 +59,6 @@ pub fn head(version: &str, title: &str) -> String {
     )
 }
 
-/// The pictures of the page, each embedded once.
-struct Gallery {
-    exposure: f32,
-    reference: String,
-    panels: Vec<Panel>,
-}
-
-/// The pictures at a budget.
-struct Panel {
-    budget: Budget,
-    scale: ErrorScale,
-    pictures: Vec<Picture>,
-}
-
-/// A rendering and its error map as `data:` addresses.
-struct Picture {
-    sampler: String,
-    rendering: String,
-    errors: String,
-}
-
-impl Gallery {
-    fn of(comparison: &Comparison, summary: &Summary) -> Result<Self> {
-        let exposure = picture::exposure(&comparison.reference);
-        let mut panels = Vec::new();
-        for budget in &summary.budgets {
-            let images: Vec<&RenderedImage> = summary
-                .at(&budget.name)
-                .filter_map(|group| {
-                    comparison.images.iter().find(|i| i.sampler == group.sampler && i.budget == group.budget)
-                })
-                .collect();
-            if !images.is_empty() {
-                panels.push(Panel::of(budget, &images, comparison, exposure)?);
-            }
-        }
-        Ok(Self { exposure, reference: picture::rendering(&comparison.reference, exposure)?, panels })
-    }
-
-    fn panel(&self, budget: &str) -> Option<&Panel> {
-        self.panels.iter().find(|panel| panel.budget.name == budget)
-    }
-
-    fn has(&self, sampler: &str, budget: &str) -> bool {
-        self.panel(budget).is_some_and(|panel| panel.pictures.iter().any(|picture| picture.sampler == sampler))
-    }
-
-    /// The budget whose pictures are shown first.
-    fn shown_first(&self, summary: &Summary) -> Option<&Panel> {
-        self.panel(&summary.shown_first().name).or(self.panels.last())
-    }
-}
-
-impl Panel {
-    fn of(budget: &Budget, images: &[&RenderedImage], comparison: &Comparison, exposure: f32) -> Result<Self> {
-        let error_map = |image: &&RenderedImage| ErrorMap::of(&image.image, comparison);
-        let maps = images.iter().map(error_map).collect::<Result<Vec<_>>>()?;
-        let scale = ErrorScale::of(maps.iter());
-        let picture = |(rendered, map): (&&RenderedImage, &ErrorMap)| {
-            Ok(Picture {
-                sampler: rendered.sampler.clone(),
-                rendering: picture::rendering(&rendered.image, exposure)?,
-                errors: map.picture(&scale)?,
-            })
-        };
-        let pictures = images.iter().zip(&maps).map(picture).collect::<Result<Vec<_>>>()?;
-        Ok(Self { budget: budget.clone(), scale, pictures })
-    }
-}
-
 /// The id of the `<img>` of a rendering; names are arbitrary, so positions are used.
 fn image_id(summary: &Summary, sampler: &str, budget: &str) -> String {
     let sampler = summary.samplers.iter().position(|name| name == sampler).unwrap_or(0);
@@ -127,12 +67,16 @@ fn image_id(summary: &Summary, sampler: &str, budget: &str) -> String {
 }
 
 fn header(comparison: &Comparison, summary: &Summary) -> String {
-    let runs = summary.groups.iter().map(|group| group.runs).max().unwrap_or(0);
+    let runs = || summary.groups.iter().map(|group| group.runs);
+    let runs = match (runs().min().unwrap_or(0), runs().max().unwrap_or(0)) {
+        (least, most) if least == most => count(most, "run"),
+        (least, most) => format!("{least} to {most} runs"),
+    };
     let facts = [
         format!("{} \u{d7} {} pixels", comparison.width, comparison.height),
         count(summary.samplers.len(), "sampler"),
         count(summary.budgets.len(), "budget"),
-        format!("{} each", count(runs, "run")),
+        format!("{runs} each"),
         format!("headtail {}", comparison.version),
     ];
     let facts: Vec<String> = facts.iter().map(|fact| format!("<li>{}</li>", escape(fact))).collect();
@@ -149,6 +93,22 @@ fn header(comparison: &Comparison, summary: &Summary) -> String {
 
 fn count(number: usize, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
+}
+
+/// That runs are missing, if so.
+fn incomplete(comparison: &Comparison) -> String {
+    let done = comparison.rows.iter().filter(|row| row.run.is_some()).count();
+    let why = match comparison.state {
+        State::Complete => return String::new(),
+        State::Running { .. } => "This comparison was running when the page was written",
+        State::Interrupted { .. } => "This comparison was interrupted",
+    };
+    let planned = comparison.state.planned().unwrap_or(done);
+    format!(
+        "<p class=\"incomplete\" role=\"status\"><b>{why}: {done} of {} are done.</b> \
+         The table says how many each row has; ratios and p-values are of the runs that both samplers have.</p>\n",
+        count(planned, "run")
+    )
 }
 
 fn reading_section(comparison: &Comparison, summary: &Summary) -> String {
@@ -219,8 +179,12 @@ fn ratio_words(summary: &Summary, group: &Group) -> Option<String> {
     if group.sampler == summary.baseline {
         return None;
     }
-    let (value, word) = if ratio.value >= 1.0 { (ratio.value, "lower") } else { (1.0 / ratio.value, "higher") };
-    Some(format!("MSE {}\u{d7} {word} than {}", times(value), summary.name(&summary.baseline)))
+    let (ratio, word) = if ratio.ratio >= 1.0 { (ratio, "lower") } else { (ratio.inverse(), "higher") };
+    let interval = match ends(&ratio) {
+        ends if ends.is_empty() => ends,
+        ends => format!(" ({ends})"),
+    };
+    Some(format!("MSE {}\u{d7}{interval} {word} than {}", times(ratio.ratio), summary.name(&summary.baseline)))
 }
 
 fn multiples(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> String {
@@ -370,7 +334,8 @@ impl Cell {
     }
 }
 
-const COLUMNS: [Column; 11] = [
+const COLUMNS: [Column; 12] = [
+    Column { title: "Runs", unit: "", cell: |_, group| Cell::amount(group.runs as f64), marked: false },
     Column { title: "spp", unit: "", cell: |_, group| Cell::amount(group.mean.spp), marked: false },
     Column {
         title: "Rays",
@@ -405,7 +370,10 @@ fn firefly_share(group: &Group) -> f64 {
 
 fn ratio_cell(summary: &Summary, group: &Group) -> Cell {
     match summary.ratio(group, Measure::Mse) {
-        Some(ratio) => Cell { html: format!("{}\u{d7}", times(ratio.value)), value: ratio.value },
+        Some(ratio) => {
+            let interval = format!("<span class=\"ci\">{}</span>", ends(&ratio));
+            Cell { html: format!("{}\u{d7}{interval}", times(ratio.ratio)), value: ratio.ratio }
+        }
         None => Cell { html: "\u{2013}".to_owned(), value: f64::NAN },
     }
 }
@@ -507,7 +475,14 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
         (
             "Runs",
             "Runs of a sampler differ only in their seed. Images are those of the first run; all other numbers are means \
-             over the runs, with the 95\u{a0}% interval of Student\u{2019}s t distribution. p-values are of Welch\u{2019}s t-test."
+             over the runs, with the 95\u{a0}% interval of Student\u{2019}s t distribution."
+                .to_owned(),
+        ),
+        (
+            "Pairs",
+            "Run k of every sampler has the same seed, hence the same camera rays, so samplers are compared run by run: p-values \
+             are of the paired t-test on the differences of n common runs (n \u{2212} 1 degrees of freedom). A ratio is that \
+             of the means over the common runs; its 95\u{a0}% interval is of its logarithm, by the delta method for paired runs."
                 .to_owned(),
         ),
         ("MSE", format!("Mean over {pixels}, and over channels of (x \u{2212} r)<sup>2</sup>, r the reference, in linear Rec.709.")),
@@ -538,8 +513,9 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
             ),
         ),
     ];
+    let oracle = summary.samplers.iter().any(|sampler| sampler == "oracle").then(|| ("Oracle", ORACLE.to_owned()));
     section += "<section>\n<h2>How it was measured</h2>\n<dl class=\"method\">\n";
-    for (term, text) in facts {
+    for (term, text) in facts.into_iter().chain(oracle) {
         push(&mut section, format_args!("<div><dt>{term}</dt><dd>{text}</dd></div>\n"));
     }
     section + "</dl>\n</section>\n"
@@ -556,7 +532,7 @@ mod tests {
     use super::*;
 
     fn page_of(comparison: &Comparison) -> String {
-        page(comparison, &Summary::of(&comparison.rows).unwrap()).unwrap()
+        page(comparison, &Summary::of(&comparison.rows).unwrap(), &mut Gallery::default()).unwrap()
     }
 
     /// The values of an attribute, wherever it occurs.
@@ -640,10 +616,48 @@ mod tests {
     }
 
     #[test]
+    fn missing_runs_are_told_with_the_number_of_each_row() {
+        let mut comparison = synthetic::comparison();
+        assert!(!page_of(&comparison).contains("class=\"incomplete\""));
+        comparison.rows.truncate(82);
+        for (state, words) in [
+            (State::Running { planned: 84 }, "was running when the page was written: 82 of 84 runs are done"),
+            (State::Interrupted { planned: 84 }, "was interrupted: 82 of 84 runs are done"),
+        ] {
+            comparison.state = state;
+            let page = page_of(&comparison);
+            assert!(page.contains(words) && page.contains("<li>1 to 3 runs each</li>"), "{words}");
+            let cells = |budget: &str, runs: u32| {
+                page.matches(&format!("{budget}</td><td class=\"number\" data-value=\"{runs}\">{runs}</td>")).count()
+            };
+            assert_eq!((cells("spp", 3), cells("2s", 3), cells("2s", 1)), (21, 6, 1));
+        }
+    }
+
+    #[test]
+    fn tests_are_paired_and_ratios_have_intervals() {
+        let page = page_of(&synthetic::comparison());
+        assert!(page.contains("paired t-test") && !page.contains("Welch"));
+        let summary = Summary::of(&synthetic::comparison().rows).unwrap();
+        for group in summary.groups.iter().filter(|group| group.sampler != summary.baseline) {
+            let (low, high) = summary.ratio(group, Measure::Mse).unwrap().ends().unwrap();
+            assert!(page.contains(&format!("<span class=\"ci\">{} to {}</span>", times(low), times(high))));
+        }
+    }
+
+    #[test]
+    fn the_oracle_is_explained_where_it_is_shown() {
+        let mut comparison = synthetic::comparison();
+        assert!(!page_of(&comparison).contains("without visibility"));
+        comparison.rows.push(synthetic::row("oracle", "4spp", 0));
+        assert!(page_of(&comparison).contains("exact product of light, BRDF and cosine, without visibility"));
+    }
+
+    #[test]
     fn images_of_another_size_are_refused() {
         let mut comparison = synthetic::comparison();
         comparison.images[3].image = headtail_render::image::Image::black(3, 3);
         let summary = Summary::of(&comparison.rows).unwrap();
-        assert!(page(&comparison, &summary).is_err());
+        assert!(page(&comparison, &summary, &mut Gallery::default()).is_err());
     }
 }

@@ -2,6 +2,7 @@
 
 mod chart;
 mod csv;
+mod gallery;
 mod html;
 pub mod number;
 mod overview;
@@ -10,8 +11,12 @@ mod reading;
 mod summary;
 #[cfg(test)]
 mod synthetic;
+mod terminal;
 
-use std::path::Path;
+pub use terminal::lines;
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use glam::Vec3A;
@@ -49,6 +54,35 @@ pub struct Comparison {
     pub images: Vec<RenderedImage>,
     /// What had to be done before the first sample.
     pub preparation: Vec<Preparation>,
+    /// Whether runs are missing.
+    pub state: State,
+}
+
+/// Whether a comparison has all of its runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum State {
+    /// All runs are done.
+    Complete,
+    /// More are to come.
+    Running {
+        /// The number of runs when all are done.
+        planned: usize,
+    },
+    /// A signal ended the comparison before the last run.
+    Interrupted {
+        /// The number of runs that it would have had.
+        planned: usize,
+    },
+}
+
+impl State {
+    /// The number of runs of all; `None` where all are done.
+    pub fn planned(self) -> Option<usize> {
+        match self {
+            Self::Complete => None,
+            Self::Running { planned } | Self::Interrupted { planned } => Some(planned),
+        }
+    }
 }
 
 /// One run of a sampler at a budget, or the mean of its runs.
@@ -88,7 +122,7 @@ pub struct Row {
     pub version: String,
 }
 
-/// A rendering to be looked at.
+/// A rendering that the page shows.
 pub struct RenderedImage {
     /// The name of the sampler, as in the rows.
     pub sampler: String,
@@ -99,6 +133,7 @@ pub struct RenderedImage {
 }
 
 /// Work that a sampler needs once, before it renders.
+#[derive(Clone)]
 pub struct Preparation {
     /// The name of the sampler, as in the rows.
     pub sampler: String,
@@ -137,22 +172,94 @@ pub fn write_overview(page: &Path, folders: &[std::path::PathBuf]) -> Result<()>
     Ok(())
 }
 
-/// Writes `results.csv` and `report.html` into an existing folder.
-///
-/// # Errors
-/// If there are no runs, if the size of an image or of `measured` is not that of the reference, or if a file cannot be
-/// written.
-pub fn write(folder: &Path, comparison: &Comparison) -> Result<()> {
-    ensure!(
-        comparison.measured.is_empty() || comparison.measured.len() == comparison.reference.pixels.len(),
-        "measured: {} pixels, the reference has {}",
-        comparison.measured.len(),
-        comparison.reference.pixels.len()
-    );
-    let summary = summary::Summary::of(&comparison.rows)?;
-    file::replace(&folder.join("results.csv"), &csv::encode(&comparison.rows, &summary)?)?;
-    file::replace(&folder.join("report.html"), html::page(comparison, &summary)?.as_bytes())?;
-    Ok(())
+/// `results.csv` and `report.html` in an existing folder, brought up to date while a comparison runs.
+pub struct Report {
+    folder: PathBuf,
+    gallery: gallery::Gallery,
+    table: Pace,
+    page: Pace,
+}
+
+impl Report {
+    /// The files of a folder; nothing is written yet.
+    pub fn new(folder: &Path) -> Self {
+        let gallery = gallery::Gallery::default();
+        Self { folder: folder.to_owned(), gallery, table: Pace::default(), page: Pace::default() }
+    }
+
+    /// Brings `results.csv` up to date, unless it takes long to write and was written lately (see [`Pace`]).
+    ///
+    /// # Errors
+    /// See [`Self::finish`].
+    pub fn update_table(&mut self, comparison: &Comparison) -> Result<()> {
+        if self.table.is_due() {
+            self.write_table(comparison, &summary::Summary::of(&comparison.rows)?)?;
+        }
+        Ok(())
+    }
+
+    /// Brings `report.html` up to date, in the same way.
+    ///
+    /// # Errors
+    /// See [`Self::finish`].
+    pub fn update_page(&mut self, comparison: &Comparison) -> Result<()> {
+        if self.page.is_due() {
+            self.write_page(comparison, &summary::Summary::of(&comparison.rows)?)?;
+        }
+        Ok(())
+    }
+
+    /// Writes both files.
+    ///
+    /// # Errors
+    /// If there are no runs, if the size of an image or of `measured` is not that of the reference, or if a file cannot be
+    /// written.
+    pub fn finish(&mut self, comparison: &Comparison) -> Result<()> {
+        let summary = summary::Summary::of(&comparison.rows)?;
+        self.write_table(comparison, &summary)?;
+        self.write_page(comparison, &summary)
+    }
+
+    fn write_table(&mut self, comparison: &Comparison, summary: &summary::Summary) -> Result<()> {
+        let start = Instant::now();
+        file::replace(&self.folder.join("results.csv"), &csv::encode(&comparison.rows, summary)?)?;
+        self.table.wrote(start.elapsed());
+        Ok(())
+    }
+
+    fn write_page(&mut self, comparison: &Comparison, summary: &summary::Summary) -> Result<()> {
+        ensure!(
+            comparison.measured.is_empty() || comparison.measured.len() == comparison.reference.pixels.len(),
+            "measured: {} pixels, the reference has {}",
+            comparison.measured.len(),
+            comparison.reference.pixels.len()
+        );
+        let start = Instant::now();
+        let page = html::page(comparison, summary, &mut self.gallery)?;
+        file::replace(&self.folder.join("report.html"), page.as_bytes())?;
+        self.page.wrote(start.elapsed());
+        Ok(())
+    }
+}
+
+/// When a file is to be written again: at once where that is quick; else so that writing takes a tenth of the time at most,
+/// since a file that grows with every run would make thousands of runs wait for it.
+#[derive(Default)]
+struct Pace {
+    due: Option<Instant>,
+}
+
+impl Pace {
+    /// What is written as quickly as this is written after every run.
+    const QUICK: Duration = Duration::from_millis(50);
+
+    fn is_due(&self) -> bool {
+        self.due.is_none_or(|due| Instant::now() >= due)
+    }
+
+    fn wrote(&mut self, took: Duration) {
+        self.due = (took > Self::QUICK).then(|| Instant::now() + 9 * took);
+    }
 }
 
 #[cfg(test)]
@@ -162,22 +269,59 @@ mod tests {
     #[test]
     fn both_files_are_written_and_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
-        write(folder.path(), &synthetic::comparison()).unwrap();
+        Report::new(folder.path()).finish(&synthetic::comparison()).unwrap();
         let mut names: Vec<String> = std::fs::read_dir(folder.path())
             .unwrap()
             .map(|entry| entry.unwrap().file_name().into_string().unwrap())
             .collect();
         names.sort();
         assert_eq!(names, ["report.html", "results.csv"]);
-        assert!(write(&folder.path().join("missing"), &synthetic::comparison()).is_err());
+        assert!(Report::new(&folder.path().join("missing")).finish(&synthetic::comparison()).is_err());
     }
 
     #[test]
     fn the_same_comparison_gives_the_same_bytes() {
         let page = || {
             let comparison = synthetic::comparison();
-            html::page(&comparison, &summary::Summary::of(&comparison.rows).unwrap()).unwrap()
+            let summary = summary::Summary::of(&comparison.rows).unwrap();
+            html::page(&comparison, &summary, &mut gallery::Gallery::default()).unwrap()
         };
         assert_eq!(page(), page());
+    }
+
+    #[test]
+    fn a_report_that_grew_run_by_run_is_the_one_of_all_runs() {
+        let [grown, whole] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        let mut comparison = synthetic::comparison();
+        let (rows, images) = (std::mem::take(&mut comparison.rows), std::mem::take(&mut comparison.images));
+        let mut report = Report::new(grown.path());
+        for row in rows {
+            let image =
+                images.iter().find(|i| i.sampler == row.sampler && i.budget == row.budget && row.run == Some(0));
+            comparison.images.extend(image.map(|image| RenderedImage {
+                sampler: image.sampler.clone(),
+                budget: image.budget.clone(),
+                image: image.image.clone(),
+            }));
+            comparison.rows.push(row);
+            report.update_table(&comparison).unwrap();
+            report.update_page(&comparison).unwrap();
+        }
+        report.finish(&comparison).unwrap();
+        Report::new(whole.path()).finish(&comparison).unwrap();
+        for name in ["results.csv", "report.html"] {
+            let read = |folder: &tempfile::TempDir| std::fs::read_to_string(folder.path().join(name)).unwrap();
+            assert!(read(&grown) == read(&whole), "{name}");
+        }
+    }
+
+    #[test]
+    fn what_takes_long_to_write_is_written_seldom() {
+        let mut pace = Pace::default();
+        assert!(pace.is_due());
+        pace.wrote(Duration::from_millis(1));
+        assert!(pace.is_due());
+        pace.wrote(Duration::from_secs(1000));
+        assert!(!pace.is_due());
     }
 }

@@ -1,6 +1,6 @@
 //! Numbers as they are printed: a few significant digits, powers of ten in superscript, text escaped for HTML.
 
-use headtail_render::statistics::MeanInterval;
+use headtail_render::statistics::{MeanInterval, RatioInterval};
 
 /// Escapes a text for HTML, in elements and in quoted attributes alike.
 pub fn escape(text: &str) -> String {
@@ -98,6 +98,14 @@ pub fn times(value: f64) -> String {
         return not_finite(value).to_owned();
     }
     fixed(value, 1 - exponent(value, 2).max(-2))
+}
+
+/// The ends of a ratio's interval as text: `3.1 to 3.7`; empty where they are unknown or one and the same.
+pub fn ends(ratio: &RatioInterval) -> String {
+    match ratio.ends() {
+        Some((low, high)) if low < high => format!("{} to {}", times(low), times(high)),
+        _ => String::new(),
+    }
 }
 
 /// Seconds as text with a fitting unit.

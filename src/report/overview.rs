@@ -3,12 +3,13 @@
 use std::{collections::HashSet, fmt::Write};
 
 use anyhow::Result;
+use headtail_render::statistics::RatioInterval;
 
 use super::Row;
 use super::chart::pareto::{Place, front, scatter};
 use super::html;
-use super::number::{escape, times};
-use super::summary::{Budget, Summary};
+use super::number::{ends, escape, times};
+use super::summary::{Budget, Measure, Summary};
 
 /// A comparison at the budget that is shown.
 struct Scene {
@@ -49,11 +50,12 @@ impl Scene {
     }
 
     /// Time and error of a sampler over those of the baseline.
-    fn ratios(&self, names: &Names, name: &str) -> Option<(f64, f64)> {
+    fn ratios(&self, names: &Names, name: &str) -> Option<(f64, RatioInterval)> {
         let group = self.summary.at(&self.budget.name).find(|group| names.of(&group.sampler) == name)?;
         let base = self.summary.group(&self.summary.baseline, &self.budget.name)?;
-        let (time, error) = (group.mean.seconds / base.mean.seconds, group.mse.mean / base.mse.mean);
-        [time, error].iter().all(|ratio| ratio.is_finite() && *ratio > 0.0).then_some((time, error))
+        let time = group.mean.seconds / base.mean.seconds;
+        let error = base.ratio(group, Measure::Mse)?;
+        (time.is_finite() && time > 0.0).then_some((time, error))
     }
 }
 
@@ -97,27 +99,32 @@ fn over_all(scenes: &[Scene]) -> String {
     // The baseline's colour and marker are the first ones, as in the other charts.
     names.sort_by_key(|name| *name != first.summary.baseline);
     names.retain(|name| scenes.iter().all(|scene| scene.ratios(&known, name).is_some()));
-    let mean = |name: &str, of: fn((f64, f64)) -> f64| {
-        let logarithms: f64 =
-            scenes.iter().filter_map(|scene| scene.ratios(&known, name)).map(|ratios| of(ratios).ln()).sum();
-        (logarithms / scenes.len() as f64).exp()
+    // Of a name that all scenes have, the geometric means of time and error.
+    let means = |name: &String| {
+        let (times, errors): (Vec<f64>, Vec<RatioInterval>) =
+            scenes.iter().filter_map(|scene| scene.ratios(&known, name)).unzip();
+        let time = (times.iter().map(|time| time.ln()).sum::<f64>() / times.len() as f64).exp();
+        Some((time, RatioInterval::geometric_mean(&errors)?))
     };
+    let means: Vec<(f64, RatioInterval)> = names.iter().filter_map(means).collect();
     let places: Vec<Place> = names
         .iter()
+        .zip(&means)
         .enumerate()
-        .map(|(index, name)| Place::new(name.clone(), index, mean(name, |r| r.0), mean(name, |r| r.1)))
+        .map(|(index, (name, (time, error)))| Place::new(name.clone(), index, *time, error.ratio))
         .collect();
     let best: Vec<String> = front(&places).into_iter().map(|place| place.name.clone()).collect();
-    let rows = places.iter().map(|place| {
+    let rows = places.iter().zip(&means).map(|(place, (_, interval))| {
         let mark = if best.contains(&place.name) { " class=\"best\"" } else { "" };
         let [time, error] = [place.time, place.error].map(times);
         let efficiency = times(1.0 / (place.time * place.error));
-        format!("<tr><th scope=\"row\"{mark}>{}</th><td class=\"number\">{time}</td><td class=\"number\">{error}</td><td class=\"number\">{efficiency}</td></tr>\n", escape(&place.name))
+        format!("<tr><th scope=\"row\"{mark}>{}</th><td class=\"number\">{time}</td><td class=\"number\">{error}{}</td><td class=\"number\">{efficiency}</td></tr>\n", escape(&place.name), uncertainty(interval))
     });
     format!(
         "<section>\n<h2>Over all {} comparisons</h2>\n<div class=\"charts\">\n<figure>{}<figcaption>Geometric means over the comparisons of time and \
          error at the budgets shown below, both relative to {}, of the samplers that all comparisons have. The gain is the inverse of \
-         their product. Further down and left is better; the broad line is the Pareto front.</figcaption></figure>\n\
+         their product. Further down and left is better; the broad line is the Pareto front. Intervals of the MSE are of 95\u{a0}%, over runs that are \
+         paired by their seeds, for these comparisons and no others.</figcaption></figure>\n\
          <div class=\"scroll\"><table class=\"plain\"><thead><tr><th scope=\"col\">Sampler</th><th scope=\"col\" class=\"number\">Time</th>\
          <th scope=\"col\" class=\"number\">MSE</th><th scope=\"col\" class=\"number\">Gain</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n\
          </div>\n</section>\n",
@@ -126,6 +133,14 @@ fn over_all(scenes: &[Scene]) -> String {
         escape(&first.summary.baseline_words()),
         rows.collect::<String>(),
     )
+}
+
+/// The interval of a ratio for a cell of the table; empty if it is unknown.
+fn uncertainty(ratio: &RatioInterval) -> String {
+    match ends(ratio) {
+        ends if ends.is_empty() => ends,
+        ends => format!("<span class=\"ci\">{ends}</span>"),
+    }
 }
 
 fn push(text: &mut String, arguments: std::fmt::Arguments) {
@@ -158,6 +173,16 @@ mod tests {
         let over_all = &page[..page.find("Each comparison").unwrap()];
         assert!(!over_all.contains("ris:4") && page.contains("ris:4"));
         assert!(page.matches("<svg").count() == 6 && !page.contains("http:") && !page.contains("https:"));
+    }
+
+    #[test]
+    fn several_runs_give_the_mean_error_an_interval() {
+        let run = |sampler: &str, run: u32, mse: f64| Row { run: Some(run), ..row(sampler, 1.0, mse) };
+        let comparison = vec![run("mis", 0, 1.0), run("mis", 1, 1.1), run("ris:4", 0, 0.5), run("ris:4", 1, 0.56)];
+        let page = page(&[comparison]).unwrap();
+        // 1.06 / 2.1 = 0.505; deviations -+0.00898, so that the logarithm is known to 12.71 * 0.00898 = 0.114.
+        assert!(page.contains("0.50<span class=\"ci\">0.45 to 0.57</span>"), "{page}");
+        assert!(page.contains("1.0</td><td class=\"number\">1.0</td>"), "the baseline has no interval");
     }
 
     #[test]

@@ -1,9 +1,9 @@
 //! What the numbers say, in plain sentences that are generated from them.
 
-use headtail_render::statistics::sidak;
+use headtail_render::statistics::{RatioInterval, sidak};
 
 use super::chart::comparisons;
-use super::number::{amount, escape, html, times};
+use super::number::{amount, ends, escape, html, times};
 use super::summary::{BudgetKind, Group, Measure, Summary};
 
 /// Above this p-value two means are not told apart.
@@ -39,7 +39,10 @@ fn winner(summary: &Summary, budget: &str, measure: Measure) -> Option<String> {
         _ => (format!("In equal time, {words},"), "MSE"),
     };
     let value = best.measure(measure).mean;
-    let over = |other: &Group| lead(other.measure(measure).mean / value);
+    let over = |other: &Group| match best.ratio(other, measure) {
+        Some(ratio) => lead(&ratio),
+        None => format!("{}\u{a0}times", times(other.measure(measure).mean / value)),
+    };
     let mut sentence = format!("{} {} has the lowest {what}, {}", escape(&at), name(summary, best), html(value));
     let baseline = summary.group(&summary.baseline, budget).filter(|group| group.measure(measure).mean.is_finite());
     match baseline {
@@ -57,12 +60,14 @@ fn winner(summary: &Summary, budget: &str, measure: Measure) -> Option<String> {
     Some(sentence + &confidence(best, runner_up, measure) + ".")
 }
 
-/// How far ahead a value is, in words: "3.4 times", or "7 %" where that would be "1.1 times".
-fn lead(ratio: f64) -> String {
-    if ratio >= 1.15 {
-        format!("{} times", times(ratio))
-    } else {
-        format!("{}\u{a0}%", times(100.0 * (1.0 - 1.0 / ratio)))
+/// How far ahead a value is, in words: "3.4 times (3.1 to 3.7)", or "7 %" where that would be "1.1 times".
+fn lead(ratio: &RatioInterval) -> String {
+    if ratio.ratio < 1.15 {
+        return format!("{}\u{a0}%", times(100.0 * (1.0 - 1.0 / ratio.ratio)));
+    }
+    match ends(ratio) {
+        ends if ends.is_empty() => format!("{} times", times(ratio.ratio)),
+        ends => format!("{} times ({ends})", times(ratio.ratio)),
     }
 }
 
@@ -71,7 +76,11 @@ fn confidence(best: &Group, next: &Group, measure: Measure) -> String {
     match best.p_value(next, measure) {
         None => "; a single run cannot say how much of this is luck".to_owned(),
         Some(p) if p > SIGNIFICANCE => {
-            format!("; with {} runs the two cannot be told apart (p\u{a0}=\u{a0}{})", best.runs, times(p))
+            format!(
+                "; with {} runs the two cannot be told apart (p\u{a0}=\u{a0}{})",
+                best.runs.min(next.runs),
+                times(p)
+            )
         }
         Some(p) if p < 0.001 => String::from(" (p\u{a0}&lt;\u{a0}0.001)"),
         Some(p) => format!(" (p\u{a0}=\u{a0}{p:.3})"),
@@ -174,17 +183,18 @@ mod tests {
     use super::super::synthetic;
     use super::*;
 
-    /// Three runs of each sampler with MSEs around the given one.
+    /// Three runs of each sampler with MSEs 2 % apart around the given one, and a noise of its own: the order differs.
     fn rows(budget: &str, samplers: &[(&str, f64)]) -> Vec<Row> {
-        let run = |sampler: &str, mse: f64, run: u32| Row {
-            mse: mse * (1.0 + 0.02 * f64::from(run)),
+        let run = |(index, sampler): (u32, &str), mse: f64, run: u32| Row {
+            mse: mse * (1.0 + 0.02 * f64::from((run + index) % 3)),
             relmse: mse,
             relmse_trimmed: mse,
             ttuv: mse,
             mean_luminance: 1.0 + 1e-5 * f64::from(run),
             ..synthetic::row(sampler, budget, run)
         };
-        samplers.iter().flat_map(|&(sampler, mse)| (0..3).map(move |i| run(sampler, mse, i))).collect()
+        let numbered = samplers.iter().zip(0..);
+        numbered.flat_map(|(&(sampler, mse), index)| (0..3).map(move |i| run((index, sampler), mse, i))).collect()
     }
 
     fn read(rows: &[Row]) -> String {
@@ -196,7 +206,7 @@ mod tests {
         let mut all = rows("16spp", &[("mis", 8.0), ("ris", 2.0), ("head", 1.0)]);
         all.extend(rows("2s", &[("mis", 8.0), ("ris", 1.0), ("head", 4.0)]));
         let text = read(&all);
-        assert!(text.contains("At equal samples, 16 samples per pixel, <b>head</b> has the lowest MSE, 1.02: 8.0 times lower than one-sample MIS, and 2.0 times lower than the next, <b>ris</b> (p\u{a0}&lt;\u{a0}0.001)."), "{text}");
+        assert!(text.contains("At equal samples, 16 samples per pixel, <b>head</b> has the lowest MSE, 1.02: 8.0 times (7.4 to 8.7) lower than one-sample MIS, and 2.0 times (1.8 to 2.2) lower than the next, <b>ris</b> (p\u{a0}&lt;\u{a0}0.001)."), "{text}");
         assert!(text.contains("In equal time, 2 seconds, <b>ris</b> has the lowest MSE"), "{text}");
     }
 

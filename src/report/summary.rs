@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 
 use anyhow::{Result, ensure};
-use headtail_render::statistics::{MeanInterval, Moments, TTest};
+use headtail_render::statistics::{MeanInterval, Moments, RatioInterval, TTest};
 
 use super::Row;
 
@@ -87,10 +87,8 @@ pub struct Group {
     pub ttuv: MeanInterval,
     /// Mean luminance.
     pub mean_luminance: MeanInterval,
-    /// Moments of the MSE, for tests.
-    mse_moments: Moments,
-    ttuv_moments: Moments,
-    luminance_moments: Moments,
+    /// The single runs.
+    rows: Vec<Row>,
 }
 
 /// A measure by which samplers are compared; less is better.
@@ -104,6 +102,18 @@ pub enum Measure {
     RelMseTrimmed,
     /// MSE x time.
     Ttuv,
+}
+
+impl Measure {
+    /// The value of a run.
+    fn of(self, row: &Row) -> f64 {
+        match self {
+            Self::Mse => row.mse,
+            Self::RelMse => row.relmse,
+            Self::RelMseTrimmed => row.relmse_trimmed,
+            Self::Ttuv => row.ttuv,
+        }
+    }
 }
 
 impl Group {
@@ -134,9 +144,7 @@ impl Group {
             relmse_trimmed: MeanInterval::of(&column(|row| row.relmse_trimmed))?,
             ttuv: MeanInterval::of(&column(|row| row.ttuv))?,
             mean_luminance: MeanInterval::of(&column(|row| row.mean_luminance))?,
-            mse_moments: Moments::of(&column(|row| row.mse))?,
-            ttuv_moments: Moments::of(&column(|row| row.ttuv))?,
-            luminance_moments: Moments::of(&column(|row| row.mean_luminance))?,
+            rows: runs.iter().map(|row| (*row).clone()).collect(),
         })
     }
 
@@ -150,41 +158,38 @@ impl Group {
         }
     }
 
-    /// The p-value of Welch's test that this and `other` have the same mean MSE (or MSE x time); `None` for single runs.
+    /// Values of a measure over the runs that this group and `other` both have: `[this, other]`, run by run.
+    ///
+    /// Runs of one number have one seed, so camera rays and some of the noise are the same.
+    fn paired(&self, other: &Self, measure: Measure) -> [Vec<f64>; 2] {
+        let pairs = self.rows.iter().filter_map(|row| {
+            let partner = other.rows.iter().find(|partner| partner.run == row.run)?;
+            Some((measure.of(row), measure.of(partner)))
+        });
+        let (own, others) = pairs.unzip();
+        [own, others]
+    }
+
+    /// The p-value of the paired t-test that this and `other` have the same mean of a measure; `None` for fewer than two
+    /// common runs.
     pub fn p_value(&self, other: &Self, measure: Measure) -> Option<f64> {
-        let (a, b) = match measure {
-            Measure::Ttuv => (&self.ttuv_moments, &other.ttuv_moments),
-            _ => (&self.mse_moments, &other.mse_moments),
-        };
-        (a.count > 1 && b.count > 1).then(|| TTest::welch(a, b).p_value)
+        let [own, others] = self.paired(other, measure);
+        let differences: Vec<f64> = own.iter().zip(&others).map(|(a, b)| a - b).collect();
+        let scale = Moments::of(&own)?.mean.abs().max(Moments::of(&others)?.mean.abs());
+        (differences.len() > 1).then_some(TTest::paired(&Moments::of(&differences)?, scale).p_value)
     }
 
     /// The p-value of the test that the mean luminance is `expected`; `None` for a single run.
     pub fn luminance_p_value(&self, expected: f64) -> Option<f64> {
-        let difference = Moments { mean: self.luminance_moments.mean - expected, ..self.luminance_moments };
-        (difference.count > 1).then(|| TTest::paired(&difference, expected.abs()).p_value)
+        let differences: Vec<f64> = self.rows.iter().map(|row| row.mean_luminance - expected).collect();
+        (differences.len() > 1).then_some(TTest::paired(&Moments::of(&differences)?, expected.abs()).p_value)
     }
-}
 
-/// How many times smaller a measure is than the baseline's, with the ends of its 95 % interval.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ratio {
-    /// `baseline / sampler`; above 1 is better than the baseline.
-    pub value: f64,
-    /// The lower end; `None` if it is unknown.
-    pub interval: Option<(f64, f64)>,
-}
-
-impl Ratio {
-    /// The interval is that of the logarithm, to first order (the relative half-widths add in squares).
-    fn of(baseline: &MeanInterval, sampler: &MeanInterval) -> Option<Self> {
-        let value = baseline.mean / sampler.mean;
-        if !(value.is_finite() && value > 0.0) {
-            return None;
-        }
-        let spread = (baseline.half_width / baseline.mean).hypot(sampler.half_width / sampler.mean);
-        let interval = spread.is_finite().then(|| (value * (-spread).exp(), value * spread.exp()));
-        Some(Self { value, interval })
+    /// How many times smaller the mean of a measure is than that of `other`, over their common runs; above 1 is better.
+    /// `None` without common runs, or if the ratio is not positive and finite.
+    pub fn ratio(&self, other: &Self, measure: Measure) -> Option<RatioInterval> {
+        let [own, others] = self.paired(other, measure);
+        RatioInterval::paired(&others, &own)
     }
 }
 
@@ -242,13 +247,9 @@ impl Summary {
         self.largest(BudgetKind::Samples).unwrap_or(last)
     }
 
-    /// How many times smaller a measure of a sampler is than the baseline's at the same budget.
-    pub fn ratio(&self, group: &Group, measure: Measure) -> Option<Ratio> {
-        let baseline = self.group(&self.baseline, &group.budget)?;
-        if group.sampler == self.baseline {
-            return group.measure(measure).mean.is_finite().then_some(Ratio { value: 1.0, interval: None });
-        }
-        Ratio::of(baseline.measure(measure), group.measure(measure))
+    /// How many times smaller a measure of a sampler is than the baseline's at the same budget, over their common runs.
+    pub fn ratio(&self, group: &Group, measure: Measure) -> Option<RatioInterval> {
+        group.ratio(self.group(&self.baseline, &group.budget)?, measure)
     }
 
     /// The groups at a budget with a finite measure, the best first.
@@ -307,16 +308,13 @@ mod tests {
 
     #[test]
     fn means_and_ratios_are_to_one_sample_mis_wherever_it_stands() {
-        let rows = [("ris", 1.0), ("ris", 3.0), ("mis", 8.0), ("mis", 8.0)]
-            .into_iter()
-            .enumerate()
-            .map(|(run, (sampler, mse))| Row { mse, max_weight: mse, ..synthetic::row(sampler, "16spp", run as u32) })
-            .collect::<Vec<_>>();
+        let rows = [("ris", 0, 1.0), ("ris", 1, 3.0), ("mis", 0, 8.0), ("mis", 1, 8.0)]
+            .map(|(sampler, run, mse)| Row { mse, max_weight: mse, ..synthetic::row(sampler, "16spp", run) });
         let summary = Summary::of(&rows).unwrap();
         assert_eq!(summary.baseline, "mis");
         let ris = summary.group("ris", "16spp").unwrap();
         assert_eq!((ris.mean.mse, ris.mean.max_weight, ris.mean.seed, ris.runs), (2.0, 3.0, rows[0].seed, 2));
-        assert_eq!(summary.ratio(ris, Measure::Mse).unwrap().value, 4.0);
+        assert_eq!(summary.ratio(ris, Measure::Mse).unwrap().ratio, 4.0);
         assert_eq!(summary.ranking("16spp", Measure::Mse)[0].sampler, "ris");
     }
 
@@ -334,6 +332,48 @@ mod tests {
         assert_eq!(names(&["mis", "ris:4", "head:out/a/x.safetensors"]), ["mis", "ris:4", "head:x"]);
         assert_eq!(names(&["head:a/x.safetensors", "head:b/x.safetensors"]), ["head:a/x", "head:b/x"]);
         assert_eq!(names(&["head:1/a/x", "head:2/a/x", "baked:x"]), ["head:1/a/x", "head:2/a/x", "baked:x"]);
+    }
+
+    /// Four runs with noise that both samplers share, of which `ris` has three quarters.
+    fn shared_noise() -> Vec<Row> {
+        let row = |sampler: &str, run: u32, mse: f64| Row { mse, ..synthetic::row(sampler, "16spp", run) };
+        let noise = [1.0, 3.0, 2.0, 7.0];
+        // Rows of a file may come in any order: pairs are found by the number of the run.
+        let mut rows: Vec<Row> = noise.iter().zip(0_u32..4).map(|(&mse, run)| row("mis", run, mse)).collect();
+        rows.extend(
+            noise.iter().zip(0_u32..4).rev().map(|(&mse, run)| row("ris", run, 0.75 * mse + 0.01 * f64::from(run))),
+        );
+        rows
+    }
+
+    #[test]
+    fn noise_that_runs_share_does_not_hide_a_difference() {
+        let summary = Summary::of(&shared_noise()).unwrap();
+        let [mis, ris] = ["mis", "ris"].map(|sampler| summary.group(sampler, "16spp").unwrap());
+        // The differences are 0.25, 0.74, 0.48, 1.72: mean 0.7975, standard error 0.3234, t = 2.466, and p = 0.0904 with 3
+        // degrees of freedom. Unpaired, t would be 0.48.
+        let p = ris.p_value(mis, Measure::Mse).unwrap();
+        assert!((p - 0.0904).abs() < 1e-4, "{p}");
+        let (low, high) = summary.ratio(ris, Measure::Mse).unwrap().ends().unwrap();
+        // ln(ratio) has standard error 0.00148, times t(0.975, 3) = 3.182.
+        assert!((low - 1.3190).abs() < 1e-4 && (high - 1.3314).abs() < 1e-4, "{low} {high}");
+    }
+
+    #[test]
+    fn only_common_runs_are_compared() {
+        let mut rows = shared_noise();
+        rows.retain(|row| row.sampler == "mis" || row.run < Some(2));
+        let summary = Summary::of(&rows).unwrap();
+        let [mis, ris] = ["mis", "ris"].map(|sampler| summary.group(sampler, "16spp").unwrap());
+        assert_eq!((mis.runs, ris.runs), (4, 2));
+        assert!((summary.ratio(ris, Measure::Mse).unwrap().ratio - 4.0 / 3.01).abs() < 1e-12);
+        rows.retain(|row| row.sampler == "mis" || row.run == Some(0));
+        let summary = Summary::of(&rows).unwrap();
+        let [mis, ris] = ["mis", "ris"].map(|sampler| summary.group(sampler, "16spp").unwrap());
+        assert!(ris.p_value(mis, Measure::Mse).is_none() && ris.ratio(mis, Measure::Mse).unwrap().ends().is_none());
+        rows.retain(|row| row.sampler == "ris" || row.run == Some(1));
+        let summary = Summary::of(&rows).unwrap();
+        assert!(summary.ratio(summary.group("ris", "16spp").unwrap(), Measure::Mse).is_none());
     }
 
     #[test]

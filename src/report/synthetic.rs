@@ -6,7 +6,7 @@ use headtail_render::image::Image;
 use headtail_render::random::{Purpose, Stream};
 use headtail_render::statistics::{ErrorMetrics, ttuv};
 
-use super::{Comparison, Preparation, RenderedImage, Row};
+use super::{Comparison, Preparation, RenderedImage, Row, State};
 
 /// A run of no particular result.
 pub fn row(sampler: &str, budget: &str, run: u32) -> Row {
@@ -137,5 +137,6 @@ pub fn comparison() -> Comparison {
         rows,
         images,
         preparation: preparation.into(),
+        state: State::Complete,
     }
 }

@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let (mut rows, mut pictured) = (Vec::new(), Vec::new());
     for regime in regimes {
         if stop.load(Ordering::Relaxed) {
-            bail!("interrupted; nothing was written");
+            bail!(progress::Interrupted::new("nothing was written"));
         }
         bar.set_message(regime.name.clone());
         let mut config = regime.config(arguments.quick);

@@ -19,9 +19,9 @@ window.addEventListener("load", () => {
     zoom.value = "4";
     zoom.dispatchEvent(new Event("change"));
     found.zoomed = get("stage").classList.contains("zoomed");
-    const head = document.querySelector("#results thead th:nth-child(6) button");
+    const head = document.querySelector("#results thead th:nth-child(7) button");
     head.click();
-    const values = [...document.querySelectorAll("#results tbody tr")].map((row) => Number(row.cells[5].dataset.value));
+    const values = [...document.querySelectorAll("#results tbody tr")].map((row) => Number(row.cells[6].dataset.value));
     found.sorted = values.every((value, i) => i === 0 || values[i - 1] <= value);
   }
   found.charts = [...document.querySelectorAll("svg.chart")].filter(seen).length;

@@ -13,7 +13,7 @@ mod welch;
 
 pub use chi_square::{ChiSquareReport, SphereChiSquare};
 pub use figures::{Bench, Effort, Figures, variance_ratio};
-pub use interval::MeanInterval;
+pub use interval::{MeanInterval, RatioInterval};
 pub use metric::{ErrorMetrics, RELATIVE_EPSILON, TRIMMED_FRACTION, ttuv};
 pub use quadrature::{Quadrature, QuadratureShape, Term};
 pub use tiles::{TileTest, compare_images, compare_runs};

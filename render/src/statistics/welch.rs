@@ -1,4 +1,4 @@
-//! Welch's t-test: do two samples of unequal variance have the same mean?
+//! Do two samples have the same mean? Welch's t-test for independent ones of unequal variance, Student's for pairs.
 
 use statrs::distribution::ContinuousCDF;
 
@@ -58,7 +58,8 @@ impl TTest {
         Self::new(a.mean - b.mean, va + vb, degrees_of_freedom, a.mean.abs().max(b.mean.abs()))
     }
 
-    /// The test that pairwise differences, of values near `scale`, have mean zero.
+    /// Student's test that pairwise differences, of values near `scale`, have mean zero; one degree of freedom less than
+    /// there are pairs. At least two are needed.
     pub fn paired(differences: &Moments, scale: f64) -> Self {
         Self::new(differences.mean, differences.of_mean(), (differences.count - 1) as f64, scale)
     }
@@ -88,6 +89,14 @@ mod tests {
         // The distribution function of 4 degrees of freedom: 1/2 + 3/8 s (1 - s^2 / 12), s = t / sqrt(1 + t^2 / 4).
         let s = 6.0_f64.sqrt() / 2.5_f64.sqrt();
         assert!((test.p_value - 2.0 * (0.5 - 0.375 * s * (1.0 - s * s / 12.0))).abs() < 1e-9, "{test:?}");
+    }
+
+    #[test]
+    fn pairs_have_one_degree_of_freedom_less_than_their_number() {
+        let test = TTest::paired(&Moments::of(&[1.0, 2.0, 3.0]).unwrap(), 2.0);
+        assert!((test.t - 12.0_f64.sqrt()).abs() < 1e-12 && test.degrees_of_freedom == 2.0);
+        // The distribution function of 2 degrees of freedom: 1/2 + t / (2 sqrt(2 + t^2)).
+        assert!((test.p_value - (1.0 - (12.0_f64 / 14.0).sqrt())).abs() < 1e-9, "{test:?}");
     }
 
     #[test]

@@ -1,0 +1,189 @@
+//! What is left of a command that is interrupted, killed, or cannot write.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Child, Command, Output, Stdio},
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+use headtail_render::statistics::ErrorMetrics;
+
+use super::{SMALL, command, fail, folder, mean, names, picture, succeed, text};
+
+/// Starts the program with every signal as it is by default: a shell may have had some ignored.
+fn start(folder: &Path, arguments: &str) -> Child {
+    let mut command = Command::new("env");
+    command.args(["--default-signal", env!("CARGO_BIN_EXE_headtail")]).args(arguments.split_whitespace());
+    command.current_dir(folder).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+fn signal(process: &Child, name: &str) {
+    assert!(Command::new("kill").args([name, &process.id().to_string()]).status().unwrap().success());
+}
+
+/// The output of a process that is to end by itself now.
+fn end(process: Child, within: Duration) -> Output {
+    let start = Instant::now();
+    let output = process.wait_with_output().unwrap();
+    assert!(start.elapsed() < within, "it ended only after {:?}", start.elapsed());
+    output
+}
+
+/// (sampler, budget) of the runs in a table of results; none where there is no table yet. A broken table panics.
+fn runs(results: &Path) -> Vec<(String, String)> {
+    let Ok(bytes) = fs::read(results.join("results.csv")) else { return Vec::new() };
+    let mut reader = csv::Reader::from_reader(bytes.as_slice());
+    let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    let runs = records.iter().filter(|record| &record[4] != "mean");
+    runs.map(|record| (record[2].to_owned(), record[3].to_owned())).collect()
+}
+
+fn wait_for_runs(results: &Path, count: usize) {
+    let start = Instant::now();
+    while runs(results).len() < count {
+        assert!(start.elapsed() < Duration::from_secs(60), "{count} runs did not come");
+        sleep(Duration::from_millis(5));
+    }
+}
+
+const COMPARE: &str = "compare --scene sphere --env overcast --reference-spp 4 --samplers mis,ris:2";
+
+/// Asserts that no sampler is ahead of another by more than one run.
+fn assert_fair(runs: &[(String, String)]) {
+    let count = |sampler: &str| runs.iter().filter(|run| run.0 == sampler).count();
+    assert!(count("mis") - count("ris:2") <= 1, "{runs:?}");
+}
+
+#[test]
+fn a_killed_comparison_keeps_all_runs_that_were_done() {
+    let here = folder();
+    let results = here.path().join("results");
+    let mut process = start(here.path(), &format!("{COMPARE} {SMALL} --spp 1,2 --runs 10000 --out results"));
+    wait_for_runs(&results, 9);
+    process.kill().unwrap();
+    process.wait().unwrap();
+    assert!(runs(&results).len() >= 9);
+    let page = fs::read_to_string(results.join("report.html")).unwrap();
+    assert!(page.contains("was running when the page was written") && page.ends_with("</html>\n"));
+    for sampler in ["mis", "ris-2"] {
+        for budget in ["1spp", "2spp"] {
+            assert!(mean(&picture(&results.join(format!("{sampler}_{budget}.exr")))) > 0.0);
+        }
+    }
+}
+
+#[test]
+fn an_interrupted_comparison_says_so_and_is_fair() {
+    for (name, status) in [("-INT", 130), ("-TERM", 143), ("-HUP", 143)] {
+        let here = folder();
+        let results = here.path().join("results");
+        let process = start(here.path(), &format!("{COMPARE} {SMALL} --spp 1 --runs 10000 --out results"));
+        wait_for_runs(&results, 5);
+        signal(&process, name);
+        // The run that is at work, two pixels' worth of samples, and the files.
+        let output = end(process, Duration::from_secs(20));
+        let (said, warned) = (text(&output.stdout), text(&output.stderr));
+        assert_eq!(output.status.code(), Some(status), "{name}: {warned}");
+        let runs = runs(&results);
+        assert!((5..20_000).contains(&runs.len()));
+        assert_fair(&runs);
+        assert!(warned.starts_with(&format!("interrupted: {} of 20000 runs are done", runs.len())), "{warned}");
+        let of_mis = runs.iter().filter(|run| run.0 == "mis").count();
+        let line = said.lines().find(|line| line.starts_with("1spp       mis ")).unwrap_or_else(|| panic!("{said}"));
+        assert_eq!(line.split_whitespace().nth(2), Some(of_mis.to_string().as_str()));
+        let page = fs::read_to_string(results.join("report.html")).unwrap();
+        assert!(page.contains(&format!("This comparison was interrupted: {} of 20000 runs are done", runs.len())));
+    }
+}
+
+#[test]
+fn after_a_signal_nothing_is_calibrated() {
+    let here = folder();
+    let results = here.path().join("results");
+    let process = start(here.path(), &format!("{COMPARE} {SMALL} --spp 1 --seconds 20,21 --runs 1 --out results"));
+    wait_for_runs(&results, 2);
+    signal(&process, "-INT");
+    // All calibrations would take 2 x 1.25 x (20 + 21) s = 102 s, the first trial 5 s.
+    let output = end(process, Duration::from_secs(4));
+    assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
+    assert_eq!(runs(&results).len(), 2);
+    assert!(fs::read_to_string(results.join("report.html")).unwrap().contains("interrupted: 2 of 6 runs are done"));
+}
+
+#[test]
+fn a_second_signal_ends_at_once_and_keeps_the_runs() {
+    let here = folder();
+    let results = here.path().join("results");
+    let process = start(here.path(), &format!("{COMPARE} {SMALL} --spp 1,400000000 --runs 1 --out results"));
+    wait_for_runs(&results, 2);
+    sleep(Duration::from_millis(500));
+    signal(&process, "-INT");
+    sleep(Duration::from_millis(500));
+    signal(&process, "-TERM");
+    let output = end(process, Duration::from_secs(4));
+    assert_eq!(output.status.code(), Some(143), "{}", text(&output.stderr));
+    assert_eq!(runs(&results).len(), 2);
+    assert!(fs::read_to_string(results.join("report.html")).unwrap().contains("2 of 4 runs are done"));
+}
+
+#[test]
+fn an_interrupted_reference_leaves_nothing() {
+    let here = folder();
+    let process = start(
+        here.path(),
+        &format!("{COMPARE} {SMALL} --reference-spp 400000000 --spp 1 --out results").replace("--reference-spp 4 ", ""),
+    );
+    let start = Instant::now();
+    while !here.path().join("results").exists() && start.elapsed() < Duration::from_secs(20) {
+        sleep(Duration::from_millis(20));
+    }
+    sleep(Duration::from_millis(500));
+    signal(&process, "-INT");
+    let output = end(process, Duration::from_secs(10));
+    assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("no run is done") && names(&here.path().join("results")).is_empty());
+}
+
+#[test]
+fn a_picture_that_cannot_be_written_costs_no_earlier_run() {
+    let here = folder();
+    let results = here.path().join("results");
+    fs::create_dir_all(results.join("ris-2_2spp.exr")).unwrap();
+    let sentence = fail(here.path(), &format!("{COMPARE} {SMALL} --spp 1,2 --runs 2 --out results"));
+    assert!(sentence.contains("ris-2_2spp.exr"), "{sentence}");
+    assert_eq!(runs(&results).len(), 4);
+    assert!(results.join("report.html").exists() && results.join("mis_2spp.exr").exists());
+}
+
+/// An interrupted rendering is a picture with fewer samples.
+#[test]
+fn interruption_writes_the_picture_so_far() {
+    let here = folder();
+    let path = here.path();
+    let view = "--scene sphere --env overcast --sampler mis --width 64 --height 48";
+    let mut process = command(path, &format!("render {view} --spp 400000000 --out out/a.exr"));
+    let process = process.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    // The folder is made when rendering is about to begin.
+    let start = Instant::now();
+    while !path.join("out").exists() && start.elapsed() < Duration::from_secs(20) {
+        sleep(Duration::from_millis(20));
+    }
+    sleep(Duration::from_millis(500));
+    assert!(names(&path.join("out")).is_empty(), "a result appears when it is complete");
+    assert!(Command::new("kill").args(["-INT", &process.id().to_string()]).status().unwrap().success());
+    let output = process.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}: {}", output.status, text(&output.stderr));
+    assert_eq!(names(&path.join("out")), ["a.exr", "a.png"]);
+
+    let said = text(&output.stdout);
+    let spp: u32 =
+        said.split_whitespace().nth(1).and_then(|word| word.parse().ok()).unwrap_or_else(|| panic!("{said}"));
+    assert!((1..400_000_000).contains(&spp), "{said}");
+    succeed(path, &format!("render {view} --spp 4 --out short.exr"));
+    let (long, short) = (picture(&path.join("out/a.exr")), picture(&path.join("short.exr")));
+    // More samples of the same picture: close to it, and not black.
+    let errors = ErrorMetrics::of(&short, &long).unwrap();
+    assert!(mean(&long) > 0.1 && errors.relmse < 0.5, "{} {errors:?}", mean(&long));
+}
