@@ -23,6 +23,9 @@ use super::{bvh::Hit, ray::Ray};
 /// Children of a node, and triangles of a block: one AVX2 register of each of their numbers.
 const WIDTH: usize = 8;
 
+/// The most bits for the number of a ray: 256 rays are on their way at once.
+const MOST_BITS: u32 = 8;
+
 /// Index of the node that all rays start from.
 const ROOT: usize = 0;
 
@@ -35,11 +38,12 @@ type Row = [u32; WIDTH];
 struct Node {
     /// The planes of the children's boxes: least and greatest x, then y, then z; then the children, and last their order from far to
     /// near for a ray into each octant, with three bits each, and in the highest bits the set of those that are leaves.
-    /// An empty place has its planes the wrong way round.
+    /// The planes of an empty place are not numbers: no ray enters it.
     rows: [Row; 8],
 }
 
-/// A node or a block of triangles: twice its index, and one more for a block.
+/// A node or a block of triangles: its index, moved up by a number of bits that leaves room for the number of a ray, and the highest
+/// bit for a block.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Child(u32);
 
@@ -48,32 +52,34 @@ impl Child {
     const ROW: usize = 6;
     const ORDERS: usize = 7;
 
-    fn node(index: usize) -> Self {
-        assert!(index < 1 << 31, "a hierarchy has fewer than 2^31 nodes");
-        Self((index as u32) << 1)
+    /// The bit that tells blocks from nodes.
+    const LEAF: u32 = 1 << 31;
+
+    fn node(index: usize, shift: u32) -> Self {
+        assert!(index < 1 << (31 - shift), "node {index} does not fit into {} bits", 31 - shift);
+        Self((index as u32) << shift)
     }
 
-    fn leaf(block: usize) -> Self {
-        assert!(block < 1 << 31, "a hierarchy has fewer than 2^31 blocks");
-        Self((block as u32) << 1 | 1)
+    fn leaf(block: usize, shift: u32) -> Self {
+        Self(Self::node(block, shift).0 | Self::LEAF)
     }
 
     #[inline(always)]
-    fn index(self) -> usize {
-        self.0 as usize >> 1
+    fn index(self, shift: u32) -> usize {
+        ((self.0 & !Self::LEAF) >> shift) as usize
     }
 
     #[inline(always)]
     fn is_leaf(self) -> bool {
-        self.0 & 1 == 1
+        self.0 & Self::LEAF != 0
     }
 }
 
 impl Node {
     /// A node of up to eight children with their boxes.
     fn new(children: &[(Child, Aabb)]) -> Self {
-        let (least, greatest) = ([f32::INFINITY.to_bits(); WIDTH], [f32::NEG_INFINITY.to_bits(); WIDTH]);
-        let mut rows = [least, greatest, least, greatest, least, greatest, [0; WIDTH], [0; WIDTH]];
+        let mut rows = [[f32::NAN.to_bits(); WIDTH]; 8];
+        rows[Child::ROW] = [0; WIDTH];
         let mut leaves = 0;
         for (lane, (child, bounds)) in children.iter().enumerate() {
             rows[Child::ROW][lane] = child.0;
@@ -120,6 +126,8 @@ struct Block {
 pub(super) struct WideBvh {
     nodes: Vec<Node>,
     blocks: Vec<Block>,
+    /// Bits of a child that are left for the number of a ray.
+    shift: u32,
     /// The most that a ray can have left to visit, and room for one more node's children.
     stack: usize,
 }
@@ -139,6 +147,9 @@ impl WideBvh {
         if tree.nodes.is_empty() {
             return wide;
         }
+        // There are at most as many blocks, and as many nodes, as there are entries.
+        let bits = usize::BITS - triangles.len().leading_zeros();
+        wide.shift = MOST_BITS.min(31_u32.saturating_sub(bits));
         let mut deepest = 0;
         // Nodes to make, each with what it stands for and its depth.
         let mut todo = vec![(ROOT, part(&tree.nodes[0]), tree.nodes[0].aabb().to_owned(), 1)];
@@ -154,7 +165,7 @@ impl WideBvh {
                     part => {
                         wide.nodes.push(Node::new(&[]));
                         todo.push((wide.nodes.len() - 1, part, bounds, depth + 1));
-                        Child::node(wide.nodes.len() - 1)
+                        Child::node(wide.nodes.len() - 1, wide.shift)
                     }
                 };
                 children.push((child, bounds));
@@ -184,7 +195,7 @@ impl WideBvh {
             block.rows[12][lane] = tree.primitive_indices[entry];
         }
         self.blocks.push(block);
-        Child::leaf(self.blocks.len() - 1)
+        Child::leaf(self.blocks.len() - 1, self.shift)
     }
 }
 

@@ -24,6 +24,9 @@ pub trait Eight: Copy {
     /// The same number eight times.
     fn splat(self, a: f32) -> Self::Floats;
 
+    /// `a` with the bits of a number set in each lane.
+    fn tag(self, a: Self::Floats, number: u32) -> Self::Floats;
+
     /// `a - b`.
     fn sub(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
 
@@ -104,6 +107,11 @@ impl Eight for Plain {
     #[inline(always)]
     fn splat(self, a: f32) -> Lanes {
         [a; WIDTH]
+    }
+
+    #[inline(always)]
+    fn tag(self, a: Lanes, number: u32) -> Lanes {
+        a.map(|a| f32::from_bits(a.to_bits() | number))
     }
 
     #[inline(always)]
@@ -216,6 +224,11 @@ mod avx2 {
         #[inline(always)]
         fn splat(self, a: f32) -> __m256 {
             self.avx._mm256_set1_ps(a)
+        }
+
+        #[inline(always)]
+        fn tag(self, a: __m256, number: u32) -> __m256 {
+            self.avx._mm256_or_ps(a, self.splat(f32::from_bits(number)))
         }
 
         #[inline(always)]

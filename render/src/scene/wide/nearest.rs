@@ -99,7 +99,7 @@ impl WideBvh {
         let (mut at_nodes, mut at_leaves) = (&mut Turn::NONE, &mut Turn::NONE);
         let (mut nodes, mut leaves) = (&mut Turn::NONE, &mut Turn::NONE);
         for (ray, way) in ways.iter_mut().enumerate() {
-            way.child = Child::node(ROOT).0;
+            way.child = Child::node(ROOT, self.shift).0;
             way.top = (ray * self.stack) as u32;
             at_nodes.push(ray as u8, true);
         }
@@ -109,9 +109,10 @@ impl WideBvh {
             (at_nodes.len, at_leaves.len) = (0, 0);
             for &ray in nodes.rays.iter().take(nodes.len) {
                 let (way, probe) = (&mut ways[ray as usize], &probes[ray as usize]);
-                let node = &self.nodes[Child(way.child).index()];
-                let (distances, entered) = probe.enter(simd, node, way.t);
-                let order = simd.places(node.rows[Child::ORDERS][probe.octant()]);
+                let node = &self.nodes[Child(way.child).index(self.shift)];
+                let (distances, leaves) = probe.cross(simd, node);
+                let entered = simd.at_most(distances, simd.min(leaves, simd.splat(way.t)));
+                let order = simd.places(node.rows[Child::ORDERS][probe.octant as usize % 8]);
                 let set = simd.signs(simd.pick(entered, order));
                 let places = simd.pick_places(order, simd.packed(set));
                 let top = way.top as usize;
@@ -123,7 +124,7 @@ impl WideBvh {
             }
             for &ray in leaves.rays.iter().take(leaves.len) {
                 let (way, probe) = (&mut ways[ray as usize], &probes[ray as usize]);
-                let block = &self.blocks[Child(way.child).index()];
+                let block = &self.blocks[Child(way.child).index(self.shift)];
                 let ([t, u, v], met) = probe.meet(simd, block);
                 // A triangle is met in its box and not before: what is found does not depend on the order of the visits.
                 let t = simd.max(t, simd.splat(way.enters));

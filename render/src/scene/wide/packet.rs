@@ -205,7 +205,7 @@ impl WideBvh {
         let octant = packet.octant();
         let mut limit = f32::INFINITY;
         let mut top = 1;
-        (children[0], enters[0]) = (Child::node(ROOT).0, 0);
+        (children[0], enters[0]) = (Child::node(ROOT, self.shift).0, 0);
         while top > 0 {
             top -= 1;
             if f32::from_bits(enters[top]) > limit {
@@ -213,11 +213,11 @@ impl WideBvh {
             }
             let child = Child(children[top]);
             if child.is_leaf() {
-                packet.visit(simd, &self.blocks[child.index()]);
+                packet.visit(simd, &self.blocks[child.index(self.shift)]);
                 limit = range(&bytemuck::cast(simd.store(packet.t))).1;
                 continue;
             }
-            let node = &self.nodes[child.index()];
+            let node = &self.nodes[child.index(self.shift)];
             let (distances, entered) = packet.enter(simd, node, limit);
             let order = simd.places(node.rows[Child::ORDERS][octant]);
             let set = simd.signs(simd.pick(entered, order));

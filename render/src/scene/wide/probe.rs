@@ -19,8 +19,8 @@ pub struct Probe {
     origin: [f32; 3],
     direction: [f32; 3],
     inverse: [f32; 3],
-    /// For each axis, which of a box's planes is met first.
-    near: [u32; 3],
+    /// The octant that the ray goes to: a bit for each axis, set where the direction is negative.
+    pub octant: u32,
 }
 
 impl Probe {
@@ -30,37 +30,29 @@ impl Probe {
         let Ray { origin, direction } = *ray;
         // Where a direction has no extent along an axis, a large number stands for infinity: 0 times infinity is not a number.
         let inverse = direction.abs().max(Vec3A::splat(LEAST)).recip().copysign(direction);
-        let negative = direction.is_negative_bitmask();
-        let near = [negative & 1, 2 + (negative >> 1 & 1), 4 + (negative >> 2 & 1)];
-        Self { origin: origin.into(), direction: direction.into(), inverse: inverse.into(), near }
+        let octant = direction.is_negative_bitmask();
+        Self { origin: origin.into(), direction: direction.into(), inverse: inverse.into(), octant }
     }
 
-    /// The octant that the ray goes to.
-    #[inline(always)]
-    pub fn octant(&self) -> usize {
-        let [x, y, z] = self.near;
-        (x | (y & 1) << 1 | (z & 1) << 2) as usize
-    }
-
-    /// The distances at which the ray enters the boxes of a node, and the sign of each that it enters at up to `limit`.
+    /// The distances at which the ray enters the boxes of a node and leaves them; it misses a box that it leaves first.
     ///
     /// A box within another is never entered earlier or left later than that, as rounding keeps order.
     #[inline(always)]
-    pub fn enter<E: Eight>(&self, simd: E, node: &Node, limit: f32) -> (E::Floats, E::Floats) {
-        let [x, y, z] = self.near;
-        let enters = simd.max(self.plane(simd, node, 1, y), simd.max(self.plane(simd, node, 2, z), simd.splat(0.0)));
-        let enters = simd.max(self.plane(simd, node, 0, x), enters);
-        let leaves = simd.min(self.plane(simd, node, 1, y ^ 1), self.plane(simd, node, 2, z ^ 1));
-        let leaves = simd.min(self.plane(simd, node, 0, x ^ 1), leaves);
-        let leaves = simd.min(simd.mul(leaves, simd.splat(OUTWARD)), simd.splat(limit));
-        (enters, simd.at_most(enters, leaves))
+    pub fn cross<E: Eight>(&self, simd: E, node: &Node) -> (E::Floats, E::Floats) {
+        let (x, y, z) = (self.planes(simd, node, 0), self.planes(simd, node, 1), self.planes(simd, node, 2));
+        // What is not a number goes through from the right.
+        let enters = simd.max(x.0, simd.max(y.0, simd.max(simd.splat(0.0), z.0)));
+        let leaves = simd.min(x.1, simd.min(y.1, z.1));
+        (enters, simd.mul(leaves, simd.splat(OUTWARD)))
     }
 
-    /// The distances of some planes, which are across an axis.
+    /// The distances of the boxes' planes across an axis: those that are met first, and last.
     #[inline(always)]
-    fn plane<E: Eight>(&self, simd: E, node: &Node, axis: usize, row: u32) -> E::Floats {
-        let planes = simd.load(&node.rows[row as usize % 8]);
-        simd.mul(simd.sub(planes, simd.splat(self.origin[axis])), simd.splat(self.inverse[axis]))
+    fn planes<E: Eight>(&self, simd: E, node: &Node, axis: usize) -> (E::Floats, E::Floats) {
+        let (origin, inverse) = (simd.splat(self.origin[axis]), simd.splat(self.inverse[axis]));
+        let low = simd.mul(simd.sub(simd.load(&node.rows[2 * axis]), origin), inverse);
+        let high = simd.mul(simd.sub(simd.load(&node.rows[2 * axis + 1]), origin), inverse);
+        (simd.min(low, high), simd.max(low, high))
     }
 
     /// The distances of a block's triangles along the ray, their barycentric weights, and the sign of each that the ray meets.
