@@ -10,9 +10,8 @@ use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris, rt_triangle::Rt
 
 use super::{
     ray::Ray,
-    wide::{Traversal, WideBvh, WideHit},
+    wide::{Question, Traversal, WideBvh},
 };
-use crate::simd;
 
 /// The nearest intersection along a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,27 +64,12 @@ impl Bvh {
 
     /// [`Self::closest`] of many rays; both slices have equal length.
     pub fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        simd::dispatch(Traversal::<_, false> { bvh: &self.0, rays, out: hits });
+        Traversal { bvh: &self.0, rays, question: Question::Nearest(hits) }.run();
     }
 
     /// [`Self::occluded`] of many rays; both slices have equal length.
     pub fn occluded_batch(&self, rays: &[Ray], occluded: &mut [bool]) {
-        simd::dispatch(Traversal::<_, true> { bvh: &self.0, rays, out: occluded });
-    }
-}
-
-impl From<WideHit> for Option<Hit> {
-    #[inline(always)]
-    fn from(hit: WideHit) -> Self {
-        let WideHit { triangle, t, u, v } = hit;
-        hit.is_some().then_some(Hit { triangle: triangle as usize, t, u, v })
-    }
-}
-
-impl From<WideHit> for bool {
-    #[inline(always)]
-    fn from(hit: WideHit) -> Self {
-        hit.is_some()
+        Traversal { bvh: &self.0, rays, question: Question::Occluded(occluded) }.run();
     }
 }
 

@@ -1,0 +1,173 @@
+//! Rays that ask for the first surface on their way.
+//!
+//! Several rays are on their way at once and take their steps in turn: each goes through its boxes from near to far, and its steps do
+//! not wait for those of the others.
+
+use super::{
+    Child, ROOT, WIDTH, WideBvh,
+    lanes::{Eight, Lanes},
+    probe::Probe,
+};
+use crate::scene::{bvh::Hit, ray::Ray};
+
+/// Rays on their way at once.
+const GROUP: usize = 32;
+
+/// A ray on its way.
+#[derive(Clone, Copy, Debug)]
+struct Way {
+    /// Distance of the nearest hit so far; infinity before there is one.
+    t: f32,
+    u: f32,
+    v: f32,
+    triangle: u32,
+    /// What to visit next, and the distance at which the ray enters it.
+    child: u32,
+    enters: f32,
+    /// Where the ray's part of the stack ends.
+    top: u32,
+}
+
+impl Way {
+    const START: Self = Self { t: f32::INFINITY, u: 0.0, v: 0.0, triangle: u32::MAX, child: 0, enters: 0.0, top: 0 };
+
+    fn hit(&self) -> Option<Hit> {
+        let Self { t, u, v, triangle, .. } = *self;
+        (t < f32::INFINITY).then_some(Hit { triangle: triangle as usize, t, u, v })
+    }
+}
+
+/// Memory that is used again.
+#[derive(Default)]
+pub struct Scratch {
+    probes: Vec<Probe>,
+    ways: Vec<Way>,
+    /// What is left to visit for each ray, the nearest last.
+    children: Vec<u32>,
+    enters: Vec<u32>,
+}
+
+/// Rays that are to take a step.
+#[derive(Clone, Copy)]
+struct Turn {
+    rays: [u8; GROUP],
+    len: usize,
+}
+
+impl Turn {
+    const NONE: Self = Self { rays: [0; GROUP], len: 0 };
+
+    /// Adds a ray, or does not.
+    #[inline(always)]
+    fn push(&mut self, ray: u8, really: bool) {
+        self.rays[self.len % GROUP] = ray;
+        self.len += usize::from(really);
+    }
+}
+
+impl WideBvh {
+    /// The nearest hit of each ray; both slices have equal length.
+    #[inline(always)]
+    pub fn nearest<E: Eight>(&self, simd: E, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+        if self.nodes.is_empty() {
+            hits.fill(None);
+            return;
+        }
+        let room = self.stack * GROUP;
+        if scratch.children.len() < room {
+            scratch.children.resize(room, 0);
+            scratch.enters.resize(room, 0);
+        }
+        for (rays, hits) in rays.chunks(GROUP).zip(hits.chunks_mut(GROUP)) {
+            scratch.probes.resize(rays.len(), Probe::default());
+            for (probe, ray) in scratch.probes.iter_mut().zip(rays) {
+                *probe = Probe::new(ray);
+            }
+            scratch.ways.clear();
+            scratch.ways.resize(rays.len(), Way::START);
+            self.follow(simd, scratch);
+            for (hit, way) in hits.iter_mut().zip(&scratch.ways) {
+                *hit = way.hit();
+            }
+        }
+    }
+
+    /// Takes all steps of all rays.
+    #[inline(always)]
+    fn follow<E: Eight>(&self, simd: E, scratch: &mut Scratch) {
+        let Scratch { probes, ways, children, enters } = scratch;
+        let (mut at_nodes, mut at_leaves) = (&mut Turn::NONE, &mut Turn::NONE);
+        let (mut nodes, mut leaves) = (&mut Turn::NONE, &mut Turn::NONE);
+        for (ray, way) in ways.iter_mut().enumerate() {
+            way.child = Child::node(ROOT, self.shift).0;
+            way.top = (ray * self.stack) as u32;
+            at_nodes.push(ray as u8, true);
+        }
+        while at_nodes.len + at_leaves.len > 0 {
+            std::mem::swap(&mut nodes, &mut at_nodes);
+            std::mem::swap(&mut leaves, &mut at_leaves);
+            (at_nodes.len, at_leaves.len) = (0, 0);
+            for &ray in nodes.rays.iter().take(nodes.len) {
+                let (way, probe) = (&mut ways[ray as usize], &probes[ray as usize]);
+                let node = &self.nodes[Child(way.child).index(self.shift)];
+                let (distances, leaves) = probe.cross(simd, node);
+                let entered = simd.at_most(distances, simd.min(leaves, simd.splat(way.t)));
+                let order = simd.places(node.rows[Child::ORDERS][probe.octant as usize % 8]);
+                let set = simd.signs(simd.pick(entered, order));
+                let places = simd.pick_places(order, simd.packed(set));
+                let top = way.top as usize;
+                let found = simd.pick(simd.load(&node.rows[Child::ROW]), places);
+                children[top..top + WIDTH].copy_from_slice(&simd.store(found));
+                enters[top..top + WIDTH].copy_from_slice(&simd.store(simd.pick(distances, places)));
+                way.top += set.count_ones();
+                next(way, ray, self.stack, children, enters, at_nodes, at_leaves);
+            }
+            for &ray in leaves.rays.iter().take(leaves.len) {
+                let (way, probe) = (&mut ways[ray as usize], &probes[ray as usize]);
+                let block = &self.blocks[Child(way.child).index(self.shift)];
+                let ([t, u, v], met) = probe.meet(simd, block);
+                // A triangle is met in its box and not before: what is found does not depend on the order of the visits.
+                let t = simd.max(t, simd.splat(way.enters));
+                let mut found = simd.signs(met) & simd.signs(simd.at_most(t, simd.splat(way.t)));
+                if found != 0 {
+                    let (t, u, v): (Lanes, Lanes, Lanes) =
+                        (bytemuck::cast(simd.store(t)), bytemuck::cast(simd.store(u)), bytemuck::cast(simd.store(v)));
+                    while found != 0 {
+                        let k = found.trailing_zeros() as usize % WIDTH;
+                        let triangle = block.rows[12][k];
+                        if t[k] < way.t || (t[k] == way.t && triangle < way.triangle) {
+                            (way.t, way.u, way.v, way.triangle) = (t[k], u[k], v[k], triangle);
+                        }
+                        found &= found - 1;
+                    }
+                }
+                next(way, ray, self.stack, children, enters, at_nodes, at_leaves);
+            }
+        }
+    }
+}
+
+/// Chooses what a ray visits next: what is left of its stack and not behind the nearest hit.
+#[inline(always)]
+fn next(
+    way: &mut Way,
+    ray: u8,
+    stack: usize,
+    children: &[u32],
+    enters: &[u32],
+    at_nodes: &mut Turn,
+    at_leaves: &mut Turn,
+) {
+    let bottom = (ray as usize * stack) as u32;
+    while way.top > bottom {
+        way.top -= 1;
+        let top = way.top as usize;
+        (way.child, way.enters) = (children[top], f32::from_bits(enters[top]));
+        if way.enters <= way.t {
+            let is_leaf = Child(way.child).is_leaf();
+            at_nodes.push(ray, !is_leaf);
+            at_leaves.push(ray, is_leaf);
+            return;
+        }
+    }
+}
