@@ -30,7 +30,7 @@ pub struct Hit {
 pub struct Bvh(WideBvh);
 
 impl Bvh {
-    /// The most triangles: two bits for those that are split, four for what a node's child is, of 32 for an index.
+    /// The most triangles: with the parts of those that are split, they take fewer than the 31 bits that name a leaf.
     pub const MOST_TRIANGLES: usize = 1 << 26;
 
     /// Builds the hierarchy of finite triangles with area, at most [`Self::MOST_TRIANGLES`]; none at all is allowed.
@@ -170,6 +170,31 @@ mod tests {
                 assert_eq!(occluded, hit.is_some());
             }
         }
+    }
+
+    #[test]
+    fn neighbours_find_what_they_find_alone() {
+        let mut random = Stream::new(5, Purpose::Test, 0);
+        let mut piled = soup(400, 0.2, &mut random);
+        piled.extend(piled.clone());
+        piled.iter_mut().skip(200).step_by(3).flatten().for_each(|p| p.x = 0.25);
+        let bvh = Bvh::build(&piled);
+        let mut found = 0;
+        for tile in 0..40 {
+            // Some tiles look along an axis: their rays go to different octants.
+            let towards = if tile % 4 == 0 { Vec3A::AXES[tile / 4 % 3] } else { random.direction() };
+            let origin = 0.3 * Vec3A::from(point(&mut random)) - 2.0 * towards;
+            let rays: Vec<Ray> = (0..256)
+                .map(|_| Ray::new(origin, (towards + 0.02 * Vec3A::from(point(&mut random))).normalize()))
+                .collect();
+            let mut hits = vec![None; rays.len()];
+            bvh.closest_batch(&rays, &mut hits);
+            for (ray, hit) in rays.iter().zip(hits) {
+                assert_eq!(hit, bvh.closest(ray));
+                found += usize::from(hit.is_some());
+            }
+        }
+        assert!(found > 1000, "only {found} rays hit anything");
     }
 
     #[test]

@@ -8,6 +8,8 @@ mod nearest;
 mod packet;
 mod probe;
 mod shadow;
+#[cfg(test)]
+mod tests;
 
 use std::{cell::RefCell, ops::Range};
 
@@ -17,7 +19,11 @@ use obvhs::{
     rt_triangle::RtTriangle,
 };
 
-use self::lanes::{Eight, Plain};
+use self::{
+    lanes::{Eight, Plain},
+    nearest::GROUP,
+    packet::Packet,
+};
 use super::{bvh::Hit, ray::Ray};
 
 /// Children of a node, and triangles of a block: one AVX2 register of each of their numbers.
@@ -143,13 +149,17 @@ enum Part {
 impl WideBvh {
     /// The hierarchy over `triangles`, which are in the order of the indices of a binary tree's primitives.
     pub fn new(tree: &Bvh2, triangles: &[RtTriangle]) -> Self {
-        let mut wide = Self::default();
+        // There are at most as many blocks, and as many nodes, as there are entries.
+        let bits = usize::BITS - triangles.len().leading_zeros();
+        Self::with_shift(tree, triangles, MOST_BITS.min(31_u32.saturating_sub(bits)))
+    }
+
+    /// [`Self::new`] with some bits of a child for the number of a ray.
+    fn with_shift(tree: &Bvh2, triangles: &[RtTriangle], shift: u32) -> Self {
+        let mut wide = Self { shift, ..Self::default() };
         if tree.nodes.is_empty() {
             return wide;
         }
-        // There are at most as many blocks, and as many nodes, as there are entries.
-        let bits = usize::BITS - triangles.len().leading_zeros();
-        wide.shift = MOST_BITS.min(31_u32.saturating_sub(bits));
         let mut deepest = 0;
         // Nodes to make, each with what it stands for and its depth.
         let mut todo = vec![(ROOT, part(&tree.nodes[0]), tree.nodes[0].aabb().to_owned(), 1)];
@@ -175,6 +185,31 @@ impl WideBvh {
         // Each node on the way leaves up to seven behind.
         wide.stack = deepest * (WIDTH - 1) + WIDTH;
         wide
+    }
+
+    /// The nearest hits of rays, at most [`GROUP`]: of those that go almost the same way together, and of the others in turn.
+    #[inline(always)]
+    fn nearest_of_group<E: Eight>(&self, simd: E, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+        if self.nodes.is_empty() {
+            hits.fill(None);
+            return;
+        }
+        let (mut others, mut count) = ([0; GROUP], 0);
+        for (part, rays) in rays.chunks(WIDTH).enumerate() {
+            let places = part * WIDTH..part * WIDTH + rays.len();
+            match rays.try_into().ok().and_then(|rays| Packet::new(simd, rays)) {
+                Some(packet) => self.nearest_of_packet(simd, packet, &mut hits[places], &mut scratch.packet),
+                None => {
+                    for place in places {
+                        others[count] = place as u8;
+                        count += 1;
+                    }
+                }
+            }
+        }
+        if count > 0 {
+            self.nearest(simd, rays, &others[..count], hits, &mut scratch.nearest);
+        }
     }
 
     /// Adds some of the triangles of a leaf.
@@ -280,15 +315,8 @@ impl Traversal<'_> {
         let Self { bvh, rays, question } = self;
         match question {
             Question::Nearest(hits) => {
-                for (rays, hits) in rays.chunks(WIDTH).zip(hits.chunks_mut(WIDTH)) {
-                    let packet: Result<&[Ray; WIDTH], _> = rays.try_into();
-                    let done = match packet {
-                        Ok(packet) => bvh.nearest_of_packet(simd, packet, hits, &mut scratch.packet),
-                        Err(_) => false,
-                    };
-                    if !done {
-                        bvh.nearest(simd, rays, hits, &mut scratch.nearest);
-                    }
+                for (rays, hits) in rays.chunks(GROUP).zip(hits.chunks_mut(GROUP)) {
+                    bvh.nearest_of_group(simd, rays, hits, scratch);
                 }
             }
             Question::Occluded(occluded) => bvh.occluded(simd, rays, occluded, &mut scratch.shadow),

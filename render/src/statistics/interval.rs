@@ -153,7 +153,7 @@ mod tests {
         let twice: Vec<f64> = noise.iter().map(|x| 2.0 * x).collect();
         let ratio = RatioInterval::paired(&twice, &noise).unwrap();
         assert!((ratio.ratio - 2.0).abs() < 1e-12 && ratio.log_error < 1e-12, "{ratio:?}");
-        let mut shuffled = twice.clone();
+        let mut shuffled = twice;
         shuffled.rotate_left(1);
         assert!(RatioInterval::paired(&shuffled, &noise).unwrap().log_error > 0.1);
     }

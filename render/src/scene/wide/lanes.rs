@@ -146,7 +146,7 @@ impl Eight for Plain {
 
     #[inline(always)]
     fn with_signs(self, a: Lanes, b: Lanes) -> Lanes {
-        each(a, b, |a, b| a.copysign(b))
+        each(a, b, f32::copysign)
     }
 
     #[inline(always)]

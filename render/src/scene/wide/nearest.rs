@@ -11,7 +11,7 @@ use super::{
 use crate::scene::{bvh::Hit, ray::Ray};
 
 /// Rays on their way at once.
-const GROUP: usize = 32;
+pub const GROUP: usize = 32;
 
 /// A ray on its way.
 #[derive(Clone, Copy, Debug)]
@@ -66,29 +66,30 @@ impl Turn {
 }
 
 impl WideBvh {
-    /// The nearest hit of each ray; both slices have equal length.
+    /// The nearest hits of some rays, which `which` numbers; at most [`GROUP`].
     #[inline(always)]
-    pub fn nearest<E: Eight>(&self, simd: E, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
-        if self.nodes.is_empty() {
-            hits.fill(None);
-            return;
-        }
+    pub fn nearest<E: Eight>(
+        &self,
+        simd: E,
+        rays: &[Ray],
+        which: &[u8],
+        hits: &mut [Option<Hit>],
+        scratch: &mut Scratch,
+    ) {
         let room = self.stack * GROUP;
         if scratch.children.len() < room {
             scratch.children.resize(room, 0);
             scratch.enters.resize(room, 0);
         }
-        for (rays, hits) in rays.chunks(GROUP).zip(hits.chunks_mut(GROUP)) {
-            scratch.probes.resize(rays.len(), Probe::default());
-            for (probe, ray) in scratch.probes.iter_mut().zip(rays) {
-                *probe = Probe::new(ray);
-            }
-            scratch.ways.clear();
-            scratch.ways.resize(rays.len(), Way::START);
-            self.follow(simd, scratch);
-            for (hit, way) in hits.iter_mut().zip(&scratch.ways) {
-                *hit = way.hit();
-            }
+        scratch.probes.clear();
+        scratch.ways.clear();
+        for &ray in which {
+            scratch.probes.push(Probe::new(&rays[ray as usize]));
+            scratch.ways.push(Way::START);
+        }
+        self.follow(simd, scratch);
+        for (&ray, way) in which.iter().zip(&scratch.ways) {
+            hits[ray as usize] = way.hit();
         }
     }
 
@@ -96,8 +97,9 @@ impl WideBvh {
     #[inline(always)]
     fn follow<E: Eight>(&self, simd: E, scratch: &mut Scratch) {
         let Scratch { probes, ways, children, enters } = scratch;
-        let (mut at_nodes, mut at_leaves) = (&mut Turn::NONE, &mut Turn::NONE);
-        let (mut nodes, mut leaves) = (&mut Turn::NONE, &mut Turn::NONE);
+        let mut turns = [Turn::NONE; 4];
+        let [at_nodes, at_leaves, nodes, leaves] = &mut turns;
+        let (mut at_nodes, mut at_leaves, mut nodes, mut leaves) = (at_nodes, at_leaves, nodes, leaves);
         for (ray, way) in ways.iter_mut().enumerate() {
             way.child = Child::node(ROOT, self.shift).0;
             way.top = (ray * self.stack) as u32;

@@ -22,7 +22,7 @@ pub struct Scratch {
 }
 
 /// Rays side by side, and the nearest hit of each so far.
-struct Packet<E: Eight> {
+pub struct Packet<E: Eight> {
     origin: [E::Floats; 3],
     direction: [E::Floats; 3],
     inverse: [E::Floats; 3],
@@ -54,7 +54,7 @@ fn range(numbers: &Lanes) -> (f32, f32) {
 impl<E: Eight> Packet<E> {
     /// The packet of eight rays, if they go almost the same way.
     #[inline(always)]
-    fn new(simd: E, rays: &[Ray; WIDTH]) -> Option<Self> {
+    pub fn new(simd: E, rays: &[Ray; WIDTH]) -> Option<Self> {
         let (mut origins, mut directions) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3]);
         for (k, ray) in rays.iter().enumerate() {
             for axis in 0..3 {
@@ -82,8 +82,8 @@ impl<E: Eight> Packet<E> {
             let (o, d) = (simd.load(&bytemuck::cast(*origin)), simd.load(&bytemuck::cast(*direction)));
             let signs = simd.signs(d);
             let (least, greatest) = range(direction);
-            // Not so either where a direction is not a number.
-            if signs != 0 && signs != 0xff || !(greatest - least < SPREAD) {
+            let together = (signs == 0 || signs == 0xff) && greatest - least < SPREAD;
+            if !together {
                 return None;
             }
             let inverse = simd.with_signs(simd.div(simd.splat(1.0), simd.max(simd.abs(d), simd.splat(LEAST))), d);
@@ -113,7 +113,7 @@ impl<E: Eight> Packet<E> {
             let near = simd.load(&node.rows[self.near[axis] as usize % 8]);
             let way = simd.sub(near, simd.splat(self.ahead[axis]));
             enters = simd.max(enters, simd.min(simd.mul(way, least), simd.mul(way, greatest)));
-            let far = simd.load(&node.rows[self.near[axis] as usize % 8 ^ 1]);
+            let far = simd.load(&node.rows[(self.near[axis] as usize % 8) ^ 1]);
             let way = simd.sub(far, simd.splat(self.behind[axis]));
             leaves = simd.min(leaves, simd.max(simd.mul(way, least), simd.mul(way, greatest)));
         }
@@ -129,7 +129,7 @@ impl<E: Eight> Packet<E> {
         for axis in 0..3 {
             let near = simd.splat(f32::from_bits(planes[self.near[axis] as usize % 8]));
             enters = simd.max(simd.mul(simd.sub(near, self.origin[axis]), self.inverse[axis]), enters);
-            let far = simd.splat(f32::from_bits(planes[self.near[axis] as usize % 8 ^ 1]));
+            let far = simd.splat(f32::from_bits(planes[(self.near[axis] as usize % 8) ^ 1]));
             leaves = simd.min(simd.mul(simd.sub(far, self.origin[axis]), self.inverse[axis]), leaves);
         }
         let leaves = simd.min(simd.mul(leaves, simd.splat(OUTWARD)), self.t);
@@ -186,16 +186,15 @@ fn corner<E: Eight>(simd: E, block: &Block, row: usize, k: usize) -> [E::Floats;
 }
 
 impl WideBvh {
-    /// The nearest hits of eight rays that go almost the same way; false where they do not.
+    /// The nearest hits of eight rays that go almost the same way.
     #[inline(always)]
     pub fn nearest_of_packet<E: Eight>(
         &self,
         simd: E,
-        rays: &[Ray; WIDTH],
+        mut packet: Packet<E>,
         hits: &mut [Option<Hit>],
         scratch: &mut Scratch,
-    ) -> bool {
-        let Some(mut packet) = Packet::new(simd, rays) else { return false };
+    ) {
         let Scratch { children, enters } = scratch;
         if children.len() < self.stack {
             children.resize(self.stack, 0);
@@ -236,6 +235,5 @@ impl WideBvh {
         for (k, hit) in hits.iter_mut().enumerate().take(WIDTH) {
             *hit = (t[k] < f32::INFINITY).then_some(Hit { triangle: triangles[k] as usize, t: t[k], u: u[k], v: v[k] });
         }
-        true
     }
 }
