@@ -4,7 +4,7 @@ use glam::{Vec3, Vec3A};
 use serde_json::{Value, json};
 
 use crate::{
-    brdf::{Brdf, MetallicRoughness},
+    brdf::{BrdfTable, Kernel, MetallicRoughness},
     error::Result,
     image::encode_png_rgb8,
     random::{Purpose, Stream},
@@ -78,12 +78,12 @@ fn assert_fails(loaded: Result<Scene>, word: &str) {
 
 fn surface_at(scene: &Scene, x: f32, y: f32) -> MetallicRoughness {
     let at = scene.intersect(&Ray::new(Vec3A::new(x, y, 1.0), -Vec3A::Z)).expect("a hit");
-    let Brdf::MetallicRoughness(surface) = at.brdf else { panic!("{:?}", at.brdf) };
-    surface
+    assert_eq!(at.surface.brdf, BrdfTable::METALLIC_ROUGHNESS);
+    MetallicRoughness::of_parameters(&at.surface.parameters)
 }
 
 fn color_at(scene: &Scene, x: f32, y: f32) -> Vec3A {
-    surface_at(scene, x, y).base_color()
+    surface_at(scene, x, y).base_color().into()
 }
 
 #[test]
@@ -372,7 +372,7 @@ fn what_a_material_leaves_out_is_metallic_and_rough() {
     for material in [json!({}), json!({"pbrMetallicRoughness": {}})] {
         set(&mut json, "/materials/0", material);
         let surface = surface_at(&load(&json, &bin).unwrap(), 0.2, 0.2);
-        assert_eq!((surface.base_color(), surface.metallic(), surface.roughness()), (Vec3A::ONE, 1.0, 1.0));
+        assert_eq!((surface.base_color(), surface.metallic(), surface.roughness()), (Vec3::ONE, 1.0, 1.0));
     }
 }
 
