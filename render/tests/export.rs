@@ -596,8 +596,8 @@ fn reflected(sampler: &dyn Sampler, map: &Environment) -> Moments {
     Moments::of(&values.collect::<Vec<_>>()).unwrap()
 }
 
-/// A file's sampler is only whole with the emitters that its tail leaves out: without them, nearly all of this light would be lost without
-/// a word.
+/// A file's sampler is only whole with the emitters that its tail leaves out: without them, nearly all of this light
+/// would be lost without a word.
 #[test]
 fn a_file_opens_with_its_compact_emitters_or_not_at_all() {
     let folder = Folder::new();
@@ -606,9 +606,7 @@ fn a_file_opens_with_its_compact_emitters_or_not_at_all() {
     let rest = headtail_render::environment::without_compact_emitters(width, height, &luminance).unwrap();
     let of_rest = Arc::new(Tail::new(TailKind::Hierarchical, width, height, &rest).unwrap());
     let whole = Arc::new(Tail::new(TailKind::Hierarchical, width, height, &luminance).unwrap());
-    let table = |tail: &Tail| {
-        direct_bake(tail, NormalGrid::new(8, 16).unwrap(), CellGrid::new(8, 8).unwrap()).unwrap()
-    };
+    let table = |tail: &Tail| direct_bake(tail, NormalGrid::new(8, 16).unwrap(), CellGrid::new(8, 8).unwrap()).unwrap();
     let opened = |name: &str, intermediate, tail: &Arc<Tail>, luminance: &[f32], training| {
         let path = folder.path(name);
         ExportedSampler::of_tail(intermediate, tail.clone(), luminance.to_vec(), &map, training).write(&path).unwrap();

@@ -88,8 +88,8 @@ impl Reference {
     }
 }
 
-/// The means of a pdf over the sub-cells of a chi-square test around directions: by `most x most` points where that is more than a
-/// sample in 1e6, else by 4 x 4.
+/// The means of a pdf over the sub-cells of a chi-square test around directions: by `most x most` points where that is
+/// more than a sample in 1e6, else by 4 x 4.
 fn means_over(point: &OnePoint, w: &[Vec3A], rows: usize, most: usize) -> Vec<f32> {
     let centres: Vec<Vec2> = w.iter().map(|&w| latlong::square(w)).collect();
     let extent = Vec2::new(0.5, 1.0) / rows as f32;
@@ -188,7 +188,8 @@ fn ggx_reflects_what_the_textbook_says() {
             let mut random = Stream::new(12, Purpose::Test, k as u64);
             let draws = point.sample_brdf(&uniforms(&mut random, 200_000));
             let (directions, pdfs): (Vec<Vec3A>, Vec<f32>) = draws.iter().flatten().copied().unzip();
-            let mut weights: Vec<f64> = values(&directions).zip(pdfs).map(|(value, pdf)| value / f64::from(pdf)).collect();
+            let mut weights: Vec<f64> =
+                values(&directions).zip(pdfs).map(|(value, pdf)| value / f64::from(pdf)).collect();
             weights.resize(draws.len(), 0.0);
             let above: Vec<f64> = draws.iter().map(|d| f64::from(u8::from(d.is_some()))).collect();
             // The same by uniform directions, which need no pdf.

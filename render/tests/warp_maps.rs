@@ -4,10 +4,10 @@ use std::{f32::consts::TAU, sync::Arc};
 
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
+    brdf::Lambert,
     environment::{Environment, built_in},
     image::Image,
     random::{Purpose, Stream},
-    brdf::Lambert,
     sampler::{AtPoint, EmitterSampler, EnvironmentLight},
     statistics::SphereChiSquare,
     tail::{Repair, Tail, TailWarp, WarpMap},

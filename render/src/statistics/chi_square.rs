@@ -81,7 +81,8 @@ pub struct ChiSquareReport {
 }
 
 impl SphereChiSquare {
-    /// Draws with `sample`, as many as it is asked for, and compares with `pdf`, a density over solid angle at each of many directions.
+    /// Draws with `sample`, as many as it is asked for, and compares with `pdf`, a density over solid angle at each of
+    /// many directions.
     ///
     /// A draw of `None` is no sample: the density must then integrate to the fraction of draws that are one.
     ///
@@ -141,7 +142,8 @@ impl SphereChiSquare {
         2 * self.rows
     }
 
-    /// The integral of the density over each cell: midpoints of sub-cells, each with its exact solid angle. A row of cells at a time.
+    /// The integral of the density over each cell: midpoints of sub-cells, each with its exact solid angle. A row of
+    /// cells at a time.
     fn integrate(&self, pdf: impl Fn(&[Vec3A]) -> Vec<f32>, failures: &mut Vec<String>) -> Vec<f64> {
         let (rows, columns) = (self.rows * self.subcells, self.columns() * self.subcells);
         let mut cells = vec![0.0; self.rows * self.columns()];
@@ -311,9 +313,7 @@ mod tests {
     }
 
     /// A sampler of many directions from one of a single direction.
-    fn many(
-        mut one: impl FnMut(&mut Stream) -> Option<Vec3A>,
-    ) -> impl FnMut(&mut Stream, usize) -> Vec<Option<Vec3A>> {
+    fn many(mut one: impl FnMut(&mut Stream) -> Option<Vec3A>) -> impl FnMut(&mut Stream, usize) -> Vec<Option<Vec3A>> {
         move |random, count| (0..count).map(|_| one(random)).collect()
     }
 
@@ -351,8 +351,7 @@ mod tests {
     #[test]
     fn p_values_of_a_right_density_are_uniform() {
         let test = |seed| SphereChiSquare { rows: 11, samples: 20_000, seed, ..SphereChiSquare::default() };
-        let mut p: Vec<f64> =
-            (0..200).map(|seed| test(seed).run(many(uniform), each(|_| UNIFORM)).p_value).collect();
+        let mut p: Vec<f64> = (0..200).map(|seed| test(seed).run(many(uniform), each(|_| UNIFORM)).p_value).collect();
         p.sort_by(f64::total_cmp);
         // Kolmogorov-Smirnov at 0.001: 1.95 / sqrt(200).
         let distance = p.iter().enumerate().map(|(i, p)| (p - (i as f64 + 0.5) / 200.0).abs()).fold(0.0, f64::max);
@@ -410,7 +409,10 @@ mod tests {
         }
         assert!(!small().run(many(|random| Some(1.01 * random.direction())), each(|_| UNIFORM)).passed());
         assert!(!small().run(many(|_| Some(Vec3A::NAN)), each(|_| UNIFORM)).passed());
-        assert!(!small().run(many(|_| None), each(|_| 0.0)).passed(), "a sampler that never samples has nothing to show");
+        assert!(
+            !small().run(many(|_| None), each(|_| 0.0)).passed(),
+            "a sampler that never samples has nothing to show"
+        );
     }
 
     #[test]

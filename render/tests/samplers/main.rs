@@ -264,8 +264,9 @@ fn worst_cell(report: &ChiSquareReport) -> String {
 
 /// The means of the pdf over the sub-cells around directions.
 ///
-/// `probes x probes` points, and more where they would stand for more than half an expected sample in 1e5 each: the quadrature's error (at
-/// edges of lamps and of table cells) must be small against the noise of the counts, or the test would reject right samplers.
+/// `probes x probes` points, and more where they would stand for more than half an expected sample in 1e5 each: the
+/// quadrature's error (at edges of lamps and of table cells) must be small against the noise of the counts, or the test
+/// would reject right samplers.
 fn means_over(bound: &AtPoint<'_>, dense: Option<&Dense>, w: &[Vec3A], probes: usize) -> Vec<f32> {
     let centres: Vec<Vec2> = w.iter().map(|&w| latlong::square(w)).collect();
     let mut means = means_of(bound, &centres, probes);
@@ -393,7 +394,8 @@ fn estimates_of_sampler(bound: &AtPoint<'_>, world: &World, stream: u64, samples
     let drawn: Vec<Direction> = bound.sample_many(&uniforms(&mut random, samples)).into_iter().flatten().collect();
     let wi: Vec<Vec3A> = drawn.iter().map(|sample| sample.wi).collect();
     let values = integrands(bound.point(), world.environment(), &wi);
-    let mut estimates: Vec<f64> = drawn.iter().zip(values).map(|(sample, value)| f64::from(value / sample.pdf)).collect();
+    let mut estimates: Vec<f64> =
+        drawn.iter().zip(values).map(|(sample, value)| f64::from(value / sample.pdf)).collect();
     estimates.resize(samples, 0.0);
     estimates
 }

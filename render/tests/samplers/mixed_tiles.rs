@@ -107,7 +107,8 @@ fn ask(sampler: &dyn Sampler, at: &Rows<'_>, given: &[Row], arena: &Arena) -> Ve
     (0..at.len()).map(got).collect()
 }
 
-/// Places in several orders: forwards, backwards, in strides (of 7, which divides none of the lengths), sorted by surface, and every row twice.
+/// Places in several orders: forwards, backwards, in strides (of 7, which divides none of the lengths), sorted by
+/// surface, and every row twice.
 fn orders(rows: &[Row]) -> Vec<Vec<u16>> {
     let count = rows.len() as u16;
     let forwards: Vec<u16> = (0..count).collect();
@@ -122,7 +123,7 @@ fn orders(rows: &[Row]) -> Vec<Vec<u16>> {
 /// Holds a sampler over mixed tiles of `lengths` points against tiles in which every lane has the same point.
 ///
 /// Lanes do not see each other and arithmetic is the same in every one of them, so that not a bit may differ.
-fn check(name: &str, sampler: &dyn Sampler, lengths: &[usize]) {
+fn check(sampler: &dyn Sampler, lengths: &[usize]) -> Verdict {
     let (all, arena) = (rows(), poisoned());
     let longest = lengths.iter().copied().max().unwrap_or(0);
     let alone = |row: &Row| {
@@ -130,29 +131,36 @@ fn check(name: &str, sampler: &dyn Sampler, lengths: &[usize]) {
         ask(sampler, &tile.rows(), &[*row; LANES], &arena)
     };
     let alone: Vec<Vec<Got>> = all[..longest].iter().map(alone).collect();
-    assert!(alone.iter().any(|got| got[0].sample != [0; 4] && got[0].pdf != 0), "{name} draws nothing");
+    assert!(alone.iter().any(|got| got[0].sample != [0; 4] && got[0].pdf != 0), "it draws nothing");
     for &length in lengths {
         let given = &all[..length];
         let tile = Tile::of(&given.iter().map(|row| row.at).collect::<Vec<_>>());
         let whole = tile.rows();
         let compare = |at: &Rows<'_>, order: &str| {
-            for (place, got) in ask(sampler, at, given, &arena).iter().enumerate() {
+            for (place, got) in ask(sampler, at, given, &arena).into_iter().enumerate() {
                 let row = at.row(place);
                 let expected = alone[row][place % LANES];
-                assert_eq!(*got, expected, "{name}: row {row} at place {place} of {length} points, {order}");
+                if got != expected {
+                    return Err(format!("row {row}, place {place} of {length}, {order}: {got:?}, alone {expected:?}"));
+                }
             }
+            Ok(())
         };
-        compare(&whole, "all rows");
+        compare(&whole, "all rows")?;
         for (k, order) in orders(given).into_iter().enumerate() {
             let (mut list, mut again) = (Vec::new(), Vec::new());
             let selected = whole.select(&order, &mut list);
-            compare(&selected, &format!("order {k}"));
+            compare(&selected, &format!("order {k}"))?;
             // A part of a part, of odd length.
             let odd: Vec<u16> = (0..order.len() as u16).step_by(2).rev().collect();
-            compare(&selected.select(&odd, &mut again), &format!("every other one of order {k}"));
+            compare(&selected.select(&odd, &mut again), &format!("every other one of order {k}"))?;
         }
     }
+    Ok(())
 }
+
+/// All lengths of a strip and of a tile, one more and one less.
+const LENGTHS: [usize; 6] = [1, 15, 16, 17, 255, 256];
 
 #[test]
 fn every_point_gets_what_it_gets_alone() {
@@ -160,12 +168,15 @@ fn every_point_gets_what_it_gets_alone() {
     let tasks: Vec<(String, &dyn Sampler)> = WORLDS
         .iter()
         .filter(|world| kinds.iter().any(|kind| world.name.starts_with(kind)))
-        .flat_map(|world| world.cases.iter().map(move |case| (format!("{} / {}", world.name, case.name), &*case.sampler)))
+        .flat_map(|world| {
+            world.cases.iter().map(move |case| (format!("{} / {}", world.name, case.name), &*case.sampler))
+        })
         .collect();
     tasks.par_iter().for_each(|(name, sampler)| {
         // A state of 66,000 numbers for each point, of 1e5 evaluations.
         let is_slow = name.ends_with("oracle");
-        check(name, *sampler, if is_slow { &[1, 15, 16, 17] } else { &[1, 15, 16, 17, 255, 256] });
+        let verdict = check(*sampler, if is_slow { &LENGTHS[..4] } else { &LENGTHS });
+        verdict.unwrap_or_else(|reason| panic!("{name}: {reason}"));
     });
 }
 
@@ -173,10 +184,56 @@ fn every_point_gets_what_it_gets_alone() {
 fn every_point_gets_from_heads_what_it_gets_alone() {
     let world = WORLDS.iter().find(|world| world.name.starts_with("window")).unwrap();
     HEADS.par_iter().for_each(|(name, head)| {
-        let lengths = [1, 15, 16, 17, 255, 256];
-        check(name, &product(world, head), &lengths);
-        check(name, &OneSampleMis::new(product(world, head), BrdfSampler), &lengths);
-        let table_of_head = OneSampleMis::new(EmitterSampler::new(world.light.clone()), product(world, head));
-        check(name, &table_of_head, &lengths);
+        let head = || product(world, head);
+        let emitter = EmitterSampler::new(world.light.clone());
+        let samplers: [&dyn Sampler; 3] =
+            [&head(), &OneSampleMis::new(head(), BrdfSampler), &OneSampleMis::new(emitter, head())];
+        for (sampler, form) in samplers.into_iter().zip(["head", "head+mis", "emitter and head"]) {
+            check(sampler, &LENGTHS).unwrap_or_else(|reason| panic!("{form} of {name}: {reason}"));
+        }
     });
+}
+
+/// What a batch could do wrong and copies of one point never show.
+#[derive(Clone, Copy, Debug)]
+enum Confusion {
+    /// Takes the row of the tile for the place in the list.
+    RowForPlace,
+    /// Gives the last place what belongs to the one before.
+    LastPlace,
+    /// Looks at a lane that nobody has filled.
+    UnusedLane,
+}
+
+/// BRDF sampling that is confused about its rows.
+struct Confused(Confusion);
+
+impl Sampler for Confused {
+    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], mut out: Draws<'_>, arena: &Arena) {
+        let reborrowed = Draws { wi: out.wi.each_mut().map(|column| &mut **column), pdf: &mut *out.pdf };
+        BrdfSampler.sample(at, state, u, reborrowed, arena);
+        let pdf = out.pdf.as_flattened_mut();
+        let last = at.len() - 1;
+        match self.0 {
+            Confusion::RowForPlace => pdf[last] = pdf[at.row(last).min(last)],
+            Confusion::LastPlace => pdf[last] = pdf[last.saturating_sub(1)],
+            Confusion::UnusedLane => pdf[last] += 0.0 * u[0].as_flattened().last().copied().unwrap_or(0.0),
+        }
+    }
+
+    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
+        BrdfSampler.pdf(at, state, wi, out, arena);
+    }
+
+    fn coverage(&self) -> Coverage {
+        Coverage::Everything
+    }
+}
+
+#[test]
+fn confused_batches_are_found_out() {
+    for confusion in [Confusion::RowForPlace, Confusion::LastPlace, Confusion::UnusedLane] {
+        assert!(check(&Confused(confusion), &LENGTHS).is_err(), "{confusion:?} was not found");
+    }
+    check(&BrdfSampler, &LENGTHS).unwrap();
 }

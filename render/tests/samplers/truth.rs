@@ -1,4 +1,4 @@
-//! What samplers are held against: the light that a surface reflects, and means of a pdf over cells, without any sampler.
+//! What samplers are held against: the light that a surface reflects, and means of a pdf over cells.
 
 use std::collections::HashMap;
 

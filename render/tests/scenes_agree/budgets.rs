@@ -121,7 +121,7 @@ fn images_of_any_size_do_not_depend_on_threads() {
     }
 }
 
-/// Every pixel of an image of any size is rendered, each as part of the whole: its mean over blocks is that of an image of twice the size.
+/// Tiles and the blocks in them end at the border, and no pixel belongs to none.
 #[test]
 fn no_pixel_is_left_out_at_any_size() {
     let environment = Arc::new(built_in("overcast").unwrap());

@@ -5,7 +5,7 @@ use std::{
     sync::{Arc, atomic::AtomicBool},
 };
 
-use glam::{Vec2, Vec3A};
+use glam::Vec2;
 use headtail_render::{
     bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
     columns::Arena,
