@@ -3,44 +3,42 @@
 
 use std::{error::Error, path::Path, sync::Arc};
 
-use glam::Vec3A;
-use headtail_render::brdf::{Brdf, Lambert};
+use glam::{Vec3, Vec3A};
+use headtail_render::brdf::Lambert;
+use headtail_render::columns::Arena;
 use headtail_render::environment::Environment;
-use headtail_render::export::{ExportedSampler, Intermediate};
-use headtail_render::random::{Purpose, Stream};
-use headtail_render::sampler::{
-    BrdfSampler, CoversIntegrand, EnvironmentLight, OneSampleMis, ProductSampler, ShadingPoint,
-};
+use headtail_render::export::ExportedSampler;
+use headtail_render::points::{Dimension, Points};
+use headtail_render::sampler::{Draws, Sampler, prepared};
+use headtail_render::tile::{ShadingPoint, Tile};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let [file, map] = std::env::args().skip(1).collect::<Vec<_>>().try_into().map_err(|_| "usage: FILE MAP")?;
     let environment = Arc::new(Environment::open(&map)?);
-    let exported = ExportedSampler::read(Path::new(&file))?;
-    exported.check_environment(&environment)?;
-    let light = EnvironmentLight::with_tail(environment.clone(), exported.tail);
-    let brdf = Brdf::Lambert(Lambert { albedo: Vec3A::ONE });
-    let at = ShadingPoint { p: Vec3A::ZERO, ng: Vec3A::Y, ns: Vec3A::Y, wo: Vec3A::Y, brdf };
-    let radiance = match exported.intermediate {
-        // It has learned how often to draw from BRDF sampling instead.
-        Intermediate::Head(head) if head.has_selection() => {
-            estimate(&OneSampleMis::new(ProductSampler::new(light, head), BrdfSampler::new(environment)), &at)
+    let sampler = ExportedSampler::read(Path::new(&file))?.open(&environment)?;
+    let surface = Lambert { albedo: Vec3::ONE }.into();
+    let at = ShadingPoint { p: Vec3A::ZERO, ng: Vec3A::Y, ns: Vec3A::Y, wo: Vec3A::Y, surface };
+    let (tile, arena) = (Tile::of(&[at; 256]), Arena::default()); // your shading points, here copies of one
+    let rows = tile.rows();
+    let mut columns = arena.columns::<9>(rows.strips()); // kept for the next tile
+    let mut sum = Vec3A::ZERO;
+    for sample in 0..16 {
+        let [u, v, x, y, z, pdf, red, green, blue] = columns.get_mut();
+        Points::new(0, sample).draw(Dimension::Light(0), &rows, [&mut *u, &mut *v]); // or numbers of your own
+        prepared(&sampler, &rows, &arena, |state| {
+            let out = Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf };
+            sampler.sample(&rows, state, [u, v], out, &arena);
+        });
+        rows.brdf_cosine([x, y, z], [&mut *red, &mut *green, &mut *blue], &arena);
+        for place in 0..rows.len() {
+            let [x, y, z, pdf, red, green, blue] =
+                [&*x, y, z, pdf, red, green, blue].map(|column| column.as_flattened()[place]);
+            let (wi, reflected) = (Vec3A::new(x, y, z), Vec3A::new(red, green, blue));
+            if pdf > 0.0 {
+                sum += reflected * environment.radiance(wi) / pdf; // times the visibility of wi
+            }
         }
-        Intermediate::Head(head) => estimate(&ProductSampler::new(light, head), &at),
-        Intermediate::Bake(table) | Intermediate::DirectBake(table) => {
-            estimate(&ProductSampler::new(light, table), &at)
-        }
-    };
-    println!("reflected radiance {radiance:.4}");
+    }
+    println!("reflected radiance {:.4}", sum / (16.0 * 256.0));
     Ok(())
-}
-
-/// Mean of 4096 estimates of the reflected radiance.
-fn estimate(sampler: &impl CoversIntegrand, at: &ShadingPoint) -> Vec3A {
-    let mut random = Stream::new(0, Purpose::Test, 0);
-    let prepared = sampler.prepare(at); // once for each shading point
-    let draw = |_| match sampler.sample(&prepared, at, random.uniform2()) {
-        Some(drawn) => at.brdf_cosine(drawn.wi) * drawn.radiance / drawn.pdf, // times the visibility of drawn.wi
-        None => Vec3A::ZERO,
-    };
-    (0..4096).map(draw).sum::<Vec3A>() / 4096.0
 }

@@ -2,18 +2,24 @@
 
 use std::{fs, path::Path, path::PathBuf, sync::Arc};
 
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
     Error,
     bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
-    brdf::{Brdf, Lambert},
+    brdf::Lambert,
     environment::Environment,
     export::{ExportedSampler, Intermediate, TrainingSummary},
     head::{Condition, Head, Linear, Mode},
     image::Image,
     random::{Purpose, Stream},
-    sampler::{DirectionSampler, EnvironmentLight, ProductSampler, SamplerSpec, ShadingPoint},
+    sampler::{
+        AtPoint, BrdfSampler, CompactEmitters, Covering, Direction, EmitterSampler, EnvironmentLight, OneSampleMis,
+        ProductSampler, Sampler,
+    },
+    spec::{FileKind, SamplerSpec},
+    statistics::{Moments, TTest, sidak},
     tail::{Tail, TailKind, TailWarp, WarpMap},
+    tile::ShadingPoint,
 };
 use serde_json::{Value, json};
 
@@ -85,24 +91,27 @@ fn samplers() -> Vec<ExportedSampler> {
 }
 
 fn shading_point(normal: Vec3A) -> ShadingPoint {
-    let brdf = Brdf::Lambert(Lambert { albedo: Vec3A::ONE });
-    ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, brdf }
+    let surface = Lambert { albedo: Vec3::ONE }.into();
+    ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, surface }
 }
 
-/// What a sampler draws: directions and both pdfs, as bits.
-fn draws(sampler: &ExportedSampler, count: u64) -> Vec<[u32; 5]> {
-    fn of<S: DirectionSampler>(sampler: &S, count: u64) -> Vec<[u32; 5]> {
-        let draw = |k| {
+/// What a sampler draws: directions and both pdfs, as bits; 16 at each of several points.
+fn draws(sampler: &ExportedSampler, count: usize) -> Vec<[u32; 5]> {
+    fn of(sampler: &dyn Sampler, count: usize) -> Vec<[u32; 5]> {
+        let draw = |k: u64| {
             let mut random = Stream::new(1, Purpose::Test, k);
-            let at = shading_point(random.direction());
-            let prepared = sampler.prepare(&at);
-            let sample = sampler.sample(&prepared, &at, random.uniform2());
-            sample.map_or([0; 5], |s| {
-                let [x, y, z] = s.wi.to_array();
-                [x, y, z, s.pdf, sampler.pdf(&prepared, &at, s.wi)].map(f32::to_bits)
-            })
+            let at = AtPoint::new(sampler, &shading_point(random.direction()));
+            let drawn = at.sample_many(&[(); 16].map(|()| random.uniform2()));
+            let wi: Vec<Vec3A> = drawn.iter().map(|drawn| drawn.map_or(Vec3A::Y, |drawn| drawn.wi)).collect();
+            let bits = |(drawn, pdf): (Option<Direction>, f32)| {
+                drawn.map_or([0; 5], |drawn| {
+                    let [x, y, z] = drawn.wi.to_array();
+                    [x, y, z, drawn.pdf, pdf].map(f32::to_bits)
+                })
+            };
+            drawn.into_iter().zip(at.pdf_many(&wi)).map(bits).collect::<Vec<_>>()
         };
-        (0..count).map(draw).collect()
+        (0..count.div_ceil(16) as u64).flat_map(draw).take(count).collect()
     }
     let light = EnvironmentLight::with_tail(environment("test map", 0), sampler.tail.clone());
     match &sampler.intermediate {
@@ -143,7 +152,9 @@ fn compact_emitters_and_flow_tails_survive_a_file() {
         assert_eq!((read.description(), read.description().format_version), (sampler.description(), 2));
         assert_eq!((draws(&read, 200), &read.luminance), (draws(sampler, 200), &sampler.luminance));
         read.check_environment(&map).unwrap();
-        assert_eq!(read.compact(&map).unwrap().map(|compact| compact.count()), (name == "compact").then_some(1));
+        assert_eq!(read.compact_emitters, name == "compact");
+        let emitters = CompactEmitters::new(&map, &read.luminance.2).map(|compact| compact.count());
+        assert_eq!(emitters.ok(), (name == "compact").then_some(1));
         for spec in ["head", "head+mis", "ris:4:head"] {
             let spec: SamplerSpec = format!("{spec}:{}", path.display()).parse().unwrap();
             spec.build(&map).unwrap();
@@ -155,7 +166,8 @@ fn compact_emitters_and_flow_tails_survive_a_file() {
     brighter.iter_mut().for_each(|value| *value *= 1.5);
     let damaged = ExportedSampler { luminance: (width, height, brighter), ..compact };
     assert!(damaged.check_environment(&map).unwrap_err().to_string().contains("tail.luminance"));
-    assert!(damaged.compact(&map).is_err());
+    assert!(CompactEmitters::new(&map, &damaged.luminance.2).is_err());
+    assert!(damaged.open(&map).is_err());
     // A table that is not one to one.
     let path = folder.path("folded");
     flow.write(&path).unwrap();
@@ -501,7 +513,7 @@ fn a_map_that_is_not_the_sampler_s_is_refused() {
     let folder = Folder::new();
     let path = folder.path("head.safetensors");
     samplers()[0].write(&path).unwrap();
-    let spec = SamplerSpec::Head(path.clone());
+    let spec = SamplerSpec::file(FileKind::Head, path.clone());
     spec.build(&environment("test map", 0)).unwrap();
     let other = environment("other map", 1);
     let error = one_sentence(&spec.build(&other).err().expect("accepted"), &path);
@@ -556,5 +568,95 @@ fn a_file_that_cannot_be_read_back_is_not_written() {
         let error = one_sentence(&sampler.write(&path).unwrap_err(), &path);
         assert!(error.contains("final_kl"), "{error}");
         assert!(!path.exists());
+    }
+}
+
+/// A map with one bright lamp on black and a grey strip.
+fn lamp() -> Arc<Environment> {
+    let (width, height) = (128, 64);
+    let value = |column: usize, row: usize| match (column, row) {
+        (60..63, 14..16) => 2000.0,
+        (_, 28..34) => 0.5,
+        _ => 0.0,
+    };
+    let pixels = (0..width * height).map(|k| [value(k % width, k / width); 3]).collect();
+    Arc::new(Environment::from_image("lamp", Image { width, height, pixels }).unwrap())
+}
+
+/// Luminance that a white surface reflects without shadows, by a sampler alone.
+fn reflected(sampler: &dyn Sampler, map: &Environment) -> Moments {
+    let at = AtPoint::new(sampler, &shading_point(Vec3A::Y));
+    let mut random = Stream::new(9, Purpose::Test, 0);
+    let u: Vec<Vec2> = (0..100_000).map(|_| random.uniform2()).collect();
+    let drawn = at.sample_many(&u);
+    let wi: Vec<Vec3A> = drawn.iter().map(|drawn| drawn.map_or(Vec3A::NEG_Y, |drawn| drawn.wi)).collect();
+    let values = drawn.iter().zip(&wi).zip(at.point().brdf_cosines(&wi)).map(|((drawn, &wi), reflected)| {
+        drawn.map_or(0.0, |drawn| f64::from((reflected * map.radiance(wi)).y / drawn.pdf))
+    });
+    Moments::of(&values.collect::<Vec<_>>()).unwrap()
+}
+
+/// A file's sampler is only whole with the emitters that its tail leaves out: without them, nearly all of this light
+/// would be lost without a word.
+#[test]
+fn a_file_opens_with_its_compact_emitters_or_not_at_all() {
+    let folder = Folder::new();
+    let map = lamp();
+    let (width, height, luminance) = (map.width(), map.height(), map.luminance());
+    let rest = headtail_render::environment::without_compact_emitters(width, height, &luminance).unwrap();
+    let of_rest = Arc::new(Tail::new(TailKind::Hierarchical, width, height, &rest).unwrap());
+    let whole = Arc::new(Tail::new(TailKind::Hierarchical, width, height, &luminance).unwrap());
+    let table = |tail: &Tail| direct_bake(tail, NormalGrid::new(8, 16).unwrap(), CellGrid::new(8, 8).unwrap()).unwrap();
+    let opened = |name: &str, intermediate, tail: &Arc<Tail>, luminance: &[f32], training| {
+        let path = folder.path(name);
+        ExportedSampler::of_tail(intermediate, tail.clone(), luminance.to_vec(), &map, training).write(&path).unwrap();
+        ExportedSampler::read(&path).unwrap().open(&map).unwrap()
+    };
+    let coupled = || Intermediate::Head(head(Mode::Coupled, false));
+    let selecting = Intermediate::Head(head_of(Condition::Normal, Mode::Coupled, true, true));
+    let compact_direct = opened("table", Intermediate::DirectBake(table(&of_rest)), &of_rest, &rest, None);
+    let direct = opened("direct", Intermediate::DirectBake(table(&whole)), &whole, &luminance, None);
+    let light = EnvironmentLight::with_tail(map.clone(), whole);
+    let mis = OneSampleMis::new(EmitterSampler::new(light), BrdfSampler);
+    let all: [(&str, &dyn Sampler); 5] = [
+        ("a head with compact emitters", &opened("head", coupled(), &of_rest, &rest, Some(training()))),
+        ("a head with a share and compact emitters", &opened("share", selecting, &of_rest, &rest, Some(training()))),
+        ("a table with compact emitters", &compact_direct),
+        ("a table", &direct),
+        ("mis", &mis),
+    ];
+    let means = all.map(|(name, sampler)| (name, reflected(sampler, &map)));
+    for (k, (first, a)) in means.iter().enumerate() {
+        assert!((a.variance / a.count as f64).sqrt() < 0.02 * a.mean, "{first}: {a:?} proves nothing");
+        for (second, b) in &means[..k] {
+            let p = TTest::welch(a, b).p_value;
+            assert!(p >= sidak(0.01, 10), "{first} has {}, {second} {}, p = {p:.1e}", a.mean, b.mean);
+        }
+    }
+    // What the example of an embedder could do wrong: draw by the tail of the rest alone.
+    let light = EnvironmentLight::with_tail(map.clone(), of_rest.clone());
+    let alone = ProductSampler::new(light.clone(), head(Mode::Coupled, false));
+    let of_rest = reflected(&alone, &map).mean;
+    assert!(of_rest < 0.1 * means[4].1.mean, "{of_rest}: the lamp is no test");
+    for refused in [
+        Covering::new(Arc::new(alone.clone()) as Arc<dyn Sampler>).err(),
+        Covering::new(Arc::new(OneSampleMis::new(EmitterSampler::new(light), alone)) as Arc<dyn Sampler>).err(),
+    ] {
+        let error = refused.expect("accepted").to_string();
+        assert!(error.contains("compact emitters") && error.contains("biased") && !error.contains('\n'), "{error}");
+    }
+}
+
+#[test]
+fn a_condition_of_the_wrong_length_is_an_error() {
+    for condition in [Condition::Normal, Condition::Ggx, Condition::GgxRoughness] {
+        let head = head_of(condition, Mode::Coupled, true, true);
+        let right = condition.length();
+        assert!(head.at(&vec![0.5; right]).is_ok());
+        for length in [0, 1, right - 1, right + 1, 1000] {
+            let error = head.at(&vec![0.5; length]).expect_err("accepted").to_string();
+            let words = ["condition", &format!("{length} numbers"), &format!("takes {right}")];
+            assert!(words.iter().all(|word| error.contains(word)) && !error.contains('\n'), "{error}");
+        }
     }
 }

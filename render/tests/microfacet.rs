@@ -2,13 +2,15 @@
 //!
 //! The reference is written in f64 from the textbook's formulas and shares nothing with the code under test.
 
-use glam::{DVec3, Vec2, Vec3A};
+use glam::{DVec3, Vec2, Vec3, Vec3A};
 use headtail_render::{
-    brdf::{Brdf, Ggx, Lambert, MetallicRoughness},
+    brdf::{Ggx, Kernel, Lambert, MetallicRoughness, Surface},
     frame::Frame,
     latlong,
+    one_point::OnePoint,
     random::{Purpose, Stream},
     statistics::{Moments, SphereChiSquare, sidak},
+    tile::ShadingPoint,
 };
 use rayon::prelude::*;
 
@@ -25,12 +27,23 @@ fn pairs() -> Vec<(f32, f32)> {
 }
 
 /// A normal that is in no special place, and a direction at the given cosine from it.
-fn oriented(cos: f32, index: usize) -> (Vec3A, Vec3A) {
+fn oriented(cos: f32, index: usize) -> (Vec3, Vec3) {
     let mut random = Stream::new(11, Purpose::Test, index as u64);
-    let normal = random.direction();
+    let normal = Vec3::from(random.direction());
     let (sin_phi, cos_phi) = (std::f32::consts::TAU * random.uniform()).sin_cos();
     let sin = (1.0 - cos * cos).sqrt();
-    (normal, Frame::from_normal(normal).to_world(Vec3A::new(sin * cos_phi, sin * sin_phi, cos)).normalize())
+    (normal, Frame::from_normal(normal).to_world(Vec3::new(sin * cos_phi, sin * sin_phi, cos)).normalize())
+}
+
+/// Copies of a point of a surface.
+fn point(surface: impl Into<Surface>, normal: Vec3, wo: Vec3) -> OnePoint {
+    let (n, wo) = (normal.into(), wo.into());
+    ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface: surface.into() }.one()
+}
+
+/// Uniform points.
+fn uniforms(random: &mut Stream, count: usize) -> Vec<Vec2> {
+    (0..count).map(|_| random.uniform2()).collect()
 }
 
 /// What the textbook says of a width and a cosine of `wo`, with F = 1.
@@ -75,35 +88,49 @@ impl Reference {
     }
 }
 
-/// The mean of a pdf over the sub-cell of a chi-square test around a direction: by `most x most` points where that is more than a
-/// sample in 1e6, else by 4 x 4.
-fn mean_over(pdf: &impl Fn(Vec3A) -> f32, w: Vec3A, rows: usize, most: usize) -> f32 {
-    let centre = latlong::square(w);
+/// The means of a pdf over the sub-cells of a chi-square test around directions: by `most x most` points where that is
+/// more than a sample in 1e6, else by 4 x 4.
+fn means_over(point: &OnePoint, w: &[Vec3A], rows: usize, most: usize) -> Vec<f32> {
+    let centres: Vec<Vec2> = w.iter().map(|&w| latlong::square(w)).collect();
     let extent = Vec2::new(0.5, 1.0) / rows as f32;
-    let mean = |side: usize| {
-        let (mut sum, mut weights) = (0.0, 0.0);
-        for k in 0..side * side {
-            let inside = Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32 - 0.5;
-            let x = centre + inside * extent;
-            let weight = latlong::sin_theta(x.y);
-            sum += weight * pdf(latlong::direction(x));
-            weights += weight;
-        }
-        sum / weights
+    let mut means = means_of(point, &centres, extent, 4);
+    let mass = |k: usize| means[k] * extent.x * extent.y / latlong::solid_angle_factor(centres[k].y);
+    // Not below: what is no number has the finer points, too.
+    let finer: Vec<usize> = (0..centres.len()).filter(|&k| mass(k).is_nan() || mass(k) >= 1e-6).collect();
+    let own: Vec<Vec2> = finer.iter().map(|&k| centres[k]).collect();
+    for (&k, mean) in finer.iter().zip(means_of(point, &own, extent, most)) {
+        means[k] = mean;
+    }
+    means
+}
+
+/// The means of a pdf over sub-cells around centres, by `side x side` points each.
+fn means_of(point: &OnePoint, centres: &[Vec2], extent: Vec2, side: usize) -> Vec<f32> {
+    let place = |centre: Vec2, k: usize| {
+        let inside = Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32 - 0.5;
+        centre + inside * extent
     };
-    let coarse = mean(4);
-    let mass = coarse * extent.x * extent.y / latlong::solid_angle_factor(centre.y);
-    if mass < 1e-6 { coarse } else { mean(most) }
+    let points: Vec<Vec2> =
+        centres.iter().flat_map(|&centre| (0..side * side).map(move |k| place(centre, k))).collect();
+    let directions: Vec<Vec3A> = points.iter().map(|&x| latlong::direction(x)).collect();
+    let pdfs = point.brdf_pdfs(&directions);
+    let mean = |(points, pdfs): (&[Vec2], &[f32])| {
+        let weights = points.iter().map(|x| latlong::sin_theta(x.y));
+        let sum: f32 = weights.clone().zip(pdfs).map(|(weight, pdf)| weight * pdf).sum();
+        sum / weights.sum::<f32>()
+    };
+    points.chunks_exact(side * side).zip(pdfs.chunks_exact(side * side)).map(mean).collect()
 }
 
 /// What a chi-square test on the sphere finds wrong with the samples of one BRDF under the pdf of another.
-fn draws_follow_pdf(drawn: &Brdf, claimed: &Brdf, normal: Vec3A, wo: Vec3A, side: usize, tests: usize) -> Vec<String> {
+fn draws_follow_pdf(drawn: &OnePoint, claimed: &OnePoint, side: usize, tests: usize) -> Vec<String> {
     let (rows, subcells, samples) = (51, 3, 300_000);
     // The share of draws that give a direction has a standard deviation of at most 1e-3.
     let test = SphereChiSquare { rows, subcells, samples, tests, mass_tolerance: 5e-3, ..SphereChiSquare::default() };
-    let pdf = |w: Vec3A| claimed.pdf(normal, wo, w);
-    let draw = |random: &mut Stream| drawn.sample(normal, wo, random.uniform2()).map(|sample| sample.0);
-    test.run(draw, |w| mean_over(&pdf, w, rows * subcells, side)).failures
+    let draw = |random: &mut Stream, count: usize| {
+        drawn.sample_brdf(&uniforms(random, count)).into_iter().map(|sample| Some(sample?.0)).collect()
+    };
+    test.run(draw, |w| means_over(claimed, w, rows * subcells, side)).failures
 }
 
 /// Points along a side of a sub-cell (0.02 rad): at grazing angles a lobe is `2 alpha cos` wide across the plane of incidence.
@@ -119,8 +146,8 @@ fn ggx_directions_are_drawn_with_the_claimed_density() {
         .enumerate()
         .filter_map(|(k, &(alpha, cos))| {
             let (normal, wo) = oriented(cos, k);
-            let brdf = Brdf::Ggx(Ggx::new(alpha, Vec3A::ONE));
-            let failures = draws_follow_pdf(&brdf, &brdf, normal, wo, points_for(alpha, cos), pairs.len());
+            let point = point(Ggx::new(alpha, Vec3::ONE), normal, wo);
+            let failures = draws_follow_pdf(&point, &point, points_for(alpha, cos), pairs.len());
             (!failures.is_empty()).then(|| format!("alpha {alpha}, cosine {cos}: {}", failures.join("; ")))
         })
         .collect();
@@ -131,8 +158,8 @@ fn ggx_directions_are_drawn_with_the_claimed_density() {
 fn a_width_that_is_off_by_five_percent_is_found_out() {
     for (k, &(alpha, cos)) in pairs().iter().enumerate().step_by(3) {
         let (normal, wo) = oriented(cos, k);
-        let brdf = |alpha| Brdf::Ggx(Ggx::new(alpha, Vec3A::ONE));
-        let failures = draws_follow_pdf(&brdf(0.95 * alpha), &brdf(alpha), normal, wo, points_for(alpha, cos), 20);
+        let of_width = |alpha| point(Ggx::new(alpha, Vec3::ONE), normal, wo);
+        let failures = draws_follow_pdf(&of_width(0.95 * alpha), &of_width(alpha), points_for(alpha, cos), 20);
         assert!(!failures.is_empty(), "alpha {alpha}, cosine {cos}");
     }
 }
@@ -155,18 +182,20 @@ fn ggx_reflects_what_the_textbook_says() {
         .enumerate()
         .flat_map(|(k, &(alpha, cos))| {
             let (normal, wo) = oriented(cos, k);
-            let (brdf, reference) = (Ggx::new(alpha, Vec3A::ONE), Reference::new(alpha, cos));
+            let (point, reference) = (point(Ggx::new(alpha, Vec3::ONE), normal, wo), Reference::new(alpha, cos));
+            // F is 1: the BRDF is the lobe.
+            let values = |wi: &[Vec3A]| point.brdf_cosines(wi).into_iter().map(|value| f64::from(value.x));
             let mut random = Stream::new(12, Purpose::Test, k as u64);
-            let draws: Vec<_> = (0..200_000).map(|_| brdf.sample(normal, wo, random.uniform2())).collect();
-            let value = |wi| f64::from(brdf.lobe_cosine(normal, wo, wi));
-            let weights: Vec<f64> =
-                draws.iter().map(|d| d.map_or(0.0, |(wi, pdf)| value(wi) / f64::from(pdf))).collect();
+            let draws = point.sample_brdf(&uniforms(&mut random, 200_000));
+            let (directions, pdfs): (Vec<Vec3A>, Vec<f32>) = draws.iter().flatten().copied().unzip();
+            let mut weights: Vec<f64> =
+                values(&directions).zip(pdfs).map(|(value, pdf)| value / f64::from(pdf)).collect();
+            weights.resize(draws.len(), 0.0);
             let above: Vec<f64> = draws.iter().map(|d| f64::from(u8::from(d.is_some()))).collect();
             // The same by uniform directions, which need no pdf.
-            let uniform: Vec<f64> = (0..400_000)
-                .map(|_| random.direction())
-                .map(|wi| value(if normal.dot(wi) < 0.0 { -wi } else { wi }) * std::f64::consts::TAU)
-                .collect();
+            let upper = |wi: Vec3A| if wi.dot(normal.into()) < 0.0 { -wi } else { wi };
+            let directions: Vec<Vec3A> = (0..400_000).map(|_| upper(random.direction())).collect();
+            let uniform: Vec<f64> = values(&directions).map(|value| value * std::f64::consts::TAU).collect();
             let tests = 3 * pairs.len();
             // The reference jumps at the horizon: where that runs along a row of its 1000, half of the row is in doubt.
             let checks = [
@@ -192,10 +221,9 @@ fn mixed_directions_are_drawn_with_the_claimed_density() {
         .enumerate()
         .filter_map(|(k, &((metallic, roughness), cos))| {
             let (normal, wo) = oriented(cos, k);
-            let brdf = MetallicRoughness::new(Vec3A::new(0.7, 0.5, 0.3), metallic, roughness);
-            let side = points_for(brdf.alpha(), cos);
-            let brdf = Brdf::MetallicRoughness(brdf);
-            let failures = draws_follow_pdf(&brdf, &brdf, normal, wo, side, cases.len());
+            let brdf = MetallicRoughness::new(Vec3::new(0.7, 0.5, 0.3), metallic, roughness);
+            let point = point(brdf, normal, wo);
+            let failures = draws_follow_pdf(&point, &point, points_for(brdf.alpha(), cos), cases.len());
             let name = format!("metallic {metallic}, roughness {roughness}, cosine {cos}");
             (!failures.is_empty()).then(|| format!("{name}: {}", failures.join("; ")))
         })
@@ -203,35 +231,39 @@ fn mixed_directions_are_drawn_with_the_claimed_density() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// The mean of a function over a square of stratified points.
-fn mean_of_square(side: usize, value: impl Fn(Vec2) -> f64) -> f64 {
+/// A square of stratified points.
+fn square(side: usize) -> Vec<Vec2> {
     let point = |k: usize| Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32;
-    (0..side * side).map(|k| value(point(k))).sum::<f64>() / (side * side) as f64
+    (0..side * side).map(point).collect()
+}
+
+/// The share of a white sky that `of` reflects (in its green channel), by `side x side` directions that `drawn` draws.
+fn reflected(drawn: &OnePoint, side: usize, of: impl Fn(&[Vec3A]) -> Vec<Vec3A>) -> f64 {
+    let (wi, pdfs): (Vec<Vec3A>, Vec<f32>) = drawn.sample_brdf(&square(side)).into_iter().flatten().unzip();
+    let weights = of(&wi).into_iter().zip(pdfs).map(|(value, pdf)| f64::from(value.y / pdf));
+    weights.sum::<f64>() / (side * side) as f64
 }
 
 #[test]
 fn metallic_roughness_reflects_no_more_than_it_receives() {
-    let normal = Vec3A::Z;
-    let lambert = Lambert { albedo: Vec3A::ONE };
+    let normal = Vec3::Z;
     let albedo = |brdf: &MetallicRoughness, cos: f32| {
-        let wo = Vec3A::new((1.0 - cos * cos).sqrt(), 0.0, cos);
+        let wo = Vec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
         // White surfaces: the specular lobe's colour is between that of dielectrics and white.
-        let specular = Ggx::new(brdf.alpha(), Vec3A::splat(0.04).lerp(brdf.base_color(), brdf.metallic()));
-        let of_specular = mean_of_square(150, |u| {
-            let drawn = specular.sample(normal, wo, u);
-            drawn.map_or(0.0, |(wi, pdf)| f64::from(specular.evaluate_cosine(normal, wo, wi).y / pdf))
-        });
-        let of_diffuse = mean_of_square(200, |u| {
-            let both = |wi| brdf.evaluate_cosine(normal, wo, wi) - specular.evaluate_cosine(normal, wo, wi);
-            lambert.sample(normal, wo, u).map_or(0.0, |(wi, pdf)| f64::from(both(wi).y / pdf))
-        });
-        (of_diffuse, of_specular)
+        let f0 = Vec3::splat(0.04).lerp(brdf.base_color(), brdf.metallic());
+        let specular = point(Ggx::new(brdf.alpha(), f0), normal, wo);
+        let (whole, lambert) = (point(*brdf, normal, wo), point(Lambert { albedo: Vec3::ONE }, normal, wo));
+        let diffuse = |wi: &[Vec3A]| {
+            let both = whole.brdf_cosines(wi).into_iter().zip(specular.brdf_cosines(wi));
+            both.map(|(whole, specular)| whole - specular).collect()
+        };
+        (reflected(&lambert, 200, diffuse), reflected(&specular, 150, |wi| specular.brdf_cosines(wi)))
     };
     let roughnesses = (0..=20_u8).map(|step| f32::from(step) / 20.0).chain([0.025, 0.035, 0.075]);
     roughnesses.collect::<Vec<_>>().into_par_iter().for_each(|roughness| {
         for cos in [0.006, 0.008, 0.0125, 0.025, 0.04, 0.06, 0.085, 0.13, 0.25, 0.5, 1.0] {
             for metallic in [0.0, 0.5, 1.0] {
-                let white = MetallicRoughness::new(Vec3A::ONE, metallic, roughness);
+                let white = MetallicRoughness::new(Vec3::ONE, metallic, roughness);
                 let (diffuse, specular) = albedo(&white, cos);
                 let total = diffuse + specular;
                 // Rounding of weights that are 1.

@@ -48,15 +48,18 @@ fn distance(a: Vec2, b: Vec2) -> f32 {
 fn inverse_of_forward_is_the_identity() {
     for (name, _, tail) in tails() {
         let mut random = Stream::new(1, Purpose::Test, 0);
-        for _ in 0..100_000 {
-            let y = random.uniform2();
-            let (x, forward) = tail.forward(y);
-            let (back, inverse) = tail.inverse(x);
+        let ys: Vec<Vec2> = (0..100_000).map(|_| random.uniform2()).collect();
+        let forward = tail.forward_points(&ys);
+        let xs: Vec<Vec2> = forward.iter().map(|(x, _)| *x).collect();
+        // x is rounded to 6e-8: what that does to y is measured at x moved by twice as much along either axis.
+        let moved = [Vec2::X, -Vec2::X, Vec2::Y, -Vec2::Y].map(|axis| {
+            let moved = |x: &Vec2| (*x + 1.2e-7 * axis).clamp(Vec2::ZERO, Vec2::ONE);
+            tail.inverse_points(&xs.iter().map(moved).collect::<Vec<_>>())
+        });
+        for (k, (back, inverse)) in tail.inverse_points(&xs).into_iter().enumerate() {
+            let (y, (x, forward)) = (ys[k], forward[k]);
             assert!((0.0..1.0).contains(&x.x) && (0.0..=1.0).contains(&x.y), "{name}: {y} -> {x}");
-            // x is rounded to 6e-8: what that does to y is measured at x moved by twice as much along either axis.
-            let moved = [Vec2::X, -Vec2::X, Vec2::Y, -Vec2::Y]
-                .map(|axis| distance(tail.inverse((x + 1.2e-7 * axis).clamp(Vec2::ZERO, Vec2::ONE)).0, back));
-            let tolerance = 4e-6 + moved.into_iter().fold(0.0, f32::max);
+            let tolerance = 4e-6 + moved.iter().map(|moved| distance(moved[k].0, back)).fold(0.0, f32::max);
             // Along the dark edge of a cell whole stretches of y share an x; the pdf there is near zero.
             if inverse > 1e-3 {
                 let error = distance(back, y);
@@ -91,14 +94,14 @@ fn the_density_is_the_light() {
         let mut random = Stream::new(2, Purpose::Test, 0);
         let (mut sum, mut squares) = (0.0_f64, 0.0_f64);
         let n = 100_000;
-        for _ in 0..n {
-            let (x, wi, pdf) = tail.forward_direction(random.uniform2());
+        let y: Vec<Vec2> = (0..n).map(|_| random.uniform2()).collect();
+        for (x, wi, pdf) in tail.forward_directions(&y) {
             let ratio = f64::from(luminance(map.radiance(wi)) / pdf);
             assert!(ratio.is_finite(), "{name} at {x}");
             sum += ratio;
             squares += ratio * ratio;
         }
-        let relative_variance = squares * f64::from(n) / (sum * sum) - 1.0;
+        let relative_variance = squares * n as f64 / (sum * sum) - 1.0;
         assert!(relative_variance < 1e-3, "{name}: emitter sampling of the map alone has variance {relative_variance}");
     }
 }
@@ -109,13 +112,10 @@ fn equal_areas_of_y_carry_equal_light() {
     for (name, map, tail) in tails() {
         let (columns, rows) = (map.width(), map.height() - 1);
         let mut above = 0.0_f64;
+        let y = |k: usize| Vec2::new((k % 512) as f32 + 0.5, (k / 512) as f32 + 0.5) / 512.0;
+        let landed = tail.forward_points(&(0..512 * 512).map(y).collect::<Vec<_>>());
         for row in 0..rows {
-            let lands_above = (0..512 * 512)
-                .filter(|k| {
-                    let y = Vec2::new((k % 512) as f32 + 0.5, (k / 512) as f32 + 0.5) / 512.0;
-                    tail.forward(y).0.y < row as f32 / rows as f32
-                })
-                .count();
+            let lands_above = landed.iter().filter(|(x, _)| x.y < row as f32 / rows as f32).count();
             // The preimage of the line crosses each column of the grid about once: 1/512 for each, and as much again for jumps.
             let share = lands_above as f64 / f64::from(512 * 512);
             assert!((share - above).abs() < 4.0 / 512.0, "{name}: {share} above row {row}, expected {above}");

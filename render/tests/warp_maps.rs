@@ -2,14 +2,16 @@
 
 use std::{f32::consts::TAU, sync::Arc};
 
-use glam::Vec2;
+use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
+    brdf::Lambert,
     environment::{Environment, built_in},
     image::Image,
     random::{Purpose, Stream},
-    sampler::{DirectionSampler, EmitterSampler, EnvironmentLight, ShadingPoint},
+    sampler::{AtPoint, EmitterSampler, EnvironmentLight},
     statistics::SphereChiSquare,
     tail::{Repair, Tail, TailWarp, WarpMap},
+    tile::ShadingPoint,
 };
 
 fn nodes(cells: usize, mut map: impl FnMut(Vec2) -> Vec2) -> Vec<Vec2> {
@@ -118,9 +120,8 @@ fn directions_follow_the_pdf_over_the_sphere() {
     for (name, map) in warps() {
         let tail = Arc::new(Tail::flow(map, 16, 9, &[1.0; 144]).unwrap());
         let sampler = EmitterSampler::new(EnvironmentLight::with_tail(environment.clone(), tail));
-        let n = glam::Vec3A::Y;
-        let brdf = headtail_render::brdf::Brdf::Lambert(headtail_render::brdf::Lambert { albedo: glam::Vec3A::ONE });
-        let at = ShadingPoint { p: glam::Vec3A::ZERO, ng: n, ns: n, wo: n, brdf };
+        let (n, surface) = (Vec3A::Y, Lambert { albedo: Vec3::ONE }.into());
+        let bound = AtPoint::new(&sampler, &ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface });
         let test = SphereChiSquare {
             subcells: if name == "spot" { 24 } else { 8 },
             mass_tolerance: 0.01,
@@ -128,8 +129,11 @@ fn directions_follow_the_pdf_over_the_sphere() {
             samples: 500_000,
             ..SphereChiSquare::default()
         };
-        let report =
-            test.run(|random| Some(sampler.sample(&(), &at, random.uniform2())?.wi), |wi| sampler.pdf(&(), &at, wi));
+        let draw = |random: &mut Stream, count: usize| {
+            let u: Vec<Vec2> = (0..count).map(|_| random.uniform2()).collect();
+            bound.sample_many(&u).into_iter().map(|drawn| Some(drawn?.wi)).collect()
+        };
+        let report = test.run(draw, |wi| bound.pdf_many(wi));
         assert!(report.passed(), "{name}: {:?}", report.failures);
     }
 }
@@ -201,6 +205,7 @@ fn the_light_ratio_makes_up_for_what_the_warp_misses() {
     let tail = Tail::flow(warp, map.width(), map.height(), &map.luminance()).unwrap();
     let mut random = Stream::new(4, Purpose::Test, 0);
     // E over uniform y of the ratio is the integral of the light: 1.
-    let mean = (0..400_000).map(|_| f64::from(tail.light_ratio(tail.forward(random.uniform2()).0))).sum::<f64>() / 4e5;
+    let y: Vec<Vec2> = (0..400_000).map(|_| random.uniform2()).collect();
+    let mean = tail.forward_points(&y).iter().map(|(x, _)| f64::from(tail.light_ratio(*x))).sum::<f64>() / 4e5;
     assert!((mean - 1.0).abs() < 0.02, "{mean}");
 }

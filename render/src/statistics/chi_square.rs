@@ -47,6 +47,9 @@ impl Default for SphereChiSquare {
 /// Cells with a smaller expected count are pooled: below it the statistic is not chi-square distributed.
 const LEAST_EXPECTED: f64 = 5.0;
 
+/// Directions that are drawn at a time.
+const BATCH: usize = 4096;
+
 /// How far the squared length of a direction may be from 1; `f32` normalisation leaves 1e-6.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
@@ -78,13 +81,17 @@ pub struct ChiSquareReport {
 }
 
 impl SphereChiSquare {
-    /// Draws with `sample` and compares with `pdf`, a density over solid angle.
+    /// Draws with `sample`, as many as it is asked for, and compares with `pdf`, a density over solid angle at each of
+    /// many directions.
     ///
     /// A draw of `None` is no sample: the density must then integrate to the fraction of draws that are one.
+    ///
+    /// # Panics
+    /// If either gives another number of values than it is asked for.
     pub fn run(
         &self,
-        mut sample: impl FnMut(&mut Stream) -> Option<Vec3A>,
-        pdf: impl Fn(Vec3A) -> f32,
+        mut sample: impl FnMut(&mut Stream, usize) -> Vec<Option<Vec3A>>,
+        pdf: impl Fn(&[Vec3A]) -> Vec<f32>,
     ) -> ChiSquareReport {
         let mut failures = Vec::new();
         let mut expected = self.integrate(&pdf, &mut failures);
@@ -135,22 +142,31 @@ impl SphereChiSquare {
         2 * self.rows
     }
 
-    /// The integral of the density over each cell: midpoints of sub-cells, each with its exact solid angle.
-    fn integrate(&self, pdf: impl Fn(Vec3A) -> f32, failures: &mut Vec<String>) -> Vec<f64> {
+    /// The integral of the density over each cell: midpoints of sub-cells, each with its exact solid angle. A row of
+    /// cells at a time.
+    fn integrate(&self, pdf: impl Fn(&[Vec3A]) -> Vec<f32>, failures: &mut Vec<String>) -> Vec<f64> {
         let (rows, columns) = (self.rows * self.subcells, self.columns() * self.subcells);
         let mut cells = vec![0.0; self.rows * self.columns()];
         let mut invalid = 0_usize;
-        for row in 0..rows {
-            let theta = |edge: usize| PI * edge as f64 / rows as f64;
-            let solid_angle = (theta(row).cos() - theta(row + 1).cos()) * TAU / columns as f64;
-            for column in 0..columns {
+        for (index, cells) in cells.chunks_exact_mut(self.columns()).enumerate() {
+            let own = index * self.subcells..(index + 1) * self.subcells;
+            let centre = |row: usize, column: usize| {
                 let x = Vec2::new((column as f32 + 0.5) / columns as f32, (row as f32 + 0.5) / rows as f32);
-                let density = f64::from(pdf(latlong::direction(x)));
-                if density >= 0.0 && density.is_finite() {
-                    let cell = row / self.subcells * self.columns() + column / self.subcells;
-                    cells[cell] += density * solid_angle;
-                } else {
-                    invalid += 1;
+                latlong::direction(x)
+            };
+            let centres: Vec<Vec3A> =
+                own.clone().flat_map(|row| (0..columns).map(move |column| centre(row, column))).collect();
+            let densities = pdf(&centres);
+            assert_eq!(densities.len(), centres.len(), "one density for each direction");
+            for (row, densities) in own.zip(densities.chunks_exact(columns)) {
+                let theta = |edge: usize| PI * edge as f64 / rows as f64;
+                let solid_angle = (theta(row).cos() - theta(row + 1).cos()) * TAU / columns as f64;
+                for (column, &density) in densities.iter().enumerate() {
+                    if density >= 0.0 && density.is_finite() {
+                        cells[column / self.subcells] += f64::from(density) * solid_angle;
+                    } else {
+                        invalid += 1;
+                    }
                 }
             }
         }
@@ -165,31 +181,38 @@ impl SphereChiSquare {
     /// Directions alone decide there, since a cell that a lobe touches only in a corner can be zero at all of its points.
     fn count(
         &self,
-        sample: &mut impl FnMut(&mut Stream) -> Option<Vec3A>,
-        pdf: impl Fn(Vec3A) -> f32,
+        sample: &mut impl FnMut(&mut Stream, usize) -> Vec<Option<Vec3A>>,
+        pdf: impl Fn(&[Vec3A]) -> Vec<f32>,
         expected: &[f64],
         failures: &mut Vec<String>,
     ) -> (Vec<f64>, usize) {
         let mut random = Stream::new(self.seed, Purpose::Test, 0);
         let mut observed = vec![0.0; expected.len()];
-        let (mut orphans, mut invalid) = (0, 0);
-        for _ in 0..self.samples {
-            let Some(w) = sample(&mut random) else { continue };
-            let off_unit = (w.length_squared() - 1.0).abs();
-            if off_unit.is_nan() || off_unit > UNIT_TOLERANCE {
-                invalid += 1;
-                continue;
+        let (mut in_empty_cells, mut invalid) = (Vec::new(), 0);
+        for first in (0..self.samples).step_by(BATCH) {
+            let count = BATCH.min(self.samples - first);
+            let drawn = sample(&mut random, count);
+            assert_eq!(drawn.len(), count, "as many draws as are asked for");
+            for w in drawn.into_iter().flatten() {
+                let off_unit = (w.length_squared() - 1.0).abs();
+                if off_unit.is_nan() || off_unit > UNIT_TOLERANCE {
+                    invalid += 1;
+                    continue;
+                }
+                let x = latlong::square(w);
+                let column = ((x.x * self.columns() as f32) as usize).min(self.columns() - 1);
+                let row = ((x.y * self.rows as f32) as usize).min(self.rows - 1);
+                let cell = row * self.columns() + column;
+                observed[cell] += 1.0;
+                if expected[cell] == 0.0 {
+                    in_empty_cells.push(w);
+                }
             }
-            let x = latlong::square(w);
-            let column = ((x.x * self.columns() as f32) as usize).min(self.columns() - 1);
-            let row = ((x.y * self.rows as f32) as usize).min(self.rows - 1);
-            let cell = row * self.columns() + column;
-            observed[cell] += 1.0;
-            orphans += usize::from(expected[cell] == 0.0 && pdf(w) <= 0.0);
         }
         if invalid > 0 {
             failures.push(format!("{invalid} directions are not of unit length"));
         }
+        let orphans = pdf(&in_empty_cells).into_iter().filter(|&density| density <= 0.0).count();
         (observed, orphans)
     }
 }
@@ -280,12 +303,27 @@ impl fmt::Display for ChiSquareReport {
 mod tests {
     use super::*;
     use crate::frame::Frame;
+    use glam::Vec3;
 
     const UNIFORM: f32 = 0.25 / std::f32::consts::PI;
 
     fn cosine(frame: &Frame, u: Vec2) -> Vec3A {
         let (r, (sin, cos)) = (u.x.sqrt(), (std::f32::consts::TAU * u.y).sin_cos());
-        frame.to_world(Vec3A::new(r * cos, r * sin, (1.0 - u.x).max(0.0).sqrt())).normalize()
+        frame.to_world(Vec3::new(r * cos, r * sin, (1.0 - u.x).max(0.0).sqrt())).normalize().into()
+    }
+
+    /// A sampler of many directions from one of a single direction.
+    fn many(mut one: impl FnMut(&mut Stream) -> Option<Vec3A>) -> impl FnMut(&mut Stream, usize) -> Vec<Option<Vec3A>> {
+        move |random, count| (0..count).map(|_| one(random)).collect()
+    }
+
+    /// The same of a density.
+    fn each(one: impl Fn(Vec3A) -> f32) -> impl Fn(&[Vec3A]) -> Vec<f32> {
+        move |directions| directions.iter().map(|&w| one(w)).collect()
+    }
+
+    fn uniform(random: &mut Stream) -> Option<Vec3A> {
+        Some(random.direction())
     }
 
     fn cosine_pdf(n: Vec3A, w: Vec3A) -> f32 {
@@ -299,12 +337,12 @@ mod tests {
     #[test]
     fn right_densities_pass_at_every_orientation() {
         let test = SphereChiSquare { tests: 6, ..SphereChiSquare::default() };
-        let report = test.run(|random| Some(random.direction()), |_| UNIFORM);
+        let report = test.run(many(uniform), each(|_| UNIFORM));
         report.assert_passed("uniform");
         assert_eq!(report.degrees_of_freedom, 51 * 102 - 1);
         for n in [Vec3A::Y, -Vec3A::Y, Vec3A::X, -Vec3A::Z, Vec3A::new(1.0, -2.0, 0.5).normalize()] {
-            let frame = Frame::from_normal(n);
-            let report = test.run(|random| Some(cosine(&frame, random.uniform2())), |w| cosine_pdf(n, w));
+            let frame = Frame::from_normal(n.into());
+            let report = test.run(many(|random| Some(cosine(&frame, random.uniform2()))), each(|w| cosine_pdf(n, w)));
             report.assert_passed("cosine");
             assert!((report.integral - 1.0).abs() < 1e-3, "{report}");
         }
@@ -313,8 +351,7 @@ mod tests {
     #[test]
     fn p_values_of_a_right_density_are_uniform() {
         let test = |seed| SphereChiSquare { rows: 11, samples: 20_000, seed, ..SphereChiSquare::default() };
-        let mut p: Vec<f64> =
-            (0..200).map(|seed| test(seed).run(|random| Some(random.direction()), |_| UNIFORM).p_value).collect();
+        let mut p: Vec<f64> = (0..200).map(|seed| test(seed).run(many(uniform), each(|_| UNIFORM)).p_value).collect();
         p.sort_by(f64::total_cmp);
         // Kolmogorov-Smirnov at 0.001: 1.95 / sqrt(200).
         let distance = p.iter().enumerate().map(|(i, p)| (p - (i as f64 + 0.5) / 200.0).abs()).fold(0.0, f64::max);
@@ -323,22 +360,23 @@ mod tests {
 
     #[test]
     fn wrong_densities_fail() {
-        let frame = Frame::from_normal(Vec3A::Y);
+        let frame = Frame::from_normal(Vec3::Y);
         // A cosine drawn as if it were uniform, 3 % of another density mixed in, a frame turned by one degree.
-        assert!(!small().run(|random| Some(cosine(&frame, random.uniform2())), |_| UNIFORM).passed());
+        let cosines = || many(|random| Some(cosine(&frame, random.uniform2())));
+        assert!(!small().run(cosines(), each(|_| UNIFORM)).passed());
         let mixed = |random: &mut Stream| {
             let uniform = random.uniform() < 0.03;
             Some(if uniform { random.direction() } else { cosine(&frame, random.uniform2()) })
         };
         let pdf = |w: Vec3A| 0.999 * cosine_pdf(Vec3A::Y, w) + 0.001 * UNIFORM;
-        assert!(!small().run(mixed, pdf).passed());
+        assert!(!small().run(many(mixed), each(pdf)).passed());
         let tilted = Vec3A::new(0.05, 1.0, 0.0).normalize();
-        assert!(!small().run(|random| Some(cosine(&frame, random.uniform2())), |w| cosine_pdf(tilted, w)).passed());
+        assert!(!small().run(cosines(), each(|w| cosine_pdf(tilted, w))).passed());
     }
 
     #[test]
     fn a_density_of_wrong_mass_fails_even_where_its_shape_is_right() {
-        let report = small().run(|random| Some(random.direction()), |_| 1.02 * UNIFORM);
+        let report = small().run(many(uniform), each(|_| 1.02 * UNIFORM));
         assert!(!report.passed() && report.p_value > 0.01, "{report}");
         assert!(report.failures[0].contains("integrates to 1.02"), "{report}");
     }
@@ -347,39 +385,41 @@ mod tests {
     fn draws_without_a_direction_lower_the_mass_that_is_asked_for() {
         let half = |random: &mut Stream| Some(random.direction()).filter(|w| w.y > 0.0);
         let pdf = |w: Vec3A| if w.y > 0.0 { UNIFORM } else { 0.0 };
-        small().run(half, pdf).assert_passed("half");
-        assert!(!small().run(half, |w| 2.0 * pdf(w)).passed());
+        small().run(many(half), each(pdf)).assert_passed("half");
+        assert!(!small().run(many(half), each(|w| 2.0 * pdf(w))).passed());
     }
 
     #[test]
     fn a_single_direction_of_zero_density_fails() {
-        let frame = Frame::from_normal(Vec3A::Y);
+        let frame = Frame::from_normal(Vec3::Y);
         let mut first = true;
         let strays = |random: &mut Stream| {
             let w = cosine(&frame, random.uniform2());
             Some(if std::mem::take(&mut first) { -w } else { w })
         };
-        let report = small().run(strays, |w| cosine_pdf(Vec3A::Y, w));
+        let report = small().run(many(strays), each(|w| cosine_pdf(Vec3A::Y, w)));
         assert!(report.failures.iter().any(|f| f.starts_with("1 directions were drawn")), "{report}");
     }
 
     #[test]
     fn broken_densities_and_directions_fail() {
-        let uniform = |random: &mut Stream| Some(random.direction());
         for broken in [f32::NAN, f32::INFINITY, -UNIFORM] {
-            let report = small().run(uniform, |w| if w.x > 0.9 { broken } else { UNIFORM });
+            let report = small().run(many(uniform), each(|w| if w.x > 0.9 { broken } else { UNIFORM }));
             assert!(report.failures.iter().any(|f| f.starts_with("the density is negative")), "{report}");
         }
-        assert!(!small().run(|random| Some(1.01 * random.direction()), |_| UNIFORM).passed());
-        assert!(!small().run(|_| Some(Vec3A::NAN), |_| UNIFORM).passed());
-        assert!(!small().run(|_| None, |_| 0.0).passed(), "a sampler that never samples has nothing to show");
+        assert!(!small().run(many(|random| Some(1.01 * random.direction())), each(|_| UNIFORM)).passed());
+        assert!(!small().run(many(|_| Some(Vec3A::NAN)), each(|_| UNIFORM)).passed());
+        assert!(
+            !small().run(many(|_| None), each(|_| 0.0)).passed(),
+            "a sampler that never samples has nothing to show"
+        );
     }
 
     #[test]
     fn the_picture_shows_three_maps() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
-        let report = small().run(|random| Some(random.direction()), |_| UNIFORM);
+        let report = small().run(many(uniform), each(|_| UNIFORM));
         report.write_picture(&path).unwrap();
         let picture = image::open(&path).unwrap();
         assert_eq!((picture.width(), picture.height()), (4 * 102, 4 * 3 * 51));

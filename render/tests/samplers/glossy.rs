@@ -1,7 +1,7 @@
 //! The same properties where surfaces are glossy.
 
 use headtail_render::{
-    brdf::{Ggx, MetallicRoughness},
+    brdf::{Ggx, MetallicRoughness, Surface},
     frame::Frame,
 };
 
@@ -18,10 +18,10 @@ pub(super) struct Glossy {
 impl Glossy {
     /// Every kind of surface under a light, at normals and views that differ from light to light.
     fn points(world: &World, index: usize) -> Vec<Self> {
-        let ggx = |alpha| Brdf::Ggx(Ggx::new(alpha, Vec3A::ONE));
+        let ggx = |alpha| Surface::from(Ggx::new(alpha, Vec3::ONE));
         // Grey: the quadrature knows the light by its luminance.
-        let color = Vec3A::splat(0.6);
-        let mixture = |metallic, roughness| Brdf::MetallicRoughness(MetallicRoughness::new(color, metallic, roughness));
+        let color = Vec3::splat(0.6);
+        let mixture = |metallic, roughness| Surface::from(MetallicRoughness::new(color, metallic, roughness));
         let surfaces = [
             ("ggx 0.05", ggx(0.05), 0.8),
             ("ggx 0.2", ggx(0.2), 0.4),
@@ -35,12 +35,13 @@ impl Glossy {
         surfaces
             .into_iter()
             .enumerate()
-            .map(|(k, (name, brdf, cos))| {
+            .map(|(k, (name, surface, cos))| {
                 // 5 and 3 have no factor in common with 11 normals.
                 let normal = normals[(5 * index + 3 * k) % normals.len()];
                 let (sin, phi) = ((1.0_f32 - cos * cos).sqrt(), (7 * index + 2 * k) as f32);
-                let wo = Frame::from_normal(normal).to_world(Vec3A::new(sin * phi.cos(), sin * phi.sin(), cos));
-                let at = ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: wo.normalize(), brdf };
+                let wo = Frame::from_normal(normal.into()).to_world(Vec3::new(sin * phi.cos(), sin * phi.sin(), cos));
+                let wo = wo.normalize().into();
+                let at = ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo, surface };
                 Self { name, at, truth: world.quadrature.reflected_at(&at) }
             })
             .collect()
@@ -50,7 +51,7 @@ impl Glossy {
     pub(super) fn suits(&self, world: &World, case: &Case) -> bool {
         // Half of the light in 1e-5 of the sphere, or half of the weight in a lobe that is not aimed at.
         let sun_by_chance = case.name == "cosine" && world.name.starts_with("sunset");
-        let lobe_by_chance = case.through_tail && case.name != "oracle" && self.at.brdf.narrowest_lobe() < 0.3;
+        let lobe_by_chance = case.through_tail && case.name != "oracle" && self.at.lobe_width() < 0.3;
         case.covers && !sun_by_chance && !lobe_by_chance
     }
 }
@@ -85,18 +86,18 @@ fn glossy_directions_are_drawn_with_the_claimed_density() {
     for_all_glossy(3, |world, case, point, tests| {
         // The others have densities that do not depend on the BRDF; the quadrature of this test is made for wide lobes.
         let glossy = matches!(case.name, "oracle" | "cosine" | "mis");
-        if !glossy || point.at.brdf.narrowest_lobe() < 0.1 {
+        if !glossy || point.at.lobe_width() < 0.1 {
             return Ok(());
         }
         let probes = if world.name == "sunset / row-column" { 12 } else { 3 };
         let dense = case.through_tail.then_some(&world.dense);
-        draws_follow_pdf(&case.subject.bind(&point.at), dense, probes, tests)
+        draws_follow_pdf(&AtPoint::new(&*case.sampler, &point.at), dense, probes, tests)
     });
 }
 
 #[test]
 fn the_pdf_of_a_glossy_sample_is_the_sample_s_pdf() {
-    for_all_glossy(5, |_, case, point, _| pdf_of_samples_agrees(&case.subject.bind(&point.at), 2_000));
+    for_all_glossy(5, |_, case, point, _| pdf_of_samples_agrees(&AtPoint::new(&*case.sampler, &point.at), 2_000));
 }
 
 #[test]
@@ -104,7 +105,7 @@ fn whatever_glossy_surfaces_reflect_can_be_drawn() {
     for_all_glossy(
         7,
         |world, case, point, _| {
-            if case.covers { pdf_covers(&case.subject.bind(&point.at), &point.at, world) } else { Ok(()) }
+            if case.covers { pdf_covers(&AtPoint::new(&*case.sampler, &point.at), world) } else { Ok(()) }
         },
     );
 }
@@ -115,7 +116,7 @@ fn all_samplers_estimate_the_same_glossy_light() {
         if !point.suits(world, case) {
             return Ok(());
         }
-        mean_of_sampler(&case.subject.bind(&point.at), &point.at, point.truth, 30_000, tests)
+        mean_of_sampler(&AtPoint::new(&*case.sampler, &point.at), world, point.truth, 30_000, tests)
     });
 }
 
@@ -127,18 +128,14 @@ fn resampling_and_two_sample_mis_estimate_it_too() {
         .par_iter()
         .flat_map_iter(|(world, point)| {
             let emitter = || EmitterSampler::new(world.light.clone());
-            let brdf = || BrdfSampler::new(world.environment().clone());
-            let ris = |count| ResampledEstimator::new(Resampled::new(emitter(), brdf(), count).unwrap());
-            let estimators: Vec<(&str, Box<dyn DirectEstimator>)> = vec![
-                ("ris:4", Box::new(ris(4))),
-                ("ris:16", Box::new(ris(16))),
-                ("mis2", Box::new(TwoSampleMis::new(emitter(), brdf()))),
+            let estimators = [
+                ("ris:4", ris(emitter(), 4, world)),
+                ("ris:16", ris(emitter(), 16, world)),
+                ("mis2", mis2(emitter(), world)),
             ];
             let tests = 3 * tasks.len();
             estimators.into_iter().filter_map(move |(name, estimator)| {
-                let mut random = Stream::new(8, Purpose::Test, 4);
-                let one = || f64::from(luminance(estimator.estimate(&point.at, &Unshadowed, &mut random).radiance));
-                let verdict = mean_is(point.truth, 20_000, one, tests);
+                let verdict = mean_is(point.truth, &estimates(&*estimator, &point.at, 20_000, 8), tests);
                 verdict.err().map(|reason| format!("{} / {name}, {}: {reason}", world.name, point.name))
             })
         })
@@ -153,19 +150,15 @@ fn the_oracle_of_a_glossy_surface_beats_mis() {
         .zip(&*POINTS)
         .flat_map(|(world, points)| points.iter().map(move |point| (world, point)))
         // Lobes much narrower than a cell of Y in the dark are seen, but not resolved.
-        .filter(|(_, point)| point.at.brdf.narrowest_lobe() > 0.1)
+        .filter(|(_, point)| point.at.lobe_width() > 0.1)
         .collect();
     let failures: Vec<String> = tasks
         .par_iter()
         .filter_map(|(world, point)| {
             let variance = |name| {
                 let case = world.cases.iter().find(|case| case.name == name).unwrap();
-                let bound = case.subject.bind(&point.at);
-                let mut random = Stream::new(9, Purpose::Test, 8);
-                let values: Vec<f64> = (0..3_000)
-                    .map(|_| (bound.sample)(random.uniform2()))
-                    .map(|s| s.map_or(0.0, |s| f64::from(luminance(point.at.brdf_cosine(s.wi) * s.radiance / s.pdf))))
-                    .collect();
+                let bound = AtPoint::new(&*case.sampler, &point.at);
+                let values = estimates_of_sampler(&bound, world, 8, 3_000);
                 Moments::of(&values).unwrap().variance / point.truth.powi(2)
             };
             let (oracle, mis) = (variance("oracle"), variance("mis"));

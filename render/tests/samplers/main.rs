@@ -3,62 +3,43 @@
 //! Each property is a function that returns what is wrong, so that the last tests can hold deliberately broken samplers
 //! against the very same functions. All seeds are fixed; a pass is a pass on every machine of the same arithmetic.
 
-mod batches;
 mod conditioned;
+mod faulty;
 mod glossy;
+mod mixed_tiles;
+mod truth;
 
-use std::{
-    collections::HashMap,
-    rc::Rc,
-    sync::{Arc, LazyLock},
-};
+use std::sync::{Arc, LazyLock};
 
-use glam::{Quat, Vec2, Vec3A};
+use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
     bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
-    brdf::{Brdf, Lambert},
+    brdf::Lambert,
     color::luminance,
+    columns::Arena,
     environment::{Environment, built_in, without_compact_emitters},
+    estimator::{Contributions, Estimator, Ris, TwoSampleMis},
     head::{Condition, Head, Linear, Mode},
     image::Image,
-    integrator::{DirectEstimator, ResampledEstimator, TwoSampleMis, Unshadowed},
     latlong,
+    one_point::OnePoint,
+    points::Points,
     random::{Purpose, Stream},
     sampler::*,
     statistics::{ChiSquareReport, Moments, SphereChiSquare, TTest, sidak},
     tail::{Tail, TailKind, WarpMap},
+    tile::{ShadingPoint, Tile},
 };
 use rayon::prelude::*;
+use truth::{Dense, Quadrature};
 
 /// The chance that any test of a group rejects a right sampler.
 const SIGNIFICANCE: f64 = 0.01;
 
-/// A sampler prepared for one shading point, its type forgotten.
-struct Bound<'a> {
-    sample: Box<dyn Fn(Vec2) -> Option<DirectionSample> + 'a>,
-    pdf: Box<dyn Fn(Vec3A) -> f32 + 'a>,
-}
-
-/// Any [`DirectionSampler`]; that trait has an associated type and cannot be a trait object.
-trait Subject: Send + Sync {
-    fn bind<'a>(&'a self, at: &'a ShadingPoint) -> Bound<'a>;
-}
-
-impl<S: DirectionSampler> Subject for S {
-    fn bind<'a>(&'a self, at: &'a ShadingPoint) -> Bound<'a> {
-        let prepared = Rc::new(self.prepare(at));
-        let same = prepared.clone();
-        Bound {
-            sample: Box::new(move |u| self.sample(&prepared, at, u)),
-            pdf: Box::new(move |wi| self.pdf(&same, at, wi)),
-        }
-    }
-}
-
 /// A sampler under test.
 struct Case {
     name: &'static str,
-    subject: Box<dyn Subject>,
+    sampler: Box<dyn Sampler>,
     /// Whether it may be used alone.
     covers: bool,
     /// Whether it draws through the tail alone, from lit directions only.
@@ -105,23 +86,22 @@ static WORLDS: LazyLock<Vec<World>> = LazyLock::new(|| {
 impl World {
     fn new(environment: &Arc<Environment>, kind: TailKind) -> Self {
         let light = EnvironmentLight::new(environment.clone(), kind).unwrap();
-        let brdf = || BrdfSampler::new(environment.clone());
         let emitter = || EmitterSampler::new(light.clone());
-        let compensated = || CompensatedEmitterSampler::new(&light).unwrap();
+        let compensated = || EmitterSampler::compensated(&light).unwrap();
         let direct = |normals: [usize; 2], cells: [usize; 2]| {
             let normals = NormalGrid::new(normals[0], normals[1]).unwrap();
             direct_bake(light.tail(), normals, CellGrid::new(cells[0], cells[1]).unwrap()).unwrap()
         };
         let mut cases = Vec::new();
-        let mut add = |name, subject: Box<dyn Subject>, covers, through_tail| {
-            cases.push(Case { name, subject, covers, through_tail });
+        let mut add = |name, sampler: Box<dyn Sampler>, covers, through_tail| {
+            cases.push(Case { name, sampler, covers, through_tail });
         };
-        add("cosine", Box::new(brdf()), true, false);
+        add("cosine", Box::new(BrdfSampler), true, false);
         add("emitter", Box::new(emitter()), true, true);
-        add("mis", Box::new(OneSampleMis::new(emitter(), brdf())), true, false);
+        add("mis", Box::new(OneSampleMis::new(emitter(), BrdfSampler)), true, false);
         add("compensated emitter", Box::new(compensated()), false, false);
-        add("mis-comp", Box::new(OneSampleMis::new(compensated(), brdf())), true, false);
-        let mut product = |name, subject: Box<dyn Subject>| add(name, subject, true, true);
+        add("mis-comp", Box::new(OneSampleMis::new(compensated(), BrdfSampler)), true, false);
+        let mut product = |name, sampler| add(name, sampler, true, true);
         product("oracle", composed(&light, Oracle::new(light.tail())));
         product("direct 16x32 32x32", composed(&light, direct([16, 32], [32, 32])));
         product("direct 16x32 8x8", composed(&light, direct([16, 32], [8, 8])));
@@ -132,13 +112,13 @@ impl World {
         product("coupled, K = 32, encoder", composed(&light, random_head(Mode::Coupled, 32, &[16, 12])));
         product("autoregressive, K = 32, encoder", composed(&light, random_head(Mode::Autoregressive, 32, &[16, 12])));
         let head = ProductSampler::new(light.clone(), random_head(Mode::Coupled, 4, &[]));
-        add("head and cosine", Box::new(OneSampleMis::new(head, brdf())), true, false);
+        add("head and cosine", Box::new(OneSampleMis::new(head, BrdfSampler)), true, false);
         // A smooth tail that has nothing to do with the light (and hardly ever draws a sun), and compact emitters where there are any.
         if environment.name() != "sunset" {
             let flow = EnvironmentLight::with_tail(environment.clone(), Arc::new(swirl(environment)));
             add("flow emitter", Box::new(EmitterSampler::new(flow.clone())), true, false);
             let head = ProductSampler::new(flow, random_head(Mode::Coupled, 4, &[]));
-            add("flow and head", Box::new(OneSampleMis::new(head, brdf())), true, false);
+            add("flow and head", Box::new(OneSampleMis::new(head, BrdfSampler)), true, false);
         }
         let (width, height, luminance) = (environment.width(), environment.height(), environment.luminance());
         if let Some(rest) = without_compact_emitters(width, height, &luminance) {
@@ -149,7 +129,7 @@ impl World {
                 ProductSampler::new(light, random_head(Mode::Coupled, 4, &[]))
             };
             add("compact and head", Box::new(WithCompactEmitters::new(compact.clone(), head())), true, false);
-            let rest = OneSampleMis::new(head(), brdf());
+            let rest = OneSampleMis::new(head(), BrdfSampler);
             add("compact, head and cosine", Box::new(WithCompactEmitters::new(compact, rest)), true, false);
         }
         let name = format!("{} / {}", environment.name(), kind.name());
@@ -198,7 +178,7 @@ fn swirl(environment: &Environment) -> Tail {
     Tail::flow(map, environment.width(), environment.height(), &environment.luminance()).unwrap()
 }
 
-fn composed<I: IntermediateDensity + 'static>(light: &EnvironmentLight, intermediate: I) -> Box<dyn Subject> {
+fn composed<I: IntermediateDensity + 'static>(light: &EnvironmentLight, intermediate: I) -> Box<dyn Sampler> {
     Box::new(ProductSampler::new(light.clone(), intermediate))
 }
 
@@ -242,53 +222,8 @@ fn random_head_of(condition: Condition, mode: Mode, bins: usize, encoder: &[usiz
 }
 
 fn shading_point(normal: Vec3A) -> ShadingPoint {
-    let brdf = Brdf::Lambert(Lambert { albedo: Vec3A::ONE });
-    ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, brdf }
-}
-
-/// The truth without any sampler: points of every bilinear cell of a map, with luminance times solid angle.
-struct Quadrature(Vec<(Vec3A, f32)>);
-
-impl Quadrature {
-    fn new(map: &Environment) -> Self {
-        let (columns, rows) = (map.width(), map.height() - 1);
-        let cells = columns * rows;
-        let flux = |x: Vec2, area: f32| {
-            luminance(map.radiance_at(x))
-                * (area * 2.0 * std::f32::consts::PI.powi(2) * (std::f32::consts::PI * x.y).sin())
-        };
-        let place = |cell: usize, inside: Vec2| {
-            let u = ((cell % columns) as f32 + 0.5 + inside.x) / columns as f32;
-            Vec2::new(u.fract(), ((cell / columns) as f32 + inside.y) / rows as f32)
-        };
-        let points = |cell: usize, side: usize| {
-            (0..side * side).map(move |k| {
-                let inside = Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32;
-                let x = place(cell, inside);
-                (latlong::direction(x), flux(x, 1.0 / (cells * side * side) as f32))
-            })
-        };
-        let coarse: Vec<f32> = (0..cells).map(|cell| points(cell, 3).map(|point| point.1).sum()).collect();
-        let total: f32 = coarse.iter().sum();
-        // Within a cell all is smooth but for the horizon: its kink costs h^2 / 4 of the share of the cells it runs through,
-        // 1e-6 with three points across small cells, 2e-4 with 32 across a sun.
-        let side = ((1e6 / cells as f32).sqrt() as usize).clamp(3, 1024);
-        let side_of = |cell: usize| if coarse[cell] > 1e-3 * total { side.max(32) } else { side };
-        Self((0..cells).flat_map(|cell| points(cell, side_of(cell))).filter(|point| point.1 > 0.0).collect())
-    }
-
-    /// Luminance reflected by a white Lambert surface without shadows.
-    fn reflected(&self, normal: Vec3A) -> f64 {
-        let cosine = |(wi, flux): &(Vec3A, f32)| f64::from(normal.dot(*wi).max(0.0) * flux);
-        self.0.iter().map(cosine).sum::<f64>() / std::f64::consts::PI
-    }
-}
-
-impl Quadrature {
-    /// Luminance reflected by any surface without shadows.
-    fn reflected_at(&self, at: &ShadingPoint) -> f64 {
-        self.0.iter().map(|&(wi, flux)| f64::from(luminance(at.brdf_cosine(wi)) * flux)).sum()
-    }
+    let surface = Lambert { albedo: Vec3::ONE }.into();
+    ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, surface }
 }
 
 type Verdict = Result<(), String>;
@@ -301,14 +236,20 @@ const EXTENT: Vec2 = Vec2::new(0.5 / (ROWS * SUBCELLS) as f32, 1.0 / (ROWS * SUB
 /// Most points along a side of a sub-cell.
 const MOST_POINTS: usize = 16;
 
+/// Uniform points.
+fn uniforms(random: &mut Stream, count: usize) -> Vec<Vec2> {
+    (0..count).map(|_| random.uniform2()).collect()
+}
+
 /// Chi-square on the sphere, and the integral of the pdf, which must be the share of draws that give a direction.
-fn draws_follow_pdf(bound: &Bound<'_>, dense: Option<&Dense>, probes: usize, tests: usize) -> Verdict {
+fn draws_follow_pdf(bound: &AtPoint<'_>, dense: Option<&Dense>, probes: usize, tests: usize) -> Verdict {
     let (rows, subcells, samples) = (ROWS, SUBCELLS, 100_000);
     // Jumps of a table in dim places, which get 2 x 2 points, cost the integral up to half a percent.
     let test = SphereChiSquare { rows, subcells, samples, tests, mass_tolerance: 8e-3, ..SphereChiSquare::default() };
-    let draw = |random: &mut Stream| (bound.sample)(random.uniform2()).map(|s| s.wi);
-    let pdf = |w| dense.and_then(|dense| dense.mean(bound, w)).unwrap_or_else(|| mean_over(bound, w, probes));
-    let report = test.run(draw, pdf);
+    let draw = |random: &mut Stream, count: usize| {
+        bound.sample_many(&uniforms(random, count)).into_iter().map(|drawn| Some(drawn?.wi)).collect()
+    };
+    let report = test.run(draw, |w| means_over(bound, dense, w, probes));
     if report.passed() { Ok(()) } else { Err(format!("{report}; {}", worst_cell(&report))) }
 }
 
@@ -321,68 +262,52 @@ fn worst_cell(report: &ChiSquareReport) -> String {
     format!("worst at row {row}, column {column}: {observed} drawn, {expected:.1} expected")
 }
 
-/// The mean of the pdf over the sub-cell around a direction.
+/// The means of the pdf over the sub-cells around directions.
 ///
-/// `probes x probes` points, and more where they would stand for more than half an expected sample in 1e5 each: the quadrature's error (at
-/// edges of lamps and of table cells) must be small against the noise of the counts, or the test would reject right samplers.
-fn mean_over(bound: &Bound<'_>, w: Vec3A, probes: usize) -> f32 {
-    let centre = latlong::square(w);
-    let mean = |side: usize| {
-        let (mut sum, mut weights) = (0.0, 0.0);
-        for k in 0..side * side {
-            let inside = Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32 - 0.5;
-            let x = centre + inside * EXTENT;
-            let weight = latlong::sin_theta(x.y);
-            sum += weight * (bound.pdf)(latlong::direction(x));
-            weights += weight;
+/// `probes x probes` points, and more where they would stand for more than half an expected sample in 1e5 each: the
+/// quadrature's error (at edges of lamps and of table cells) must be small against the noise of the counts, or the test
+/// would reject right samplers.
+fn means_over(bound: &AtPoint<'_>, dense: Option<&Dense>, w: &[Vec3A], probes: usize) -> Vec<f32> {
+    let centres: Vec<Vec2> = w.iter().map(|&w| latlong::square(w)).collect();
+    let mut means = means_of(bound, &centres, probes);
+    // Sub-cells by the number of points along a side that they need: each group is evaluated at once.
+    let mut finer: Vec<Vec<usize>> = vec![Vec::new(); MOST_POINTS + 1];
+    for (k, (mean, centre)) in means.iter_mut().zip(&centres).enumerate() {
+        if let Some(own) = dense.and_then(|dense| dense.mean(bound, w[k])) {
+            *mean = own;
+            continue;
         }
-        sum / weights
-    };
-    let coarse = mean(probes);
-    let mass = coarse * EXTENT.x * EXTENT.y / latlong::solid_angle_factor(centre.y);
-    let side = (mass / 5e-6).sqrt() as usize;
-    if side <= probes { coarse } else { mean(side.min(MOST_POINTS)) }
+        let mass = *mean * EXTENT.x * EXTENT.y / latlong::solid_angle_factor(centre.y);
+        let side = (mass / 5e-6).sqrt() as usize;
+        if side > probes {
+            finer[side.min(MOST_POINTS)].push(k);
+        }
+    }
+    for (side, members) in finer.iter().enumerate().filter(|(_, members)| !members.is_empty()) {
+        let own: Vec<Vec2> = members.iter().map(|&k| centres[k]).collect();
+        for (&k, mean) in members.iter().zip(means_of(bound, &own, side)) {
+            means[k] = mean;
+        }
+    }
+    means
 }
 
-/// The sub-cells that hold so much of the light that points of Y, carried over by the tail, resolve them better than
-/// [`mean_over`]: inside a sun, a density over Y can have any detail, squeezed into a tenth of a degree.
-///
-/// For samplers that draw through the tail. That the tail itself is right is seen with the others.
-struct Dense(HashMap<usize, Vec<(Vec3A, f32)>>);
-
-impl Dense {
-    fn new(light: &EnvironmentLight) -> Self {
-        const SIDE: usize = 512;
-        let mut random = Stream::new(2, Purpose::Test, 6);
-        let mut points: HashMap<usize, Vec<(Vec3A, f32)>> = HashMap::new();
-        for k in 0..SIDE * SIDE {
-            let y = (Vec2::new((k % SIDE) as f32, (k / SIDE) as f32) + random.uniform2()) / SIDE as f32;
-            let (_, wi, emitter) = light.tail().forward_direction(y);
-            if emitter > 0.0 && emitter.is_finite() {
-                let weight = 1.0 / (emitter * (SIDE * SIDE) as f32);
-                points.entry(Self::index(wi)).or_default().push((wi, weight));
-            }
-        }
-        points.retain(|_, points| points.len() > MOST_POINTS * MOST_POINTS);
-        Self(points)
-    }
-
-    fn index(w: Vec3A) -> usize {
-        let (x, rows) = (latlong::square(w), ROWS * SUBCELLS);
-        let row = ((x.y * rows as f32) as usize).min(rows - 1);
-        row * 2 * rows + ((x.x * (2 * rows) as f32) as usize).min(2 * rows - 1)
-    }
-
-    /// The mean of the pdf over the sub-cell of a direction, if it is one of these.
-    fn mean(&self, bound: &Bound<'_>, w: Vec3A) -> Option<f32> {
-        let index = Self::index(w);
-        let points = self.0.get(&index)?;
-        let theta = |row: usize| std::f64::consts::PI * row as f64 / (ROWS * SUBCELLS) as f64;
-        let row = index / (2 * ROWS * SUBCELLS);
-        let solid_angle = (theta(row).cos() - theta(row + 1).cos()) * std::f64::consts::PI / (ROWS * SUBCELLS) as f64;
-        let mass: f64 = points.iter().map(|&(wi, weight)| f64::from((bound.pdf)(wi) * weight)).sum();
-        Some((mass / solid_angle) as f32)
-    }
+/// The means of the pdf over sub-cells around centres, by `side x side` points each.
+fn means_of(bound: &AtPoint<'_>, centres: &[Vec2], side: usize) -> Vec<f32> {
+    let point = |centre: Vec2, k: usize| {
+        let inside = Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32 - 0.5;
+        centre + inside * EXTENT
+    };
+    let points: Vec<Vec2> =
+        centres.iter().flat_map(|&centre| (0..side * side).map(move |k| point(centre, k))).collect();
+    let directions: Vec<Vec3A> = points.iter().map(|&x| latlong::direction(x)).collect();
+    let pdfs = bound.pdf_many(&directions);
+    let mean = |(points, pdfs): (&[Vec2], &[f32])| {
+        let weights = points.iter().map(|x| latlong::sin_theta(x.y));
+        let sum: f32 = weights.clone().zip(pdfs).map(|(weight, pdf)| weight * pdf).sum();
+        sum / weights.sum::<f32>()
+    };
+    points.chunks_exact(side * side).zip(pdfs.chunks_exact(side * side)).map(mean).collect()
 }
 
 /// `pdf(sample) == sample.pdf`, as far as the rounding of the direction allows.
@@ -390,53 +315,66 @@ impl Dense {
 /// A direction fixes x to about 1e-7. What that does to a steep pdf is measured by moving x as far. Where the density over
 /// Y is constant in cells, a y that is rounded across an edge has the neighbour's: with errors of 2e-6 and at most 256 cells
 /// along both axes that befalls a share of 2 x 2 x 256 x 2e-6 = 2e-3 of the samples.
-fn pdf_of_samples_agrees(bound: &Bound<'_>, samples: usize) -> Verdict {
+fn pdf_of_samples_agrees(bound: &AtPoint<'_>, samples: usize) -> Verdict {
     let mut random = Stream::new(3, Purpose::Test, 1);
-    let (mut drawn, mut wrong, mut example) = (0_usize, 0_usize, String::new());
-    for _ in 0..samples {
-        let Some(sample) = (bound.sample)(random.uniform2()) else { continue };
-        drawn += 1;
-        let error = |wi: Vec3A| ((bound.pdf)(wi) / sample.pdf - 1.0).abs();
-        let own = error(sample.wi);
-        if own <= 1e-3 {
-            continue;
-        }
-        let x = latlong::square(sample.wi);
-        let moved = [Vec2::X, -Vec2::X, Vec2::Y, -Vec2::Y]
-            .map(|axis| error(latlong::direction((x + 1.2e-7 * axis).clamp(Vec2::ZERO, Vec2::ONE))));
-        let (least, most) = moved.into_iter().fold((own, own), |(a, b), e| (a.min(e), b.max(e)));
+    let drawn: Vec<Direction> = bound.sample_many(&uniforms(&mut random, samples)).into_iter().flatten().collect();
+    let directions: Vec<Vec3A> = drawn.iter().map(|sample| sample.wi).collect();
+    let error = |(sample, pdf): (&Direction, f32)| (pdf / sample.pdf - 1.0).abs();
+    let errors: Vec<f32> = drawn.iter().zip(bound.pdf_many(&directions)).map(error).collect();
+    let suspects: Vec<usize> = (0..drawn.len()).filter(|&k| errors[k].is_nan() || errors[k] > 1e-3).collect();
+    let moved = |k: usize, axis: Vec2| {
+        let x = latlong::square(drawn[k].wi);
+        latlong::direction((x + 1.2e-7 * axis).clamp(Vec2::ZERO, Vec2::ONE))
+    };
+    let axes = [Vec2::X, -Vec2::X, Vec2::Y, -Vec2::Y];
+    let around: Vec<Vec3A> = suspects.iter().flat_map(|&k| axes.map(|axis| moved(k, axis))).collect();
+    let (mut wrong, mut example) = (0_usize, String::new());
+    for (&k, pdfs) in suspects.iter().zip(bound.pdf_many(&around).chunks_exact(axes.len())) {
+        let own = errors[k];
+        let moved = pdfs.iter().map(|&pdf| error((&drawn[k], pdf)));
+        let (least, most) = moved.fold((own, own), |(a, b), e| (a.min(e), b.max(e)));
         if own.is_nan() || own > 1e-3 + 2.0 * (most - least) {
             wrong += 1;
-            example = format!("{} at {x}, {} again", sample.pdf, (bound.pdf)(sample.wi));
+            example = format!("{} at {}, off by {own}", drawn[k].pdf, latlong::square(drawn[k].wi));
         }
     }
-    let allowed = 2e-3 * drawn as f64;
-    if wrong as f64 <= allowed { Ok(()) } else { Err(format!("{wrong} of {drawn} pdfs differ, e.g. {example}")) }
+    let allowed = 2e-3 * drawn.len() as f64;
+    if wrong as f64 <= allowed {
+        Ok(())
+    } else {
+        Err(format!("{wrong} of {} pdfs differ, e.g. {example}", drawn.len()))
+    }
+}
+
+/// Luminance of light x BRDF x cosine.
+fn integrands(point: &OnePoint, environment: &Environment, wi: &[Vec3A]) -> Vec<f32> {
+    let radiances = point.map(wi, |wi, out: [_; 3]| environment.radiances(wi, out));
+    let both = point.brdf_cosines(wi).into_iter().zip(radiances);
+    both.map(|(reflected, radiance)| luminance(reflected * Vec3A::from_array(radiance))).collect()
 }
 
 /// The pdf is positive wherever the integrand is: at uniform directions, and at directions that others draw.
-fn pdf_covers(bound: &Bound<'_>, at: &ShadingPoint, world: &World) -> Verdict {
-    let (cosine, emitter) = (BrdfSampler::new(world.environment().clone()), EmitterSampler::new(world.light.clone()));
+fn pdf_covers(bound: &AtPoint<'_>, world: &World) -> Verdict {
+    const EACH: usize = 3000;
+    let point = bound.point();
+    let emitter = EmitterSampler::new(world.light.clone());
+    let emitter = AtPoint::new(&emitter, &point.tile().point(0));
     let mut random = Stream::new(4, Purpose::Test, 2);
-    for _ in 0..3000 {
-        let mut drawn = vec![random.direction()];
-        drawn.extend(cosine.sample(&(), at, random.uniform2()).map(|s| s.wi));
-        drawn.extend(emitter.sample(&(), at, random.uniform2()).map(|s| s.wi));
-        for wi in drawn {
-            let value = luminance(at.brdf_cosine(wi) * world.environment().radiance(wi));
-            let pdf = (bound.pdf)(wi);
-            if value > 0.0 && (pdf.is_nan() || pdf <= 0.0) {
-                return Err(format!("pdf {pdf} where the integrand is {value}: {wi}"));
-            }
+    let mut wi: Vec<Vec3A> = (0..EACH).map(|_| random.direction()).collect();
+    wi.extend(point.sample_brdf(&uniforms(&mut random, EACH)).into_iter().flatten().map(|(wi, _)| wi));
+    wi.extend(emitter.sample_many(&uniforms(&mut random, EACH)).into_iter().flatten().map(|drawn| drawn.wi));
+    let values = integrands(point, world.environment(), &wi);
+    for ((wi, value), pdf) in wi.iter().zip(values).zip(bound.pdf_many(&wi)) {
+        if value > 0.0 && (pdf.is_nan() || pdf <= 0.0) {
+            return Err(format!("pdf {pdf} where the integrand is {value}: {wi}"));
         }
     }
     Ok(())
 }
 
-/// The mean of `samples` estimates is the truth, by a t-test.
-fn mean_is(truth: f64, samples: usize, mut estimate: impl FnMut() -> f64, tests: usize) -> Verdict {
-    let values: Vec<f64> = (0..samples).map(|_| estimate()).collect();
-    let mut moments = Moments::of(&values).unwrap();
+/// The mean of estimates is the truth, by a t-test.
+fn mean_is(truth: f64, estimates: &[f64], tests: usize) -> Verdict {
+    let mut moments = Moments::of(estimates).unwrap();
     let mean = moments.mean;
     // Single precision in tables and pdfs, and the quadrature: one part in 5000 proves nothing.
     moments.mean -= (mean - truth).clamp(-2e-4 * truth, 2e-4 * truth);
@@ -450,13 +388,51 @@ fn mean_is(truth: f64, samples: usize, mut estimate: impl FnMut() -> f64, tests:
     }
 }
 
-fn mean_of_sampler(bound: &Bound<'_>, at: &ShadingPoint, truth: f64, samples: usize, tests: usize) -> Verdict {
-    let mut random = Stream::new(6, Purpose::Test, 3);
-    let estimate = || {
-        let sample = (bound.sample)(random.uniform2());
-        sample.map_or(0.0, |s| f64::from(luminance(at.brdf_cosine(s.wi) * s.radiance / s.pdf)))
-    };
-    mean_is(truth, samples, estimate, tests)
+/// Estimates with a sampler alone: the integrand over the pdf, 0 where there is no sample.
+fn estimates_of_sampler(bound: &AtPoint<'_>, world: &World, stream: u64, samples: usize) -> Vec<f64> {
+    let mut random = Stream::new(6, Purpose::Test, stream);
+    let drawn: Vec<Direction> = bound.sample_many(&uniforms(&mut random, samples)).into_iter().flatten().collect();
+    let wi: Vec<Vec3A> = drawn.iter().map(|sample| sample.wi).collect();
+    let values = integrands(bound.point(), world.environment(), &wi);
+    let mut estimates: Vec<f64> =
+        drawn.iter().zip(values).map(|(sample, value)| f64::from(value / sample.pdf)).collect();
+    estimates.resize(samples, 0.0);
+    estimates
+}
+
+fn mean_of_sampler(bound: &AtPoint<'_>, world: &World, truth: f64, samples: usize, tests: usize) -> Verdict {
+    mean_is(truth, &estimates_of_sampler(bound, world, 3, samples), tests)
+}
+
+/// Estimates of an estimator in tiles of copies of a point, without shadows: the sum of the contributions of each copy.
+fn estimates(estimator: &dyn Estimator, at: &ShadingPoint, samples: usize, seed: u64) -> Vec<f64> {
+    /// Copies in a tile: not a whole number of strips.
+    const COPIES: usize = 250;
+    let (tile, arena) = (Tile::of(&[*at; COPIES]), Arena::default());
+    let mut contributions = Contributions::default();
+    let mut estimates = Vec::with_capacity(samples + COPIES);
+    for sample in 0..samples.div_ceil(COPIES) {
+        contributions.clear();
+        estimator.propose(&tile.rows(), &Points::new(seed, sample as u32), &mut contributions, &arena);
+        let mut sums = [0.0; COPIES];
+        for (&place, &radiance) in contributions.places().iter().zip(contributions.radiance()) {
+            sums[usize::from(place)] += f64::from(luminance(radiance));
+        }
+        estimates.extend(sums);
+    }
+    estimates.truncate(samples);
+    estimates
+}
+
+/// RIS of a sampler and BRDF sampling.
+fn ris(sampler: impl Sampler + 'static, candidates: u32, world: &World) -> Box<dyn Estimator> {
+    let (first, second) = (Covering::new(sampler).unwrap(), Covering::new(BrdfSampler).unwrap());
+    Box::new(Ris::new(first, second, candidates, world.environment().clone()).unwrap())
+}
+
+/// Two-sample MIS of a sampler and BRDF sampling.
+fn mis2(sampler: impl Sampler + 'static, world: &World) -> Box<dyn Estimator> {
+    Box::new(TwoSampleMis::new(sampler, BrdfSampler, world.environment().clone()).unwrap())
 }
 
 /// Runs a check for every sampler of every world, over `count` normals each: which ones changes from case to case, so that
@@ -496,18 +472,24 @@ fn directions_are_drawn_with_the_claimed_density() {
             ("sunset / row-column", _) => 6,
             _ => 2,
         };
-        draws_follow_pdf(&case.subject.bind(at), case.through_tail.then_some(&world.dense), probes, tests)
+        draws_follow_pdf(&AtPoint::new(&*case.sampler, at), case.through_tail.then_some(&world.dense), probes, tests)
     });
 }
 
 #[test]
 fn the_pdf_of_a_sample_is_the_sample_s_pdf() {
-    for_all(2, |_, case, at, _| pdf_of_samples_agrees(&case.subject.bind(at), 5_000));
+    for_all(2, |_, case, at, _| pdf_of_samples_agrees(&AtPoint::new(&*case.sampler, at), 5_000));
 }
 
 #[test]
 fn whatever_reflects_light_can_be_drawn() {
-    for_all(3, |world, case, at, _| if case.covers { pdf_covers(&case.subject.bind(at), at, world) } else { Ok(()) });
+    for_all(3, |world, case, at, _| {
+        let says = case.sampler.coverage() == Coverage::Everything;
+        if says != case.covers {
+            return Err(format!("it says that it covers {:?}", case.sampler.coverage()));
+        }
+        if case.covers { pdf_covers(&AtPoint::new(&*case.sampler, at), world) } else { Ok(()) }
+    });
 }
 
 #[test]
@@ -518,7 +500,8 @@ fn all_samplers_estimate_the_same_light() {
         if !case.covers || hopeless {
             return Ok(());
         }
-        mean_of_sampler(&case.subject.bind(at), at, world.quadrature.reflected(at.ns), 30_000, tests)
+        let bound = AtPoint::new(&*case.sampler, at);
+        mean_of_sampler(&bound, world, world.quadrature.reflected(at.ns), 30_000, tests)
     });
 }
 
@@ -530,111 +513,25 @@ fn resampling_and_two_sample_mis_estimate_it_too() {
         .par_iter()
         .flat_map_iter(|(world, normal)| {
             let emitter = || EmitterSampler::new(world.light.clone());
-            let brdf = || BrdfSampler::new(world.environment().clone());
-            let ris = |count| -> Box<dyn DirectEstimator> {
-                Box::new(ResampledEstimator::new(Resampled::new(emitter(), brdf(), count).unwrap()))
-            };
             let grid = (NormalGrid::new(16, 32).unwrap(), CellGrid::new(8, 8).unwrap());
             let table =
                 ProductSampler::new(world.light.clone(), direct_bake(world.light.tail(), grid.0, grid.1).unwrap());
-            let of_table = ResampledEstimator::new(Resampled::new(table.clone(), brdf(), 5).unwrap());
-            let estimators: Vec<(&str, Box<dyn DirectEstimator>)> = vec![
-                ("ris:1", ris(1)),
-                ("ris:4", ris(4)),
-                ("ris:16", ris(16)),
-                ("ris:5 of a table", Box::new(of_table)),
-                ("mis2", Box::new(TwoSampleMis::new(emitter(), brdf()))),
-                ("mis2 of a table", Box::new(TwoSampleMis::new(table, brdf()))),
+            let estimators: Vec<(&str, Box<dyn Estimator>)> = vec![
+                ("ris:1", ris(emitter(), 1, world)),
+                ("ris:4", ris(emitter(), 4, world)),
+                ("ris:16", ris(emitter(), 16, world)),
+                ("ris:5 of a table", ris(table.clone(), 5, world)),
+                ("mis2", mis2(emitter(), world)),
+                ("mis2 of a table", mis2(table, world)),
             ];
             let at = shading_point(*normal);
             let truth = world.quadrature.reflected(*normal);
             let tests = 6 * tasks.len();
             estimators.into_iter().filter_map(move |(name, estimator)| {
-                let mut random = Stream::new(8, Purpose::Test, 4);
-                let one = || f64::from(luminance(estimator.estimate(&at, &Unshadowed, &mut random).radiance));
-                let verdict = mean_is(truth, 20_000, one, tests);
+                let verdict = mean_is(truth, &estimates(&*estimator, &at, 20_000, 8), tests);
                 verdict.err().map(|reason| format!("{} / {name}, normal {}: {reason}", world.name, at.ns))
             })
         })
         .collect();
     assert!(failures.is_empty(), "{} failed:\n{}", failures.len(), failures.join("\n"));
-}
-
-/// A right sampler with a fault.
-struct Faulty<S> {
-    sampler: S,
-    fault: Fault,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Fault {
-    None,
-    /// Sample and pdf both claim 2 % more than there is.
-    ClaimsMore,
-    /// Only the pdf function does: MIS weights would be wrong.
-    PdfClaimsMore,
-    /// Directions within 20 degrees of the zenith are never drawn, and their pdf says so.
-    LeavesOut,
-    /// Draws with the table of a normal 6 degrees away, as a bake does that draws from the nearest node and claims the
-    /// interpolated pdf.
-    DrawsFromNeighbour,
-}
-
-impl<S: DirectionSampler> DirectionSampler for Faulty<S> {
-    type Prepared = [S::Prepared; 2];
-
-    fn prepare(&self, at: &ShadingPoint) -> Self::Prepared {
-        let turned = Quat::from_rotation_x(0.105) * at.ns;
-        [self.sampler.prepare(at), self.sampler.prepare(&ShadingPoint { ns: turned, ..*at })]
-    }
-
-    fn sample(&self, [own, other]: &Self::Prepared, at: &ShadingPoint, u: Vec2) -> Option<DirectionSample> {
-        let mut sample =
-            self.sampler.sample(if self.fault == Fault::DrawsFromNeighbour { other } else { own }, at, u)?;
-        match self.fault {
-            Fault::ClaimsMore => sample.pdf *= 1.02,
-            Fault::DrawsFromNeighbour => sample.pdf = self.sampler.pdf(own, at, sample.wi),
-            Fault::LeavesOut if sample.wi.y > 0.94 => return None,
-            _ => {}
-        }
-        Some(sample)
-    }
-
-    fn pdf(&self, [own, _]: &Self::Prepared, at: &ShadingPoint, wi: Vec3A) -> f32 {
-        let pdf = self.sampler.pdf(own, at, wi);
-        match self.fault {
-            Fault::ClaimsMore | Fault::PdfClaimsMore => 1.02 * pdf,
-            Fault::LeavesOut if wi.y > 0.94 => 0.0,
-            _ => pdf,
-        }
-    }
-}
-
-#[test]
-fn broken_samplers_are_found_out() {
-    let world = WORLDS.iter().find(|world| world.name.starts_with("overcast")).unwrap();
-    let at = shading_point(Vec3A::new(0.4, 0.8, -0.3).normalize());
-    let table =
-        direct_bake(world.light.tail(), NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap()).unwrap();
-    let truth = world.quadrature.reflected(at.ns);
-    // Each fault with the checks that must find it: 0 chi-square and mass, 1 pdf of samples, 2 coverage, 3 mean.
-    let expected: [(Fault, &[usize]); 5] = [
-        (Fault::None, &[]),
-        (Fault::ClaimsMore, &[0, 3]),
-        (Fault::PdfClaimsMore, &[0, 1]),
-        (Fault::LeavesOut, &[2, 3]),
-        (Fault::DrawsFromNeighbour, &[0]),
-    ];
-    for (fault, finders) in expected {
-        let sampler = Faulty { sampler: ProductSampler::new(world.light.clone(), table.clone()), fault };
-        let bound = sampler.bind(&at);
-        let verdicts = [
-            draws_follow_pdf(&bound, None, 2, 150),
-            pdf_of_samples_agrees(&bound, 10_000),
-            pdf_covers(&bound, &at, world),
-            mean_of_sampler(&bound, &at, truth, 50_000, 450),
-        ];
-        assert!(finders.iter().all(|&check| verdicts[check].is_err()), "{fault:?} was not found: {verdicts:?}");
-        assert!(fault != Fault::None || verdicts.iter().all(Verdict::is_ok), "{verdicts:?}");
-    }
 }

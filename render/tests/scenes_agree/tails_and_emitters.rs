@@ -5,22 +5,26 @@ use std::{
     sync::{Arc, atomic::AtomicBool},
 };
 
-use glam::{Vec2, Vec3A};
+use glam::Vec2;
 use headtail_render::{
     bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
+    columns::Arena,
     environment::{Environment, built_in, without_compact_emitters},
+    estimator::{Estimator, SingleSample},
     export::{ExportedSampler, Intermediate},
     head::{Head, Linear, Mode},
     image::Image,
-    integrator::{DirectEstimator, SingleSample},
     random::{Purpose, Stream},
     sampler::{
-        CompactEmitters, CoversIntegrand, DirectionSample, DirectionSampler, EnvironmentLight, FileKind,
-        IntermediateDensity, ProductSampler, SamplerSpec, ShadingPoint, WithCompactEmitters,
+        CompactEmitters, Coverage, Covering, Draws, EnvironmentLight, IntermediateDensity, ProductSampler, Sampler,
+        WithCompactEmitters,
     },
     scene::Scene,
+    simd::Lanes,
+    spec::{FileKind, SamplerSpec, Source},
     statistics::{TileTest, compare_images, sidak},
     tail::{Tail, TailKind, TailWarp, WarpMap},
+    tile::Rows,
 };
 
 use super::{SIGNIFICANCE, Setting, bake, random_head, untrained};
@@ -102,12 +106,14 @@ fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
         let [coupled, autoregressive, selecting] = heads.clone();
         let baked = bake(&coupled, tail);
         let head = |name: &str, head| write(name, Intermediate::Head(head), tail, luminance);
-        specs.push(SamplerSpec::Head(head(&format!("{name}-coupled"), coupled)));
-        specs.push(SamplerSpec::RisOf(4, FileKind::Head, head(&format!("{name}-autoregressive"), autoregressive)));
-        specs.push(SamplerSpec::WithMis(FileKind::Head, head(&format!("{name}-selecting"), selecting)));
-        specs.push(SamplerSpec::Baked(write(&format!("{name}-baked"), Intermediate::Bake(baked), tail, luminance)));
+        specs.push(SamplerSpec::file(FileKind::Head, head(&format!("{name}-coupled"), coupled)));
+        let source = Source::File(FileKind::Head, head(&format!("{name}-autoregressive"), autoregressive));
+        specs.push(SamplerSpec::Ris(4, source));
+        specs.push(SamplerSpec::file_with_mis(FileKind::Head, head(&format!("{name}-selecting"), selecting)));
+        let baked = write(&format!("{name}-baked"), Intermediate::Bake(baked), tail, luminance);
+        specs.push(SamplerSpec::file(FileKind::Baked, baked));
         let direct = write(&format!("{name}-direct"), Intermediate::DirectBake(table(tail)), tail, luminance);
-        specs.push(SamplerSpec::WithMis(FileKind::Direct, direct));
+        specs.push(SamplerSpec::file_with_mis(FileKind::Direct, direct));
     }
     specs
 }
@@ -118,7 +124,7 @@ impl Setting {
         Self { scene, environment: environment.clone(), unshadowed: false, depth: 1 }
     }
 
-    fn picture(&self, estimator: &dyn DirectEstimator, seed: u64) -> Image {
+    fn picture(&self, estimator: &dyn Estimator, seed: u64) -> Image {
         self.estimate_until(estimator, 32, seed, &AtomicBool::new(false), &|_| {}).surfaces
     }
 }
@@ -160,25 +166,43 @@ struct Mistaken<A, B> {
     said: B,
 }
 
-impl<A: DirectionSampler, B: DirectionSampler> DirectionSampler for Mistaken<A, B> {
-    type Prepared = (A::Prepared, B::Prepared);
-
-    fn prepare(&self, at: &ShadingPoint) -> Self::Prepared {
-        (self.drawn.prepare(at), self.said.prepare(at))
-    }
-
-    fn sample(&self, (drawn, said): &Self::Prepared, at: &ShadingPoint, u: Vec2) -> Option<DirectionSample> {
-        let sample = self.drawn.sample(drawn, at, u)?;
-        let pdf = self.said.pdf(said, at, sample.wi);
-        (pdf > 0.0).then_some(DirectionSample { pdf, ..sample })
-    }
-
-    fn pdf(&self, (_, said): &Self::Prepared, at: &ShadingPoint, wi: Vec3A) -> f32 {
-        self.said.pdf(said, at, wi)
+impl<A: Sampler, B: Sampler> Mistaken<A, B> {
+    /// The states of both, one after the other.
+    fn states<'a>(&self, at: &Rows<'_>, state: &'a [Lanes]) -> (&'a [Lanes], &'a [Lanes]) {
+        state.split_at(self.drawn.columns() * at.strips())
     }
 }
 
-impl<A: DirectionSampler, B: DirectionSampler> CoversIntegrand for Mistaken<A, B> {}
+impl<A: Sampler, B: Sampler> Sampler for Mistaken<A, B> {
+    fn columns(&self) -> usize {
+        self.drawn.columns() + self.said.columns()
+    }
+
+    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
+        let (drawn, said) = state.split_at_mut(self.drawn.columns() * at.strips());
+        self.drawn.prepare(at, drawn, arena);
+        self.said.prepare(at, said, arena);
+    }
+
+    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], Draws { wi, pdf }: Draws<'_>, arena: &Arena) {
+        let (drawn, said) = self.states(at, state);
+        let [x, y, z] = wi;
+        self.drawn.sample(at, drawn, u, Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf }, arena);
+        let mut own = arena.columns::<1>(at.strips());
+        self.said.pdf(at, said, [x, y, z], own.get_mut()[0], arena);
+        for (pdf, own) in pdf.as_flattened_mut().iter_mut().zip(own.get()[0].as_flattened()) {
+            *pdf = if *pdf > 0.0 { *own } else { 0.0 };
+        }
+    }
+
+    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
+        self.said.pdf(at, self.states(at, state).1, wi, out, arena);
+    }
+
+    fn coverage(&self) -> Coverage {
+        Coverage::Everything
+    }
+}
 
 fn product<I: IntermediateDensity>(environment: &Arc<Environment>, tail: &Arc<Tail>, density: I) -> ProductSampler<I> {
     ProductSampler::new(EnvironmentLight::with_tail(environment.clone(), tail.clone()), density)
@@ -198,23 +222,26 @@ fn wrong_pdfs_of_flow_tails_and_of_compact_emitters_are_told_apart() {
         let of_all = tail(exact(TailKind::Hierarchical, &environment, &environment.luminance()));
         let over = |tail: &Arc<Tail>| product(&environment, tail, head());
         let mixture = WithCompactEmitters::new(compact, over(&of_rest));
-        let mistakes: [(&str, Box<dyn DirectEstimator>); 3] = [
+        let single = |sampler: Arc<dyn Sampler>| -> Box<dyn Estimator> {
+            Box::new(SingleSample::new(Covering::new(sampler).unwrap(), environment.clone()))
+        };
+        let mistakes: [(&str, Box<dyn Estimator>); 3] = [
             (
                 "the pdf of another table of the flow",
-                Box::new(SingleSample::new(Mistaken { drawn: over(&fine), said: over(&coarse) })),
+                single(Arc::new(Mistaken { drawn: over(&fine), said: over(&coarse) })),
             ),
             (
                 "the light in place of the flow's density",
-                Box::new(SingleSample::new(Mistaken { drawn: over(&fine), said: over(&of_all) })),
+                single(Arc::new(Mistaken { drawn: over(&fine), said: over(&of_all) })),
             ),
             (
                 "emitters left out of the mixture's pdf",
-                Box::new(SingleSample::new(Mistaken { drawn: mixture, said: over(&of_rest) })),
+                single(Arc::new(Mistaken { drawn: mixture, said: over(&of_rest) })),
             ),
         ];
         let pictures = SCENES.map(|scene| {
             let setting = Setting::shadowed(scene, &environment);
-            let truth = setting.picture(&*SamplerSpec::Ris(4).build(&environment).unwrap(), 1);
+            let truth = setting.picture(&*SamplerSpec::ris(4).build(&environment).unwrap(), 1);
             (setting, truth)
         });
         for (name, estimator) in mistakes {

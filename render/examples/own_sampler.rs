@@ -1,0 +1,59 @@
+//! A sampler of one's own: `cargo run --release -p headtail-render --example own_sampler` prints three means that agree.
+
+use std::{f32::consts::PI, sync::Arc};
+
+use glam::{Vec3, Vec3A};
+use headtail_render::{Result, points::Points, sampler::*};
+use headtail_render::{brdf::*, color::luminance, columns::Arena, environment::*, estimator::*, simd::Lanes, tile::*};
+
+/// Half of the directions are uniform over the sphere, half are in proportion to the cosine to +Y.
+pub struct SkySampler;
+
+/// The solid-angle pdf of directions of a height (their Y).
+fn density(height: f32) -> f32 {
+    0.5 * (0.25 / PI) + 0.5 * (height.max(0.0) / PI)
+}
+
+impl Sampler for SkySampler {
+    fn sample(&self, _at: &Rows<'_>, _state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, _arena: &Arena) {
+        let ([x, y, z], pdf) = (out.wi.map(<[Lanes]>::as_flattened_mut), out.pdf.as_flattened_mut());
+        for (k, (&u, &v)) in u[0].as_flattened().iter().zip(u[1].as_flattened()).enumerate() {
+            let height = if u < 0.5 { 1.0 - 4.0 * u } else { (2.0 * u - 1.0).sqrt() };
+            let (radius, (sin, cos)) = ((1.0 - height * height).max(0.0).sqrt(), (2.0 * PI * v).sin_cos());
+            (x[k], y[k], z[k], pdf[k]) = (radius * cos, height, radius * sin, density(height));
+        }
+    }
+
+    fn pdf(&self, _at: &Rows<'_>, _state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], _arena: &Arena) {
+        out.as_flattened_mut().iter_mut().zip(wi[1].as_flattened()).for_each(|(out, &y)| *out = density(y));
+    }
+
+    fn coverage(&self) -> Coverage {
+        Coverage::Everything
+    }
+}
+
+/// The sampler alone, in a mixture with BRDF sampling, and as the source of half of the candidates of RIS.
+pub fn estimators(map: &Arc<Environment>) -> Result<[(&'static str, Box<dyn Estimator>); 3]> {
+    let alone = SingleSample::new(Covering::new(SkySampler)?, map.clone());
+    let mixture = SingleSample::new(Covering::new(OneSampleMis::new(SkySampler, BrdfSampler))?, map.clone());
+    let ris = Ris::new(Covering::new(SkySampler)?, Covering::new(BrdfSampler)?, 4, map.clone())?;
+    Ok([("alone", Box::new(alone)), ("mixture", Box::new(mixture)), ("ris:4", Box::new(ris))])
+}
+
+/// One unshadowed estimate of the luminance that all points of a tile reflect together.
+pub fn estimate(estimator: &dyn Estimator, tile: &Tile, sample: u32) -> f64 {
+    let mut contributions = Contributions::default();
+    estimator.propose(&tile.rows(), &Points::new(1, sample), &mut contributions, &Arena::default());
+    contributions.radiance().iter().map(|&value| f64::from(luminance(value))).sum()
+}
+
+fn main() -> Result<()> {
+    let (map, surface) = (Arc::new(Environment::open("window")?), Lambert { albedo: Vec3::ONE }.into());
+    let point = |n: Vec3A| ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface };
+    let tile = Tile::of(&[Vec3A::X, Vec3A::Y, -Vec3A::X, -Vec3A::Y].map(point));
+    for (name, estimator) in estimators(&map)? {
+        println!("{name:8} {:.4}", (0..200_000).map(|k| estimate(&*estimator, &tile, k)).sum::<f64>() / 200_000.0);
+    }
+    Ok(())
+}

@@ -1,0 +1,138 @@
+//! Pictures depend on the seed and the number of samples, and on nothing else: not on threads, budgets, passes or tiles.
+
+use std::{
+    sync::atomic::{AtomicUsize, Ordering},
+    time::Duration,
+};
+
+use super::*;
+
+#[test]
+fn pictures_do_not_depend_on_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let environment = Arc::new(built_in("studio").unwrap());
+    let scene = Scene::built_in("dishes").unwrap();
+    let direct = exported(folder.path(), &environment).pop().unwrap();
+    let setting = Setting { scene, environment, unshadowed: false, depth: 1 };
+    for sampler in [direct, SamplerSpec::ris(4)] {
+        let with = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| setting.render(&sampler, 20, 3))
+        };
+        let one = with(1);
+        for threads in [2, 3] {
+            let many = with(threads);
+            assert_eq!(bits(&many.surfaces), bits(&one.surfaces), "{sampler} with {threads} threads");
+            assert_eq!(bits(&many.background), bits(&one.background), "{sampler} with {threads} threads");
+            assert_eq!((many.rays_per_sample, many.max_weight), (one.rays_per_sample, one.max_weight));
+        }
+        assert_ne!(bits(&setting.render(&sampler, 20, 4).surfaces), bits(&one.surfaces), "the seed must matter");
+    }
+}
+
+#[test]
+fn an_interrupted_rendering_holds_the_finished_passes() {
+    let setting = Setting {
+        scene: Scene::built_in("temple").unwrap(),
+        environment: Arc::new(built_in("overcast").unwrap()),
+        unshadowed: false,
+        depth: 1,
+    };
+    let (stop, passes) = (AtomicBool::new(false), AtomicUsize::new(0));
+    let after_two = |share: f64| {
+        assert!(share > 0.0 && share < 1.0);
+        if passes.fetch_add(1, Ordering::Relaxed) == 1 {
+            stop.store(true, Ordering::Relaxed);
+        }
+    };
+    let interrupted = setting.render_until(&SamplerSpec::mis(), 1 << 20, 6, &stop, &after_two);
+    assert_eq!(passes.load(Ordering::Relaxed), 2);
+    let whole = setting.render(&SamplerSpec::mis(), interrupted.spp, 6);
+    assert_eq!(whole.spp, interrupted.spp);
+    assert_eq!(bits(&whole.composite()), bits(&interrupted.composite()));
+    // Stopped before it began: one pass, not an image of NaN.
+    let first = setting.render_until(&SamplerSpec::mis(), 1 << 20, 6, &AtomicBool::new(true), &|_| {});
+    assert!(first.spp > 0 && first.surfaces.pixels.iter().flatten().all(|value| value.is_finite()));
+}
+
+#[test]
+fn a_budget_of_no_samples_ends() {
+    let setting = Setting {
+        scene: Scene::built_in("plane").unwrap(),
+        environment: Arc::new(built_in("overcast").unwrap()),
+        unshadowed: true,
+        depth: 1,
+    };
+    let rendering = setting.render(&SamplerSpec::mis(), 0, 1);
+    assert_eq!(rendering.spp, 1);
+    assert!(rendering.surfaces.pixels.iter().flatten().all(|value| value.is_finite()));
+}
+
+/// A rendering in all its numbers, as bits.
+fn all_bits(rendering: &Rendering) -> (Vec<[u32; 3]>, Vec<[u32; 3]>, Vec<u32>, [u64; 2]) {
+    let Rendering { surfaces, background, coverage, rays_per_sample, max_weight, .. } = rendering;
+    let coverage = coverage.iter().map(|share| share.to_bits()).collect();
+    (bits(surfaces), bits(background), coverage, [rays_per_sample.to_bits(), u64::from(max_weight.to_bits())])
+}
+
+/// Sizes of which none is a multiple of a tile (16) and most are none of a block (4), one below a tile among them.
+const SIZES: [(usize, usize); 4] = [(37, 23), (17, 33), (5, 3), (1, 1)];
+
+#[test]
+fn time_and_samples_as_budgets_give_the_same_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let environment = Arc::new(built_in("window").unwrap());
+    let direct = exported(folder.path(), &environment).pop().unwrap();
+    let scene = Scene::built_in("dishes").unwrap();
+    for (sampler, depth) in [(direct, 1), (SamplerSpec::ris(4), 1), ("mis2".parse().unwrap(), 4)] {
+        let estimator = sampler.build(&environment).unwrap();
+        for (width, height) in SIZES {
+            let (camera, environment) = (scene.camera(), &*environment);
+            let view = View { scene: &scene, camera: &camera, environment, width, height, unshadowed: false, depth };
+            let render = |budget| render(view, &*estimator, budget, 3, &AtomicBool::new(false), &|_| {});
+            let timed = render(Budget::Time(Duration::from_millis(60)));
+            assert!(timed.spp > 1, "{sampler}: too slow for a test of several passes");
+            assert_eq!(timed.surfaces.pixels.len(), width * height);
+            let counted = render(Budget::Spp(timed.spp));
+            assert_eq!(counted.spp, timed.spp);
+            assert_eq!(all_bits(&counted), all_bits(&timed), "{sampler}, {width} x {height}, {} samples", timed.spp);
+        }
+    }
+}
+
+#[test]
+fn images_of_any_size_do_not_depend_on_threads() {
+    let environment = Arc::new(built_in("window").unwrap());
+    let scene = Scene::built_in("temple").unwrap();
+    for (sampler, depth) in [("mis", 1), ("ris:5", 3), ("brdf", 4)] {
+        let estimator = sampler.parse::<SamplerSpec>().unwrap().build(&environment).unwrap();
+        for (width, height) in SIZES {
+            let (camera, environment) = (scene.camera(), &*environment);
+            let view = View { scene: &scene, camera: &camera, environment, width, height, unshadowed: false, depth };
+            let with = |threads: usize| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| render(view, &*estimator, Budget::Spp(18), 3, &AtomicBool::new(false), &|_| {}))
+            };
+            let one = all_bits(&with(1));
+            for threads in [2, 3] {
+                assert_eq!(all_bits(&with(threads)), one, "{sampler}, {width} x {height}, {threads} threads");
+            }
+        }
+    }
+}
+
+/// Tiles and the blocks in them end at the border, and no pixel belongs to none.
+#[test]
+fn no_pixel_is_left_out_at_any_size() {
+    let environment = Arc::new(built_in("overcast").unwrap());
+    let scene = Scene::built_in("plane").unwrap();
+    let estimator = SamplerSpec::mis().build(&environment).unwrap();
+    for (width, height) in SIZES {
+        let (camera, environment) = (scene.camera(), &*environment);
+        let view = View { scene: &scene, camera: &camera, environment, width, height, unshadowed: false, depth: 1 };
+        let rendering = render(view, &*estimator, Budget::Spp(4), 3, &AtomicBool::new(false), &|_| {});
+        // No direction of this map is black, and neither is the plane under it.
+        let black = rendering.composite().pixels.iter().filter(|pixel| pixel.iter().all(|&value| value <= 0.0)).count();
+        assert_eq!(black, 0, "{width} x {height}");
+    }
+}
