@@ -1,14 +1,18 @@
 //! Environment maps: radiance from every direction at infinity.
 
+mod bilinear;
 mod built_in;
 mod compact;
+mod density;
 
+pub use bilinear::{Corners, invert_linear, sample_linear};
 pub use built_in::{BUILT_IN_NAMES, built_in};
 pub use compact::{compact_emitters, without_compact_emitters};
+pub use density::BilinearDensity;
 
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3A, Vec4};
 
 use crate::{
     color::luminance,
@@ -27,14 +31,16 @@ const LARGEST_RADIANCE: f32 = 1e15;
 /// Azimuth is periodic with texel centres at `(i + 0.5) / width`; elevation is aligned to the end rows, `j / (height - 1)`,
 /// as in Mitsuba 3. A map of one row is read as two equal rows.
 ///
-/// A texel takes 16 bytes, and 28 while the map is made of an image, which has 12: the largest map that is read from a file
-/// ([`crate::image::MAX_PIXELS`]) takes 2 GiB, and 3.5 GiB for that time. [`Self::luminance`] gives another 4 bytes per texel to its caller.
+/// A texel takes 16 bytes, and 36 while the map is made of an image, which has 12: the largest map that is read from a file
+/// ([`crate::image::MAX_PIXELS`]) takes 2 GiB, and 4.5 GiB for that time. [`Self::luminance`] gives another 4 bytes per texel to its caller.
 #[derive(Clone, Debug)]
 pub struct Environment {
     name: String,
     width: usize,
     height: usize,
-    texels: Vec<Vec3A>,
+    /// Radiance, and the density of the map's light over X.
+    texels: Arc<[[f32; 4]]>,
+    density: BilinearDensity,
     repairs: Vec<String>,
     hash: String,
 }
@@ -95,9 +101,13 @@ impl Environment {
             pixels.extend_from_within(..);
             height = 2;
         }
-        let texels: Vec<_> = pixels.into_iter().map(Vec3A::from_array).collect();
-        let hash = hash(width, height, &texels);
-        Ok(Self { name: name.to_owned(), width, height, texels, repairs, hash })
+        let hash = hash(width, height, &pixels);
+        let luminance: Vec<f32> = pixels.iter().map(|&texel| luminance(Vec3A::from_array(texel))).collect();
+        let density = BilinearDensity::new(width, height, &luminance)?;
+        let texel = |([red, green, blue], node): (&[f32; 3], f32)| [*red, *green, *blue, node];
+        let texels: Arc<[[f32; 4]]> = pixels.iter().zip(density.nodes()).map(texel).collect();
+        let density = density.in_texels(&texels);
+        Ok(Self { name: name.to_owned(), width, height, texels, density, repairs, hash })
     }
 
     /// The map's short name.
@@ -127,12 +137,17 @@ impl Environment {
 
     /// The luminance of every texel, `[height * width]`.
     pub fn luminance(&self) -> Vec<f32> {
-        self.texels.iter().map(|&texel| luminance(texel)).collect()
+        self.texels.iter().map(|&[red, green, blue, _]| luminance(Vec3A::new(red, green, blue))).collect()
+    }
+
+    /// The normalised density of the map's luminance over X.
+    pub fn density(&self) -> &BilinearDensity {
+        &self.density
     }
 
     /// The map as an image.
     pub fn to_image(&self) -> Image {
-        Image { width: self.width, height: self.height, pixels: self.texels.iter().map(Vec3A::to_array).collect() }
+        Image { width: self.width, height: self.height, pixels: self.texels.iter().map(|&[red, green, blue, _]| [red, green, blue]).collect() }
     }
 
     /// Radiance at a point of the square; `x.x` in `[0, 1]`, `x.y` in `[0, 1]`.
@@ -158,7 +173,8 @@ impl Environment {
     #[inline(always)]
     fn texels_of(&self, stencil: &Stencil) -> Texels {
         let (left, right) = (stencil.left as usize, stencil.right as usize);
-        Texels([self.texels[left], self.texels[right], self.texels[left + self.width], self.texels[right + self.width]])
+        let texel = |index: usize| Vec4::from_array(self.texels[index]);
+        Texels([texel(left), texel(right), texel(left + self.width), texel(right + self.width)])
     }
 
     /// Radiance from a unit direction.
@@ -206,7 +222,7 @@ struct Stencil {
 
 /// Four texels around a point: upper left, upper right, lower left, lower right.
 #[derive(Clone, Copy, Debug, Default)]
-struct Texels([Vec3A; 4]);
+struct Texels([Vec4; 4]);
 
 impl Texels {
     #[inline(always)]
@@ -214,7 +230,7 @@ impl Texels {
         let [a, b, c, d] = self.0;
         let top = a + (b - a) * stencil.across;
         let bottom = c + (d - c) * stencil.across;
-        (top + (bottom - top) * stencil.down).max(Vec3A::ZERO)
+        Vec3A::from_vec4((top + (bottom - top) * stencil.down).max(Vec4::ZERO))
     }
 }
 
@@ -246,12 +262,12 @@ fn repair(pixels: &mut [[f32; 3]]) -> Vec<String> {
     .collect()
 }
 
-fn hash(width: usize, height: usize, texels: &[Vec3A]) -> String {
+fn hash(width: usize, height: usize, texels: &[[f32; 3]]) -> String {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&(width as u64).to_le_bytes());
     hasher.update(&(height as u64).to_le_bytes());
     for texel in texels {
-        for channel in texel.to_array() {
+        for channel in texel {
             hasher.update(&channel.to_le_bytes());
         }
     }
@@ -270,9 +286,9 @@ mod tests {
     fn values_without_meaning_are_repaired_and_reported() {
         let map =
             of(2, 2, vec![[f32::NAN, 1.0, -2.0], [f32::INFINITY, 3.0, 0.0], [0.0; 3], [1e30, 0.5, -0.0]]).unwrap();
-        assert_eq!(map.texels[0].to_array(), [0.0, 1.0, 0.0]);
-        assert_eq!(map.texels[1].to_array(), [3.0, 3.0, 0.0]);
-        assert_eq!(map.texels[3].to_array(), [3.0, 0.5, -0.0]);
+        assert_eq!(map.texels[0][..3], [0.0, 1.0, 0.0]);
+        assert_eq!(map.texels[1][..3], [3.0, 3.0, 0.0]);
+        assert_eq!(map.texels[3][..3], [3.0, 0.5, -0.0]);
         assert_eq!(map.repairs().len(), 3);
     }
 

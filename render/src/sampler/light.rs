@@ -26,14 +26,16 @@ impl EnvironmentLight {
     /// # Errors
     /// See [`Tail::new`].
     pub fn new(environment: Arc<Environment>, kind: TailKind) -> Result<Self> {
-        let tail = Tail::new(kind, environment.width(), environment.height(), &environment.luminance())?;
-        Ok(Self::with_tail(environment, Arc::new(tail)))
+        let tail = Tail::of_environment(kind, &environment)?;
+        Ok(Self { environment, tail: Arc::new(tail), coverage: Coverage::Everything })
     }
 
     /// Joins a map to a tail that may have been built for a modification of it. Its coverage says whether the tail reaches all light of the
     /// map.
     pub fn with_tail(environment: Arc<Environment>, tail: Arc<Tail>) -> Self {
         let coverage = if reaches(&tail, &environment) { Coverage::Everything } else { Coverage::LightOfTail };
+        let light = environment.density();
+        let tail = if tail.light().is_same(light) { Arc::new(Arc::unwrap_or_clone(tail).with_light(light)) } else { tail };
         Self { environment, tail, coverage }
     }
 
@@ -100,8 +102,7 @@ fn reaches(tail: &Tail, environment: &Environment) -> bool {
     if tail.kind() == TailKind::Flow {
         return true;
     }
-    let (grid, map) = (tail.light(), environment.luminance());
-    let same_size = grid.columns() == environment.width() && grid.rows() + 1 == environment.height();
-    let rows = map.chunks_exact(environment.width()).enumerate();
-    same_size && rows.into_iter().all(|(row, map)| map.iter().zip(grid.node_row(row)).all(|(&map, &own)| map == 0.0 || own > 0.0))
+    let (own, map) = (tail.light(), environment.density());
+    let same_size = (own.columns(), own.rows()) == (map.columns(), map.rows());
+    same_size && map.nodes().zip(own.nodes()).all(|(map, own)| map == 0.0 || own > 0.0)
 }

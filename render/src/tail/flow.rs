@@ -2,8 +2,8 @@
 
 use glam::Vec2;
 
-use super::{BilinearDensity, TailWarp, WarpMap, each_lane};
-use crate::simd::Lanes;
+use super::{TailWarp, WarpMap, each_lane};
+use crate::{environment::BilinearDensity, simd::Lanes};
 
 /// A tabulated smooth warp with the light that it was fitted to. It is a bijection with an exact density, but that density is only near
 /// the light: what is left over multiplies the target of a head ([`FlowTail::light_ratio`]).
@@ -27,6 +27,10 @@ impl FlowTail {
     /// The density of the map's light.
     pub fn light(&self) -> &BilinearDensity {
         &self.light
+    }
+
+    pub(super) fn light_mut(&mut self) -> &mut BilinearDensity {
+        &mut self.light
     }
 
     /// The density of the light over that of the warp at `x`; 1 everywhere for an exact tail.

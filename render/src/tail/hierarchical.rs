@@ -2,10 +2,11 @@
 
 use glam::{Mat4, Vec2, Vec4};
 
-use super::{TailWarp, bilinear::Corners, density::BilinearDensity};
+use super::TailWarp;
 use crate::{
     columns::vectorized,
     discrete::{BELOW_ONE, remap},
+    environment::{BilinearDensity, Corners},
     simd::{LANES, Lanes},
 };
 
@@ -121,6 +122,10 @@ impl Hierarchical {
     /// The density of the map.
     pub fn grid(&self) -> &BilinearDensity {
         &self.grid
+    }
+
+    pub(super) fn grid_mut(&mut self) -> &mut BilinearDensity {
+        &mut self.grid
     }
 
     /// Column and row of a number in the order of the descent: the inverse of [`cell_index`].
@@ -274,14 +279,14 @@ impl Descents {
     /// The points of X, and the Jacobians there.
     #[inline(always)]
     fn finish(&self, tail: &Hierarchical) -> ([Lanes; 2], Lanes) {
-        let grid = &tail.grid;
+        let (grid, nodes) = (&tail.grid, tail.grid.grid());
         let (mut columns, mut rows) = ([0; LANES], [0; LANES]);
         for k in 0..LANES {
             (columns[k], rows[k]) = tail.cell(self.index[k]);
         }
         let mut corners = [[0.0; 4]; LANES];
         for k in 0..LANES {
-            corners[k] = grid.corners(columns[k] as usize, rows[k] as usize).0;
+            corners[k] = nodes.corners(columns[k] as usize, rows[k] as usize).0;
         }
         let (mut x, mut jacobian) = ([[0.0; LANES]; 2], [0.0; LANES]);
         for k in 0..LANES {
@@ -335,13 +340,14 @@ vectorized! {
         for strip in 0..density.len() {
             let (u, v) = (x[0][strip], x[1][strip]);
             let (mut columns, mut rows, mut inside) = ([0; LANES], [0; LANES], [Vec2::ZERO; LANES]);
+            let nodes = tail.grid.grid();
             for k in 0..LANES {
                 let (column, row, place) = tail.grid.cell(Vec2::new(u[k], v[k]));
                 (columns[k], rows[k], inside[k]) = (column as u32, row as u32, place);
             }
             let mut corners = [Corners([0.0; 4]); LANES];
             for k in 0..LANES {
-                corners[k] = tail.grid.corners(columns[k] as usize, rows[k] as usize);
+                corners[k] = nodes.corners(columns[k] as usize, rows[k] as usize);
             }
             let Bounds { left, right, top, bottom } = tail.bounds(&columns, &rows);
             for k in 0..LANES {

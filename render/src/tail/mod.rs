@@ -1,14 +1,11 @@
 //! Tail warps t: Y -> X: unconditional bijections that carry the uniform distribution to the light of an environment map.
 
-mod bilinear;
-mod density;
 mod flow;
 mod hierarchical;
 mod repair;
 mod row_column;
 mod warp_map;
 
-pub use density::BilinearDensity;
 pub use flow::FlowTail;
 pub use hierarchical::Hierarchical;
 pub use repair::Repair;
@@ -20,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     columns::strips,
+    environment::{BilinearDensity, Environment},
     latlong,
     simd::{LANES, Lanes},
 };
@@ -150,15 +148,38 @@ impl Tail {
     /// # Errors
     /// See [`BilinearDensity::new`]; a flow tail is fitted, not built.
     pub fn new(kind: TailKind, width: usize, height: usize, luminance: &[f32]) -> crate::Result<Self> {
-        let density = BilinearDensity::new(width, height, luminance)?;
-        Ok(match kind {
-            TailKind::RowColumn => Self::RowColumn(RowColumn::new(density)),
-            TailKind::Hierarchical => Self::Hierarchical(Hierarchical::new(density)),
+        Self::of_density(kind, BilinearDensity::new(width, height, luminance)?)
+    }
+
+    /// Builds an exact tail for the light of a map.
+    ///
+    /// # Errors
+    /// A flow tail is fitted, not built.
+    pub fn of_environment(kind: TailKind, environment: &Environment) -> crate::Result<Self> {
+        Self::of_density(kind, environment.density().clone())
+    }
+
+    fn of_density(kind: TailKind, density: BilinearDensity) -> crate::Result<Self> {
+        match kind {
+            TailKind::RowColumn => Ok(Self::RowColumn(RowColumn::new(density))),
+            TailKind::Hierarchical => Ok(Self::Hierarchical(Hierarchical::new(density))),
             TailKind::Flow => {
                 let reason = "a flow is fitted to a map (headtail fit --tail flow), not built from it";
-                return Err(crate::Error::argument("tail", reason));
+                Err(crate::Error::argument("tail", reason))
             }
-        })
+        }
+    }
+
+    /// The same warp, which takes its densities from an equal list that others use too.
+    #[must_use]
+    pub fn with_light(mut self, light: &BilinearDensity) -> Self {
+        let own = match &mut self {
+            Self::RowColumn(tail) => tail.grid_mut(),
+            Self::Hierarchical(tail) => tail.grid_mut(),
+            Self::Flow(tail) => tail.light_mut(),
+        };
+        own.clone_from(light);
+        self
     }
 
     /// A flow tail of a table and the luminance `[height * width]` that it was fitted to.

@@ -2,14 +2,10 @@
 
 use glam::Vec2;
 
-use super::{
-    TailWarp,
-    bilinear::{invert_linear, sample_linear},
-    density::BilinearDensity,
-    each_lane,
-};
+use super::{TailWarp, each_lane};
 use crate::{
     discrete::{BELOW_ONE, remap},
+    environment::{BilinearDensity, invert_linear, sample_linear},
     simd::Lanes,
 };
 
@@ -32,8 +28,8 @@ impl RowColumn {
         let (columns, rows) = (grid.columns(), grid.rows());
         let mut before = Vec::with_capacity((columns + 1) * (rows + 1));
         let mut sums = Vec::with_capacity(rows + 1);
-        for row in 0..=rows {
-            let nodes = grid.node_row(row);
+        let all: Vec<f32> = grid.nodes().collect();
+        for nodes in all.chunks_exact(columns) {
             let mut sum = 0.0_f64;
             before.push(0.0);
             for column in 0..columns {
@@ -56,6 +52,10 @@ impl RowColumn {
     /// The density of the map.
     pub fn grid(&self) -> &BilinearDensity {
         &self.grid
+    }
+
+    pub(super) fn grid_mut(&mut self) -> &mut BilinearDensity {
+        &mut self.grid
     }
 
     /// The integral of the blended row from its first texel centre to the left edge of a cell.

@@ -1,6 +1,6 @@
 //! The normalised density of an environment map's light over the sample square.
 
-use std::f64::consts::PI;
+use std::{f64::consts::PI, sync::Arc};
 
 use glam::Vec2;
 
@@ -21,14 +21,46 @@ use crate::{
 /// Cells lie *between* texel centres: cell `i` of a row spans texels `i` and `i + 1` (periodic), so a cell's left edge is at
 /// `u = (i + 0.5) / width`.
 ///
-/// It takes 4 bytes per texel of the map, and as many for the luminance that it is built of; building takes no more than that but for
-/// 8 bytes per row.
+/// The density of a map's own light lies beside the map's texels, so that whoever samples a texel has it in the cache when the radiance is looked
+/// up; that of other luminance takes 4 bytes per texel.
 #[derive(Clone, Debug)]
 pub struct BilinearDensity {
     width: usize,
     height: usize,
-    nodes: Vec<f32>,
+    nodes: Nodes,
     power: f64,
+}
+
+/// The densities at the texels, row-major.
+#[derive(Clone, Debug)]
+enum Nodes {
+    Own(Arc<[f32]>),
+    /// The fourth number of each texel.
+    OfTexels(Arc<[[f32; 4]]>),
+}
+
+/// The densities at the texels as one list: node `k` is `nodes[k * stride + offset]`.
+#[derive(Clone, Copy)]
+pub(crate) struct Grid<'a> {
+    width: usize,
+    nodes: &'a [f32],
+    stride: usize,
+    offset: usize,
+}
+
+impl Grid<'_> {
+    /// The densities at the corners of a cell.
+    #[inline(always)]
+    pub fn corners(&self, column: usize, row: usize) -> Corners {
+        let next = if column + 1 == self.width { 0 } else { column + 1 };
+        let (upper, lower) = (row * self.width, (row + 1) * self.width);
+        Corners([self.node(upper + column), self.node(upper + next), self.node(lower + column), self.node(lower + next)])
+    }
+
+    #[inline(always)]
+    fn node(&self, index: usize) -> f32 {
+        self.nodes[index * self.stride + self.offset]
+    }
 }
 
 impl BilinearDensity {
@@ -57,7 +89,33 @@ impl BilinearDensity {
             return Err(Error::argument("tail luminance", "is zero everywhere: there is no light to sample"));
         }
         let nodes = luminance.iter().enumerate().map(|node| (weighted(node) * cells / sum) as f32).collect();
-        Ok(Self { width, height, nodes, power: 2.0 * PI * PI * sum / cells })
+        Ok(Self { width, height, nodes: Nodes::Own(nodes), power: 2.0 * PI * PI * sum / cells })
+    }
+
+    /// The same density, kept in the fourth numbers of a map's texels.
+    pub(super) fn in_texels(&self, texels: &Arc<[[f32; 4]]>) -> Self {
+        Self { nodes: Nodes::OfTexels(texels.clone()), ..*self }
+    }
+
+    /// The densities at the texels.
+    #[inline(always)]
+    pub(crate) fn grid(&self) -> Grid<'_> {
+        let (nodes, stride, offset) = match &self.nodes {
+            Nodes::Own(nodes) => (&**nodes, 1, 0),
+            Nodes::OfTexels(texels) => (texels.as_flattened(), 4, 3),
+        };
+        Grid { width: self.width, nodes, stride, offset }
+    }
+
+    /// The densities at all texels, row by row.
+    pub fn nodes(&self) -> impl ExactSizeIterator<Item = f32> + Clone + '_ {
+        let grid = self.grid();
+        (0..self.width * self.height).map(move |k| grid.node(k))
+    }
+
+    /// Whether two densities are equal at all texels.
+    pub fn is_same(&self, other: &Self) -> bool {
+        (self.width, self.height) == (other.width, other.height) && self.nodes().eq(other.nodes())
     }
 
     /// The integral of the luminance over solid angle, before it was normalised.
@@ -76,17 +134,8 @@ impl BilinearDensity {
     }
 
     /// The densities at the corners of a cell.
-    #[inline(always)]
     pub fn corners(&self, column: usize, row: usize) -> Corners {
-        let next = if column + 1 == self.width { 0 } else { column + 1 };
-        let (upper, lower) = (row * self.width, (row + 1) * self.width);
-        let nodes = &self.nodes;
-        Corners([nodes[upper + column], nodes[upper + next], nodes[lower + column], nodes[lower + next]])
-    }
-
-    /// The density of a row of nodes.
-    pub fn node_row(&self, row: usize) -> &[f32] {
-        &self.nodes[row * self.width..(row + 1) * self.width]
+        self.grid().corners(column, row)
     }
 
     /// The cell of a point of X, `(column, row, position inside)`.
@@ -123,6 +172,7 @@ impl BilinearDensity {
 
 vectorized! {
     fn densities['a](_simd, grid: &'a BilinearDensity, x: [&'a [Lanes]; 2], out: &'a mut [Lanes]) {
+        let nodes = grid.grid();
         for strip in 0..out.len() {
             let (u, v) = (x[0][strip], x[1][strip]);
             let (mut columns, mut rows, mut inside) = ([0; LANES], [0; LANES], [Vec2::ZERO; LANES]);
@@ -132,7 +182,7 @@ vectorized! {
             // All loads before the arithmetic, so that they wait for memory together.
             let mut corners = [Corners([0.0; 4]); LANES];
             for k in 0..LANES {
-                corners[k] = grid.corners(columns[k], rows[k]);
+                corners[k] = nodes.corners(columns[k], rows[k]);
             }
             for k in 0..LANES {
                 out[strip][k] = corners[k].evaluate(inside[k]);
