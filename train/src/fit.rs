@@ -10,8 +10,8 @@ use headtail_model::Head;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    CheckpointFolder, Divergence, Error, FitConfig, Result, Target, checkpoint::SavedRun, state::TrainingState,
-    validation::Validation,
+    CheckpointFolder, Divergence, Error, FitConfig, Result, Target, checkpoint::SavedRun, material::condition_name,
+    state::TrainingState, validation::Validation,
 };
 
 /// What is known after a step.
@@ -190,12 +190,12 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
 fn check_target(config: &FitConfig, target: &dyn Target) -> Result<()> {
     let refuse = |field, value: String, requirement| Err(Error::Config { field, value, requirement });
     if config.head.condition != target.condition() {
-        return refuse("head.condition", config.head.condition.name().to_owned(), "that of the target");
+        return refuse("head.condition", condition_name(config.head.condition), "that of the target");
     }
     if target.has_brdf_sampling() {
         return Ok(());
     }
-    if config.head.selection {
+    if config.head.share {
         return refuse("head.selection", "true".into(), "false for a target without BRDF sampling");
     }
     if config.brdf_samples > 0 {
@@ -212,7 +212,7 @@ mod tests {
     use headtail_render::random::Stream;
 
     use super::*;
-    use crate::{Backend, CosineTarget, target::PointValues, test_support::sky};
+    use crate::{Backend, CosineTarget, integrand::PointValues, test_support::sky};
 
     /// A von Mises density of the azimuth around the condition's angle, times a beta density of the elevation.
     struct VonMisesTimesBeta;
@@ -345,7 +345,7 @@ mod tests {
         let head = HeadConfig { condition: Condition::Ggx, ..HeadConfig::COSINE };
         let error = quiet(&FitConfig { head, ..small() }, &VonMisesTimesBeta).err().unwrap();
         assert!(error.to_string().contains("head.condition = ggx"), "{error}");
-        let head = HeadConfig { selection: true, ..HeadConfig::COSINE };
+        let head = HeadConfig { share: true, ..HeadConfig::COSINE };
         for config in [FitConfig { head, ..small() }, FitConfig { brdf_samples: 4, ..small() }] {
             let error = quiet(&config, &VonMisesTimesBeta).err().unwrap();
             assert!(error.to_string().contains("without BRDF sampling"), "{error}");

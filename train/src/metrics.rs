@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use headtail_render::file;
 use serde::Serialize;
 
 use crate::{Error, Progress, Result};
@@ -102,7 +103,7 @@ fn open(path: &Path, step: usize) -> std::io::Result<(File, Option<u64>)> {
             }
         }
     }
-    fs::write(path, kept)?;
+    file::replace(path, kept.as_bytes()).map_err(std::io::Error::other)?;
     Ok((OpenOptions::new().append(true).open(path)?, last))
 }
 
@@ -154,6 +155,18 @@ mod tests {
         assert_eq!(steps(&path), [0, 10, 20]);
         MetricsFile::new(&path, 3).add(&progress(0, true)).unwrap();
         assert_eq!(steps(&path), [0], "a new run replaces the file");
+    }
+
+    /// A kill in the middle of a write in place would leave a part.
+    #[test]
+    fn lines_are_dropped_in_a_new_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, other_name) = (folder.path().join("metrics.jsonl"), folder.path().join("before"));
+        let mut file = MetricsFile::new(&path, 3);
+        (0..3).for_each(|k| file.add(&progress(10 * k, true)).unwrap());
+        fs::hard_link(&path, &other_name).unwrap();
+        MetricsFile::new(&path, 3).add(&progress(10, false)).unwrap();
+        assert_eq!((steps(&path), steps(&other_name)), (vec![0, 10], vec![0, 10, 20]));
     }
 
     #[test]

@@ -3,10 +3,9 @@
 use headtail_render::random::Purpose;
 
 use crate::{
-    Error, FitConfig, Result, Target,
-    gradient::{GradientSource, StepGradient},
+    Error, FitConfig, GradientSource, Result, StepGradient, Target,
+    integrand::Batch,
     optimizer::{Optimizer, OptimizerState},
-    target::Batch,
 };
 
 /// Weights, optimiser and counters. Batches are not part of it: they are functions of (seed, step).
@@ -115,7 +114,7 @@ impl TrainingState {
         if let Some(gradient) = gradient {
             self.loss = gradient.loss;
             let moved =
-                gradient.loss.is_finite() && self.optimizer.step(self.step, &mut self.weights, &gradient.by_weight);
+                gradient.loss.is_finite() && self.optimizer.step(self.step, &mut self.weights, &gradient.d_weight);
             if moved {
                 self.average_weights(config.ema_decay);
             } else {

@@ -11,7 +11,7 @@ use headtail_render::{
 
 use crate::{
     CosineTarget,
-    target::{Batch, BatchShape},
+    integrand::{Batch, BatchShape},
 };
 
 /// A head far from the identity: its last layers are drawn too.

@@ -1,9 +1,6 @@
 //! Fully connected layers and the network that gives a spline its logits.
 
-use super::{
-    MAX_BINS, MAX_HIDDEN,
-    spline::{Spline, Topology},
-};
+use super::{MAX_BINS, MAX_HIDDEN, Topology, spline::Spline};
 use crate::error::{Error, Result};
 
 /// Most logits of a spline.

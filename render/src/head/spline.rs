@@ -1,6 +1,6 @@
 //! Monotone rational-quadratic splines on `[0,1]` (Durkan et al. 2019) and on the circle (Rezende et al. 2020), one point at a time.
 
-use super::MAX_BINS;
+use super::{MAX_BINS, Topology};
 
 /// Floor of a bin's width and height.
 pub(super) const MIN_BIN: f32 = 1e-4;
@@ -10,15 +10,6 @@ pub(super) const MIN_SLOPE: f32 = 1e-4;
 pub(super) const SLOPE_OFFSET: f32 = 0.541_166_65;
 /// The largest f32 below 1.
 pub(super) const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
-
-/// What a coordinate's two ends are to each other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Topology {
-    /// Two ends, with slopes of their own.
-    Interval,
-    /// One point.
-    Circle,
-}
 
 /// A spline of K bins. Its `3 K + 1` logits are widths, heights, and then slopes at the K + 1 knots (interval), or slopes at K
 /// knots and a shift in turns (circle). Zero logits are the identity.

@@ -7,6 +7,7 @@ mod chi_square;
 mod interval;
 mod metric;
 mod quadrature;
+mod relative_variance;
 mod tiles;
 mod welch;
 
@@ -14,6 +15,7 @@ pub use chi_square::{ChiSquareReport, SphereChiSquare};
 pub use interval::MeanInterval;
 pub use metric::{ErrorMetrics, RELATIVE_EPSILON, TRIMMED_FRACTION, ttuv};
 pub use quadrature::{Quadrature, QuadratureShape, Term};
+pub use relative_variance::{relative_variance, relative_variance_of_log_moment};
 pub use tiles::{TileTest, compare_images, compare_runs};
 pub use welch::{Moments, TTest};
 

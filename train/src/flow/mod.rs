@@ -83,21 +83,24 @@ pub fn fit_flow(config: &FitConfig, exact: &Tail, run: Run<'_>) -> Result<Fitted
     let validation = Validation::new(exact, config.seed);
     let initial_kl = validation.kl(&mut gradient, &blank.flat_weights());
     let mut kl = validation.kl(&mut gradient, state.weights());
-    let (first_step, every) = (state.step, (config.steps / VALIDATIONS).max(1));
+    let first_step = state.step;
+    let is_measured = |step: usize| step.is_multiple_of((config.steps / VALIDATIONS).max(1)) || step == config.steps;
+    // Not where a resumed run happens to begin: a whole run would not have ended there.
+    let is_met = |step, kl| config.flow.kl_target > 0.0 && is_measured(step) && kl <= config.flow.kl_target;
     let seconds = || earlier + start.elapsed().as_secs_f64();
     let save = |state: &TrainingState| match checkpoints {
         Some(checkpoints) => checkpoints.save(&config, &SavedRun { state: state.save(), seconds: seconds() }),
         None => Ok(()),
     };
     let points_per_step = config.flow.strata * config.flow.strata;
-    while state.step < config.steps && !(config.flow.kl_target > 0.0 && kl <= config.flow.kl_target) {
+    while state.step < config.steps && !is_met(state.step, kl) {
         if interrupt.load(Ordering::Relaxed) {
             break;
         }
         let points = draw(exact, config.flow.strata, config.flow.uniform, config.seed, state.step as u64);
         let step = gradient.gradient(state.weights(), &points);
         state.apply(&config, Some(step))?;
-        if state.step.is_multiple_of(every) || state.step == config.steps {
+        if is_measured(state.step) {
             kl = validation.kl(&mut gradient, state.weights());
         }
         progress(&Progress {

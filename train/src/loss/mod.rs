@@ -1,13 +1,14 @@
-//! Losses of one condition: value, and derivatives with respect to each log-density and to the selection logit.
+//! Losses of one condition: value, and derivatives with respect to each log-density and to the share logit.
 
 mod in_graph;
 #[cfg(test)]
 mod tests;
 
-use headtail_model::head::{SELECTION_FLOOR, selection_probability};
+use headtail_model::head::{SELECTION_FLOOR, share_of_logit};
+use headtail_render::statistics::relative_variance_of_log_moment;
 use serde::{Deserialize, Serialize};
 
-use crate::target::ConditionPoints;
+use crate::integrand::ConditionPoints;
 
 /// What training minimises, averaged over the conditions whose target is not zero everywhere.
 ///
@@ -103,39 +104,39 @@ impl NormalizedTarget {
 /// Derivatives of one condition's loss.
 pub struct LossDerivatives<'a> {
     /// By the log-density of the head at each point; overwritten.
-    pub by_log_q: &'a mut [f32],
-    /// By the selection logit.
-    pub by_selection: f32,
+    pub d_log_q: &'a mut [f32],
+    /// By the share logit.
+    pub d_share: f32,
 }
 
 impl Objective {
     /// The loss of one condition and its derivatives; `None` if the target is zero at all its points.
     ///
-    /// `log_q` is the head's log-density. With a selection logit the loss is that of the mixture
+    /// `log_q` is the head's log-density. With a share logit the loss is that of the mixture
     /// `q_mix = p q + (1 - p) b` with BRDF sampling `b`, and the derivatives go through it.
     pub fn evaluate(
         &self,
         points: &ConditionPoints<'_>,
         log_q: &[f32],
-        selection: Option<f32>,
+        share: Option<f32>,
         out: &mut LossDerivatives<'_>,
     ) -> Option<f32> {
         let target = NormalizedTarget::new(points)?;
-        out.by_selection = 0.0;
-        let Some(logit) = selection else {
-            return Some(self.of_density(&target, points, log_q, out.by_log_q));
+        out.d_share = 0.0;
+        let Some(logit) = share else {
+            return Some(self.of_density(&target, points, log_q, out.d_log_q));
         };
         let mixture = Mixture::new(logit);
         let log_mixed: Vec<f32> = log_q.iter().zip(points.brdf).map(|(&log_q, &b)| mixture.log(log_q, b)).collect();
-        let loss = self.of_density(&target, points, &log_mixed, out.by_log_q);
-        let mut by_probability = 0.0;
-        for ((by, &log_q), &log_mixed) in out.by_log_q.iter_mut().zip(log_q).zip(&log_mixed) {
-            let by_mixed = *by;
+        let loss = self.of_density(&target, points, &log_mixed, out.d_log_q);
+        let mut d_probability = 0.0;
+        for ((by, &log_q), &log_mixed) in out.d_log_q.iter_mut().zip(log_q).zip(&log_mixed) {
+            let d_mixed = *by;
             let share = mixture.head_share(log_q, log_mixed);
-            *by = by_mixed * share;
-            by_probability += by_mixed * (share / mixture.p - (1.0 - share) / (1.0 - mixture.p));
+            *by = d_mixed * share;
+            d_probability += d_mixed * (share / mixture.p - (1.0 - share) / (1.0 - mixture.p));
         }
-        out.by_selection = by_probability * mixture.by_logit;
+        out.d_share = d_probability * mixture.d_logit;
         Some(loss)
     }
 
@@ -203,7 +204,7 @@ fn log_chi_square(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f
 fn chi_square(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32]) -> f32 {
     let log = log_chi_square(target, log_q, derivatives).min(LARGEST_LOG_CHI_SQUARE);
     derivatives.iter_mut().for_each(|by| *by *= log.exp());
-    log.exp_m1()
+    relative_variance_of_log_moment(f64::from(log)) as f32
 }
 
 fn reverse_kl(target: &NormalizedTarget, weights: &[f32], log_q: &[f32], derivatives: &mut [f32]) -> f32 {
@@ -232,14 +233,14 @@ fn reverse_kl(target: &NormalizedTarget, weights: &[f32], log_q: &[f32], derivat
 struct Mixture {
     p: f32,
     /// Derivative of `p` by the logit.
-    by_logit: f32,
+    d_logit: f32,
 }
 
 impl Mixture {
     fn new(logit: f32) -> Self {
-        let p = selection_probability(logit);
-        let floor = SELECTION_FLOOR as f32;
-        Self { p, by_logit: (p - floor) * (1.0 - floor - p) / (1.0 - 2.0 * floor) }
+        let p = share_of_logit(logit);
+        let floor = SELECTION_FLOOR;
+        Self { p, d_logit: (p - floor) * (1.0 - floor - p) / (1.0 - 2.0 * floor) }
     }
 
     /// `ln q_mix`.
