@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     Backend, Error, FlowSettings, GradientForm, Loss, Material, Objective, Preset, Result, integrand::BatchShape,
-    material::condition_name,
 };
 
 /// A training run. Missing keys of a file take the defaults, unknown keys are errors.
@@ -118,7 +117,7 @@ impl FitConfig {
         self.head.validate()?;
         self.flow.validate()?;
         if self.head.condition != self.material.condition() {
-            let value = condition_name(self.head.condition);
+            let value = name_of(self.head.condition);
             let requirement = match self.material.condition() {
                 Condition::Normal => "`normal` for this material",
                 Condition::Ggx => "`ggx` for this material",
@@ -142,6 +141,12 @@ impl FitConfig {
         within("weight_decay", self.weight_decay, 0.0..=1.0, "in [0, 1]")?;
         within("clip_norm", self.clip_norm, f64::MIN_POSITIVE..=f64::MAX, "positive and finite")
     }
+}
+
+/// The name of one of several values, as files have it.
+pub(crate) fn name_of<T: Serialize>(value: T) -> String {
+    let name = serde_json::to_value(value).expect("a name can be written as JSON");
+    name.as_str().expect("it is written by its name").to_owned()
 }
 
 /// Checks that a field is in its range.

@@ -10,20 +10,22 @@ use headtail_model::Head;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    CheckpointFolder, Divergence, Error, FitConfig, Result, Target, checkpoint::SavedRun, material::condition_name,
+    CheckpointFolder, Divergence, Error, FitConfig, Result, Target, checkpoint::SavedRun, config::name_of,
     state::TrainingState, validation::Validation,
 };
 
 /// What is known after a step.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize)]
 pub struct Progress {
     /// Steps done.
     pub step: usize,
     /// Steps in all.
+    #[serde(skip)]
     pub steps: usize,
     /// The step's loss on its batch.
     pub loss: f32,
     /// Validation, if this step had one.
+    #[serde(flatten)]
     pub divergence: Option<Divergence>,
     /// The step's learning rate.
     pub learning_rate: f64,
@@ -122,7 +124,7 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
     let mut earlier_seconds = 0.0;
     if let Some(saved) = saved {
         earlier_seconds = saved.seconds;
-        state = TrainingState::restore(config, saved.state);
+        state = saved.state;
     }
     let first_step = state.step;
     let report = |state: &TrainingState, divergence: Option<Divergence>| Progress {
@@ -130,7 +132,7 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
         steps: config.steps,
         loss: state.loss,
         divergence,
-        learning_rate: state.last_rate(),
+        learning_rate: state.last_rate(config),
         samples_per_second: ((state.step - first_step) * config.conditions * config.batch_shape().samples()) as f64
             / start.elapsed().as_secs_f64(),
         seconds: earlier_seconds + start.elapsed().as_secs_f64(),
@@ -139,7 +141,7 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
     let save = |state: &TrainingState| match checkpoints {
         Some(checkpoints) => {
             let seconds = earlier_seconds + start.elapsed().as_secs_f64();
-            checkpoints.save(config, &SavedRun { state: state.save(), seconds })
+            checkpoints.save(config, &SavedRun { state: state.clone(), seconds })
         }
         None => Ok(()),
     };
@@ -190,7 +192,7 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
 fn check_target(config: &FitConfig, target: &dyn Target) -> Result<()> {
     let refuse = |field, value: String, requirement| Err(Error::Config { field, value, requirement });
     if config.head.condition != target.condition() {
-        return refuse("head.condition", condition_name(config.head.condition), "that of the target");
+        return refuse("head.condition", name_of(config.head.condition), "that of the target");
     }
     if target.has_brdf_sampling() {
         return Ok(());

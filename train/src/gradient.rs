@@ -5,7 +5,10 @@ use std::fmt;
 use headtail_model::{Head, burn::prelude::Device};
 use serde::{Deserialize, Serialize};
 
-use crate::{Backend, GradientSource, Objective, StepGradient, fused::FusedGradient, injection, integrand::Batch};
+use crate::{
+    Backend, GradientSource, Objective, StepGradient, config::name_of, fused::FusedGradient, injection,
+    integrand::Batch,
+};
 
 /// How a step's gradient is computed. All forms give the same to rounding.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -49,12 +52,7 @@ impl GradientForm {
 
 impl fmt::Display for GradientForm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Auto => "auto",
-            Self::Fused => "fused",
-            Self::Injected => "injected",
-            Self::InGraph => "in-graph",
-        })
+        f.write_str(&name_of(self))
     }
 }
 

@@ -18,7 +18,7 @@ use headtail_model::{
 };
 use headtail_render::spline::{self, Gradient, Logits, Topology, bin_count};
 
-use crate::{Objective, StepGradient, integrand::Batch, loss::LossDerivatives};
+use crate::{Objective, StepGradient, integrand::Batch};
 
 /// Points of a batch that one thread takes through the networks: few enough that activations stay in its cache, enough that
 /// the cost of an operation is not that of starting it.
@@ -74,19 +74,21 @@ fn injected_shard(head: &Head, objective: Objective, batch: &Batch, lit: f32, de
     let share = head.share_logits(c);
 
     let log_q: Vec<f32> = at_elevation.log_slopes.iter().zip(&at_azimuth.log_slopes).map(|(v, u)| v + u).collect();
-    let share_logits = share.clone().map(|logits| logits.try_into_vec_as::<f32>().expect("logits are readable"));
-    let sums = LossSums::new(objective, batch, &log_q, share_logits.as_deref());
+    let shares =
+        share.clone().map_or_else(Vec::new, |logits| logits.try_into_vec_as::<f32>().expect("logits are readable"));
+    let (mut d_log_q, mut d_shares) = (vec![0.0; log_q.len()], vec![0.0; shares.len()]);
+    let loss = objective.evaluate_conditions(batch, 0, &log_q, &shares, &mut d_log_q, &mut d_shares);
     let inject = |logits: Tensor<3>, splines: &Splines| {
-        let gradient = splines.gradient(&sums.d_log_q, logits.dims(), device);
+        let gradient = splines.gradient(&d_log_q, logits.dims(), device);
         (logits * gradient).sum()
     };
     let mut sum = inject(elevation, &at_elevation) + inject(azimuth, &at_azimuth);
     if let Some(logits) = share {
-        let gradient = TensorData::new(sums.d_share, logits.dims());
+        let gradient = TensorData::new(d_shares, logits.dims());
         sum = sum + (logits * Tensor::from_data(gradient, device)).sum();
     }
     let gradients = GradientsParams::from_grads(sum.div_scalar(lit).backward(), head);
-    StepGradient { loss: sums.loss / lit, d_weight: head.flat_gradients(&gradients) }
+    StepGradient { loss: loss / lit, d_weight: head.flat_gradients(&gradients) }
 }
 
 /// Points `[conditions, samples, 2]` and conditions of a batch as tensors.
@@ -156,30 +158,6 @@ impl Splines {
     }
 }
 
-/// The loss summed over the conditions whose target is not zero everywhere, and its derivatives.
-struct LossSums {
-    loss: f32,
-    /// By the head's log-density at every point.
-    d_log_q: Vec<f32>,
-    /// By every condition's share logit.
-    d_share: Vec<f32>,
-}
-
-impl LossSums {
-    fn new(objective: Objective, batch: &Batch, log_q: &[f32], share_logits: Option<&[f32]>) -> Self {
-        let mut sums = Self { loss: 0.0, d_log_q: vec![0.0; log_q.len()], d_share: vec![0.0; batch.condition_count()] };
-        let rows = sums.d_log_q.chunks_exact_mut(batch.samples).zip(log_q.chunks_exact(batch.samples));
-        for (condition, (d_log_q, log_q)) in rows.enumerate() {
-            let logit = share_logits.map(|logits| logits[condition]);
-            let mut out = LossDerivatives { d_log_q, d_share: 0.0 };
-            let Some(loss) = objective.evaluate(&batch.condition(condition), log_q, logit, &mut out) else { continue };
-            sums.d_share[condition] = out.d_share;
-            sums.loss += loss;
-        }
-        sums
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use headtail_model::{EncoderConfig, HeadConfig};
@@ -189,7 +167,7 @@ mod tests {
     use crate::{
         Backend, CosineTarget, Loss,
         integrand::BatchShape,
-        test_support::{random_head, studio},
+        test_support::{assert_same, random_head, studio},
     };
 
     fn objectives() -> Vec<Objective> {
@@ -222,13 +200,7 @@ mod tests {
                     for objective in objectives() {
                         let expected = in_graph(&head, objective, &batch, &device).unwrap();
                         let found = injected(&head, objective, &batch, &device).unwrap();
-                        let scale = expected.loss.abs().max(1.0);
-                        assert!((expected.loss - found.loss).abs() < 1e-5 * scale, "{} {}", expected.loss, found.loss);
-                        let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
-                        let size = norm(&mut expected.d_weight.iter().copied());
-                        let error = norm(&mut expected.d_weight.iter().zip(&found.d_weight).map(|(a, b)| a - b));
-                        assert!(error <= 1e-5 * size, "{backend} {config:?} {objective:?}: {error} of {size}");
-                        assert!(size > 1e-3);
+                        assert_same(&expected, &found, 1e-5, &format!("{backend} {config:?} {objective:?}"));
                     }
                 }
             }

@@ -32,12 +32,6 @@ impl Material {
     }
 }
 
-/// The name of a condition in files.
-pub(crate) fn condition_name(condition: Condition) -> String {
-    let name = serde_json::to_value(condition).expect("a condition can be written as JSON");
-    name.as_str().expect("a condition is written by its name").to_owned()
-}
-
 impl fmt::Display for Material {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -4,6 +4,7 @@ use headtail_model::{FlowConfig, FlowForm};
 use headtail_render::{environment::built_in, tail::TailKind};
 
 use super::*;
+use crate::test_support::assert_same;
 use crate::{Backend, CheckpointFolder, GradientForm};
 
 const SHAPE: FlowConfig = FlowConfig {
@@ -58,11 +59,7 @@ fn the_fused_gradient_is_that_of_the_graph() {
             FlowGradient::new(&FitConfig { gradient, ..small() }, &flow, &device).gradient(&weights, &points)
         };
         let (fused, graph) = (gradient(GradientForm::Fused), gradient(GradientForm::InGraph));
-        assert!((fused.loss - graph.loss).abs() < 1e-4, "{} {}", fused.loss, graph.loss);
-        let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
-        let size = norm(&mut graph.d_weight.iter().copied());
-        let error = norm(&mut graph.d_weight.iter().zip(&fused.d_weight).map(|(a, b)| a - b));
-        assert!(size > 1e-2 && error < 1e-3 * size, "{shape:?}: {error} of {size}");
+        assert_same(&graph, &fused, 1e-3, &format!("{shape:?}"));
     }
 }
 

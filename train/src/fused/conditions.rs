@@ -26,8 +26,8 @@ pub(super) struct Conditions {
     pub d_azimuth: Vec<f32>,
     share_hidden: Hidden,
     /// Logits of the shares beside BRDF sampling; empty where none is learned.
-    pub shares: Vec<f32>,
-    pub d_shares: Vec<f32>,
+    shares: Vec<f32>,
+    d_shares: Vec<f32>,
     /// Autoregressive mode: the elevation's hidden layers, and its logits.
     elevation_hidden: Hidden,
     pub elevation_logits: Vec<f32>,
@@ -71,6 +71,14 @@ impl Conditions {
             self.elevation_hidden.first(&layout.elevation).clone_from(&self.elevation);
             self.elevation_hidden.forward(&layout.elevation, weights, slope, count, &mut self.elevation_logits);
             clear(&mut self.d_elevation_logits, self.elevation_logits.len());
+        }
+    }
+
+    /// Logits of the shares of some columns and the derivatives by them; empty where no share is learned.
+    pub fn shares_of(&mut self, columns: Range<usize>) -> (&[f32], &mut [f32]) {
+        match self.shares.get(columns.clone()) {
+            Some(shares) => (shares, &mut self.d_shares[columns]),
+            None => (&[], &mut []),
         }
     }
 

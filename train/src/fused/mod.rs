@@ -155,7 +155,7 @@ mod tests {
     use crate::{
         Backend, CosineTarget, Loss, injection,
         integrand::BatchShape,
-        test_support::{random_head, studio},
+        test_support::{assert_same, random_head, studio},
     };
 
     /// Conditions of any length; the first is empty, and the others have mixtures with BRDF sampling.
@@ -196,13 +196,7 @@ mod tests {
                 // Twice, as buffers are used again.
                 for _ in 0..2 {
                     let found = fused.gradient(&head.flat_weights(), objective, &batch).unwrap();
-                    assert!((expected.loss - found.loss).abs() < 1e-5 * expected.loss.abs().max(1.0));
-                    let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
-                    let size = norm(&mut expected.d_weight.iter().copied());
-                    let apart = expected.d_weight.iter().zip(&found.d_weight).map(|(a, b)| a - b);
-                    let error = norm(&mut apart.clone());
-                    assert!(error <= 1e-5 * size, "{config:?} {loss:?}: {error} of {size}");
-                    assert!(size > 1e-3);
+                    assert_same(&expected, &found, 1e-5, &format!("{config:?} {loss:?}"));
                 }
             }
         }

@@ -12,7 +12,7 @@ use super::{
     perceptron::{BackwardScratch, Hidden, Layer, dot, sum},
     splines::Splines,
 };
-use crate::{Objective, integrand::Batch, loss::LossDerivatives};
+use crate::{Objective, integrand::Batch};
 
 /// Samples of a block: with 36 k weights it takes a third of a megabyte.
 const BLOCK: usize = 128;
@@ -111,23 +111,10 @@ impl Samples {
         place: Place,
         scale: f32,
     ) -> f32 {
-        let samples = batch.samples;
-        self.d_log_q.clear();
         self.d_log_q.resize(self.log_q.len(), 0.0);
-        let mut total = 0.0;
-        for index in 0..place.count {
-            let range = index * samples..(index + 1) * samples;
-            let logit = conditions.shares.get(place.column + index).copied();
-            let mut out = LossDerivatives { d_log_q: &mut self.d_log_q[range.clone()], d_share: 0.0 };
-            let points = batch.condition(place.first + index);
-            if let Some(loss) = objective.evaluate(&points, &self.log_q[range], logit, &mut out) {
-                total += loss;
-                if let Some(d_share) = conditions.d_shares.get_mut(place.column + index) {
-                    *d_share = out.d_share * scale;
-                }
-            }
-        }
-        for derivative in &mut self.d_log_q {
+        let (shares, d_shares) = conditions.shares_of(place.column..place.column + place.count);
+        let total = objective.evaluate_conditions(batch, place.first, &self.log_q, shares, &mut self.d_log_q, d_shares);
+        for derivative in self.d_log_q.iter_mut().chain(d_shares) {
             *derivative *= scale;
         }
         total * scale

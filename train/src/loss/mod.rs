@@ -8,7 +8,10 @@ use headtail_model::head::{SELECTION_FLOOR, share_of_logit};
 use headtail_render::statistics::relative_variance_of_log_moment;
 use serde::{Deserialize, Serialize};
 
-use crate::integrand::ConditionPoints;
+use crate::{
+    config::name_of,
+    integrand::{Batch, ConditionPoints},
+};
 
 /// What training minimises, averaged over the conditions whose target is not zero everywhere.
 ///
@@ -48,12 +51,7 @@ impl Loss {
 
 impl std::fmt::Display for Loss {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::ForwardKl => "forward-kl",
-            Self::LogChiSquare => "log-chi-square",
-            Self::ChiSquare => "chi-square",
-            Self::ReverseKl => "reverse-kl",
-        })
+        f.write_str(&name_of(self))
     }
 }
 
@@ -138,6 +136,34 @@ impl Objective {
         }
         out.d_share = d_probability * mixture.d_logit;
         Some(loss)
+    }
+
+    /// The sum of the losses of conditions from `first` on that have any light. Of the derivatives, `d_log_q` is overwritten, and
+    /// `d_shares` where there is light.
+    ///
+    /// `log_q` has the log-densities of all their points; `shares` are logits, or empty where no share is learned.
+    pub fn evaluate_conditions(
+        &self,
+        batch: &Batch,
+        first: usize,
+        log_q: &[f32],
+        shares: &[f32],
+        d_log_q: &mut [f32],
+        d_shares: &mut [f32],
+    ) -> f32 {
+        let mut sum = 0.0;
+        let rows = d_log_q.chunks_exact_mut(batch.samples).zip(log_q.chunks_exact(batch.samples));
+        for (index, (d_log_q, log_q)) in rows.enumerate() {
+            d_log_q.fill(0.0);
+            let mut out = LossDerivatives { d_log_q, d_share: 0.0 };
+            let (points, share) = (batch.condition(first + index), shares.get(index).copied());
+            let Some(loss) = self.evaluate(&points, log_q, share, &mut out) else { continue };
+            sum += loss;
+            if let Some(d_share) = d_shares.get_mut(index) {
+                *d_share = out.d_share;
+            }
+        }
+        sum
     }
 
     /// The loss for the log-density that samples have, and its derivatives.
