@@ -70,9 +70,9 @@ fn learned_density(head: &Head, config: &FitConfig, target: &dyn Target, conditi
     let logs = head.log_density(&Tensor::from_data(y, &device), c.clone()).try_into_vec_as::<f32>().expect(readable);
     let mut densities: Vec<f32> = logs.into_iter().map(f32::exp).collect();
     if let Some(logit) = head.share_logits(c) {
-        let p = share_of_logit(logit.into_scalar::<f32>());
+        let share = share_of_logit(logit.into_scalar::<f32>());
         for (density, y) in densities.iter_mut().zip(points()) {
-            *density = p * *density + (1.0 - p) * target.at(condition, y).brdf;
+            *density = share * *density + (1.0 - share) * target.at(condition, y).brdf;
         }
     }
     Ok(densities)

@@ -1,4 +1,4 @@
-//! The head warp `h: Z -> Y` under a condition: encoder, two coupling layers, and the share probability.
+//! The head warp `h: Z -> Y` under a condition: encoder, two coupling layers, and the learned share.
 
 mod config;
 mod flat;
@@ -144,7 +144,7 @@ impl Head {
 
     /// Every weight, row-major `[out, in]`, in the order in which they are drawn: `encoder.linear{0,1}.{weight,bias}` (where
     /// there is an encoder), `layer0.linear{0..=hidden_layers}.{weight,bias}` (elevation), then `layer1` (azimuth), then
-    /// `selection.linear{0,1}` (where there is a share).
+    /// `selection.linear{0,1}` (where a share is learned).
     ///
     /// Inputs of a layer's `linear0` are, in this order: the condition `c`, the encoder's output, and the other coordinate's
     /// features (`cos 2 pi u`, `sin 2 pi u`, or `v`).

@@ -67,7 +67,7 @@ fn parameter_counts_are_as_documented() {
     assert_eq!(count(MICROFACET), 35_970);
     // Two numbers less in the condition: 2 x 64 less in the encoder and in each network.
     assert_eq!(count(HeadConfig { condition: Condition::Ggx, ..MICROFACET }), 35_970 - 3 * 128);
-    // The share: 77 x 16 + 17.
+    // The share's network: 77 x 16 + 17.
     assert_eq!(count(HeadConfig { share: true, ..MICROFACET }), 35_970 + 1_249);
 }
 
@@ -276,7 +276,7 @@ fn neither_strategy_is_ever_given_up() {
 }
 
 #[test]
-fn the_selection_depends_on_the_condition() {
+fn the_share_depends_on_the_condition() {
     let device = Device::flex();
     let config = HeadConfig { share: true, ..HeadConfig::COSINE };
     let logits = read(random_head(config, 60, &device).share_logits(conditions(2, 3, 9, &device)).unwrap());

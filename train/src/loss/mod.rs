@@ -127,14 +127,14 @@ impl Objective {
         let mixture = Mixture::new(logit);
         let log_mixed: Vec<f32> = log_q.iter().zip(points.brdf).map(|(&log_q, &b)| mixture.log(log_q, b)).collect();
         let loss = self.of_density(&target, points, &log_mixed, out.d_log_q);
-        let mut d_probability = 0.0;
-        for ((by, &log_q), &log_mixed) in out.d_log_q.iter_mut().zip(log_q).zip(&log_mixed) {
-            let d_mixed = *by;
-            let share = mixture.head_share(log_q, log_mixed);
-            *by = d_mixed * share;
-            d_probability += d_mixed * (share / mixture.p - (1.0 - share) / (1.0 - mixture.p));
+        let mut d_share = 0.0;
+        for ((d, &log_q), &log_mixed) in out.d_log_q.iter_mut().zip(log_q).zip(&log_mixed) {
+            let d_mixed = *d;
+            let part = mixture.head_part(log_q, log_mixed);
+            *d = d_mixed * part;
+            d_share += d_mixed * (part / mixture.share - (1.0 - part) / (1.0 - mixture.share));
         }
-        out.d_share = d_probability * mixture.d_logit;
+        out.d_share = d_share * mixture.d_logit;
         Some(loss)
     }
 
@@ -184,14 +184,14 @@ impl Objective {
             return loss;
         }
         let mut entropic = 0.0;
-        for (((&log_w, &log_q), &tail), by) in
+        for (((&log_w, &log_q), &tail), d) in
             target.log_weights.iter().zip(log_q).zip(points.tails).zip(derivatives.iter_mut())
         {
             let (w, log_x) = (log_w.exp(), log_q + tail.ln());
             let held = log_x.clamp(-ENTROPIC_RANGE, ENTROPIC_RANGE);
             if w > 0.0 {
                 entropic += w * held.exp() * held;
-                *by += if held == log_x { self.entropic * w * held.exp() * (held + 1.0) } else { 0.0 };
+                *d += if held == log_x { self.entropic * w * held.exp() * (held + 1.0) } else { 0.0 };
             }
         }
         loss + self.entropic * entropic
@@ -200,11 +200,11 @@ impl Objective {
 
 fn forward_kl(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32]) -> f32 {
     let mut loss = 0.0;
-    for (((&log_w, &log_p), &log_q), by) in
+    for (((&log_w, &log_p), &log_q), d) in
         target.log_weights.iter().zip(&target.log_densities).zip(log_q).zip(derivatives)
     {
         let w = log_w.exp();
-        *by = -w;
+        *d = -w;
         if w > 0.0 {
             loss += w * (log_p - log_q);
         }
@@ -213,23 +213,23 @@ fn forward_kl(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32])
 }
 
 fn log_chi_square(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32]) -> f32 {
-    for (((&log_w, &log_p), &log_q), by) in
+    for (((&log_w, &log_p), &log_q), d) in
         target.log_weights.iter().zip(&target.log_densities).zip(log_q).zip(derivatives.iter_mut())
     {
-        *by = if log_w == f32::NEG_INFINITY { f32::NEG_INFINITY } else { log_w + log_p - log_q };
+        *d = if log_w == f32::NEG_INFINITY { f32::NEG_INFINITY } else { log_w + log_p - log_q };
     }
     // Finite: at least one weight is positive.
     let largest = derivatives.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     let sum: f32 = derivatives.iter().map(|term| (term - largest).exp()).sum();
-    for by in derivatives {
-        *by = -(*by - largest).exp() / sum;
+    for d in derivatives {
+        *d = -(*d - largest).exp() / sum;
     }
     largest + sum.ln()
 }
 
 fn chi_square(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32]) -> f32 {
     let log = log_chi_square(target, log_q, derivatives).min(LARGEST_LOG_CHI_SQUARE);
-    derivatives.iter_mut().for_each(|by| *by *= log.exp());
+    derivatives.iter_mut().for_each(|d| *d *= log.exp());
     relative_variance_of_log_moment(f64::from(log)) as f32
 }
 
@@ -241,43 +241,43 @@ fn reverse_kl(target: &NormalizedTarget, weights: &[f32], log_q: &[f32], derivat
     let count = (log_q.len() as f32).ln();
     let floor = REVERSE_TARGET_FLOOR.ln() as f32;
     let mut loss = 0.0;
-    for ((point, &log_p), by) in weights.iter().zip(log_q).zip(&target.log_densities).zip(derivatives.iter_mut()) {
+    for ((point, &log_p), d) in weights.iter().zip(log_q).zip(&target.log_densities).zip(derivatives.iter_mut()) {
         let log_u = log_u(point) - log_sum;
         // ln(u / w) with w held up where the target is zero.
-        *by = log_u - (log_p.max(floor) + point.0.ln() - count);
+        *d = log_u - (log_p.max(floor) + point.0.ln() - count);
         if *point.0 > 0.0 {
-            loss += log_u.exp() * *by;
+            loss += log_u.exp() * *d;
         }
     }
-    for (point, by) in weights.iter().zip(log_q).zip(derivatives) {
-        *by = if *point.0 > 0.0 { (log_u(point) - log_sum).exp() * (*by - loss) } else { 0.0 };
+    for (point, d) in weights.iter().zip(log_q).zip(derivatives) {
+        *d = if *point.0 > 0.0 { (log_u(point) - log_sum).exp() * (*d - loss) } else { 0.0 };
     }
     loss
 }
 
-/// `q_mix = p q + (1 - p) b`.
+/// `q_mix = p q + (1 - p) b`, where `p` is the share.
 struct Mixture {
-    p: f32,
-    /// Derivative of `p` by the logit.
+    share: f32,
+    /// Derivative of the share by the logit.
     d_logit: f32,
 }
 
 impl Mixture {
     fn new(logit: f32) -> Self {
-        let p = share_of_logit(logit);
+        let share = share_of_logit(logit);
         let floor = SELECTION_FLOOR;
-        Self { p, d_logit: (p - floor) * (1.0 - floor - p) / (1.0 - 2.0 * floor) }
+        Self { share, d_logit: (share - floor) * (1.0 - floor - share) / (1.0 - 2.0 * floor) }
     }
 
     /// `ln q_mix`.
     fn log(&self, log_q: f32, b: f32) -> f32 {
-        let (head, brdf) = (self.p.ln() + log_q, (1.0 - self.p).ln() + b.ln());
+        let (head, brdf) = (self.share.ln() + log_q, (1.0 - self.share).ln() + b.ln());
         let largest = head.max(brdf);
         largest + ((head - largest).exp() + (brdf - largest).exp()).ln()
     }
 
     /// The head's part of `q_mix`, `p q / q_mix`.
-    fn head_share(&self, log_q: f32, log_mixed: f32) -> f32 {
-        (self.p.ln() + log_q - log_mixed).exp().min(1.0)
+    fn head_part(&self, log_q: f32, log_mixed: f32) -> f32 {
+        (self.share.ln() + log_q - log_mixed).exp().min(1.0)
     }
 }
