@@ -11,7 +11,7 @@ use headtail_render::{
     tail::{Tail, TailKind},
 };
 use headtail_train::{
-    Backend, Batch, GradientSource, Loss, Objective, fused::FusedGradient, injection, target::BatchShape,
+    Backend, Batch, GradientSource, Loss, Objective, fused::FusedGradient, injection, integrand::BatchShape,
 };
 
 const MODES: [Mode; 2] = [Mode::Coupled, Mode::Autoregressive];

@@ -347,7 +347,7 @@ fn gradients_of_mixture_losses_agree_with_central_differences() {
         tails: draw(count, 0.1, 4.0),
     };
     for config in configurations().into_iter().filter(|config| config.encoder.is_some()) {
-        let config = HeadConfig { hidden: 6, selection: true, ..config };
+        let config = HeadConfig { hidden: 6, share: true, ..config };
         let head = random_head(config, &device);
         let mut reference = Reference::new(config, &head.weights());
         for kind in Loss::ALL {
@@ -369,7 +369,7 @@ fn gradients_of_mixture_losses_agree_with_central_differences() {
                 (0..conditions).map(of_condition).sum::<f64>() / conditions as f64
             };
             assert!((f64::from(found.loss) - mean(&reference)).abs() < 1e-5, "{kind}");
-            let mut by_weight = found.by_weight.iter().map(|&g| f64::from(g));
+            let mut d_weight = found.d_weight.iter().map(|&g| f64::from(g));
             for tensor in 0..reference.weights.len() {
                 for value in 0..reference.weights[tensor].2.len() {
                     let (centre, h) = (reference.weights[tensor].2[value], 1e-5);
@@ -379,7 +379,7 @@ fn gradients_of_mixture_losses_agree_with_central_differences() {
                     };
                     let expected = (at(h) - at(-h)) / (2.0 * h);
                     reference.weights[tensor].2[value] = centre;
-                    let gradient = by_weight.next().unwrap();
+                    let gradient = d_weight.next().unwrap();
                     let name = &reference.weights[tensor].0;
                     assert!(
                         (gradient - expected).abs() < 1e-4 * expected.abs().max(0.1),
@@ -387,7 +387,7 @@ fn gradients_of_mixture_losses_agree_with_central_differences() {
                     );
                 }
             }
-            assert!(by_weight.next().is_none());
+            assert!(d_weight.next().is_none());
         }
     }
 }

@@ -22,7 +22,7 @@ use crate::{
 /// the larger networks (at the preset's 1.6e-2 the one with an encoder ended at three times the KL of its neighbours).
 fn variants(material: Material) -> [(&'static str, FitConfig); 5] {
     let fast = Preset::fast_for(material).config().for_material(material);
-    let plain = HeadConfig { bins: 32, selection: false, encoder: None, mode: Mode::Coupled, ..fast.head };
+    let plain = HeadConfig { bins: 32, share: false, encoder: None, mode: Mode::Coupled, ..fast.head };
     let tail = FitConfig { loss: Loss::ForwardKl, entropic: 0.0, learning_rate: 4e-3, head: plain, ..fast };
     let encoder = Some(EncoderConfig { hidden: 64, output: 64 });
     let encoded = FitConfig { head: HeadConfig { encoder, ..plain }, ..tail };

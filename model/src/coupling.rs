@@ -8,7 +8,6 @@ use burn::{
 };
 
 use crate::{
-    NamedTensor, Result,
     linear::Initializer,
     spline::{self, Topology},
     spline_network::{SplineNetwork, SplineNetworkShape},
@@ -100,14 +99,5 @@ impl Coupling {
 
     pub(crate) fn network_mut(&mut self) -> &mut SplineNetwork {
         &mut self.network
-    }
-
-    pub(crate) fn export(&self, prefix: &str, weights: &mut Vec<NamedTensor>) {
-        self.network.export(prefix, weights);
-    }
-
-    pub(crate) fn import(&self, prefix: &str, weights: &mut Vec<NamedTensor>, device: &Device) -> Result<Self> {
-        let network = self.network.import(prefix, weights, device)?;
-        Ok(Self { network, target: self.target, other: self.other })
     }
 }

@@ -38,3 +38,16 @@ pub enum Error {
 
 /// The crate's result.
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// Checks that a field of a configuration is in its range.
+///
+/// # Errors
+/// [`Error::Config`] if it is not.
+pub fn within<T: Copy + PartialOrd + std::fmt::Display>(
+    field: &'static str,
+    value: T,
+    range: std::ops::RangeInclusive<T>,
+    requirement: &'static str,
+) -> Result<()> {
+    if range.contains(&value) { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), requirement }) }
+}

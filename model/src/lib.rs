@@ -19,5 +19,6 @@ pub mod weights;
 pub use burn;
 pub use error::{Error, Result};
 pub use flow::{Flow, FlowConfig, FlowForm};
-pub use head::{Condition, EncoderConfig, Head, HeadConfig, Mode};
+pub use head::{EncoderConfig, Head, HeadConfig};
+pub use headtail_render::head::{Condition, Mode};
 pub use weights::NamedTensor;

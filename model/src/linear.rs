@@ -3,33 +3,21 @@
 use burn::{
     module::Param,
     nn::Linear,
+    optim::GradientsParams,
     prelude::{Device, Tensor, TensorData},
     tensor::activation::relu,
 };
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use headtail_render::random::{Purpose, Stream};
 
 use crate::{Error, NamedTensor, Result};
 
-/// Seeded source of initial weights: a ChaCha8 stream of its own purpose, drawn in the order of the exported names.
-pub struct Initializer(ChaCha8Rng);
-
-/// Tag that keeps initial weights apart from every other stream of the same seed.
-const WEIGHTS_PURPOSE: u32 = 2;
+/// Seeded source of initial weights, drawn in the order of the exported names.
+pub struct Initializer(Stream);
 
 impl Initializer {
     /// Opens the stream of `seed`.
     pub fn new(seed: u64) -> Self {
-        let mut key = [0_u8; 32];
-        key[..8].copy_from_slice(&seed.to_le_bytes());
-        key[8..12].copy_from_slice(&WEIGHTS_PURPOSE.to_le_bytes());
-        Self(ChaCha8Rng::from_seed(key))
-    }
-
-    /// A uniform number in `[-bound, bound)`.
-    fn uniform(&mut self, bound: f32) -> f32 {
-        let unit = (self.0.next_u32() >> 8) as f32 * (1.0 / 16_777_216.0);
-        bound * (2.0 * unit - 1.0)
+        Self(Stream::new(seed, Purpose::Weights, 0))
     }
 
     /// An affine layer as PyTorch initialises its `Linear`: weight and bias uniform in `+-1 / sqrt(inputs)`.
@@ -37,7 +25,8 @@ impl Initializer {
     /// That is `kaiming_uniform_(a = sqrt(5))` for the weight (He et al. 2015): bound `sqrt(6 / ((1 + a^2) inputs))`.
     pub fn linear(&mut self, inputs: usize, outputs: usize, device: &Device) -> Linear {
         let bound = 1.0 / (inputs as f32).sqrt();
-        let mut draw = |count: usize| -> Vec<f32> { (0..count).map(|_| self.uniform(bound)).collect() };
+        let mut draw =
+            |count: usize| -> Vec<f32> { (0..count).map(|_| bound * (2.0 * self.0.uniform() - 1.0)).collect() };
         let weight = draw(inputs * outputs);
         let bias = draw(outputs);
         from_row_major(&weight, &bias, inputs, device)
@@ -68,42 +57,85 @@ pub(crate) fn read<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.try_into_vec_as::<f32>().expect("a tensor is readable and converts to f32")
 }
 
-/// Appends `{prefix}.weight` (`[out, in]`) and `{prefix}.bias` (`[out]`) to `weights`.
-pub(crate) fn export(linear: &Linear, prefix: &str, weights: &mut Vec<NamedTensor>) {
-    let [inputs, outputs] = linear.weight.val().dims();
-    let values = transpose(&read(linear.weight.val()), inputs, outputs);
-    weights.push(NamedTensor { name: format!("{prefix}.weight"), shape: vec![outputs, inputs], values });
-    if let Some(bias) = &linear.bias {
-        weights.push(NamedTensor { name: format!("{prefix}.bias"), shape: vec![outputs], values: read(bias.val()) });
+/// Appends `{part}.linear0.weight` (`[out, in]`), `{part}.linear0.bias` (`[out]`), ... to `weights`.
+pub(crate) fn export(layers: &[Linear], part: &str, weights: &mut Vec<NamedTensor>) {
+    for (index, layer) in layers.iter().enumerate() {
+        let name = |kind: &str| format!("{part}.linear{index}.{kind}");
+        let [inputs, outputs] = layer.weight.val().dims();
+        let values = transpose(&read(layer.weight.val()), inputs, outputs);
+        weights.push(NamedTensor { name: name("weight"), shape: vec![outputs, inputs], values });
+        if let Some(bias) = &layer.bias {
+            weights.push(NamedTensor { name: name("bias"), shape: vec![outputs], values: read(bias.val()) });
+        }
     }
 }
 
-/// Number of values: weight and bias.
-pub(crate) fn value_count(linear: &Linear) -> usize {
-    let [inputs, outputs] = linear.weight.val().dims();
+/// Number of values of some layers.
+pub(crate) fn count<'a>(layers: impl Iterator<Item = &'a Linear>) -> usize {
+    layers.map(value_count).sum()
+}
+
+fn value_count(layer: &Linear) -> usize {
+    let [inputs, outputs] = layer.weight.val().dims();
     (inputs + 1) * outputs
 }
 
+/// All values in one list: layer by layer a row-major `[out, in]` weight, then a bias.
+pub(crate) fn flat_weights<'a>(layers: impl Iterator<Item = &'a Linear>) -> Vec<f32> {
+    let mut flat = Vec::new();
+    for layer in layers {
+        flatten(layer.weight.val(), layer.bias.as_ref().map(Param::val), &mut flat);
+    }
+    flat
+}
+
+/// Gradients in the order of [`flat_weights`]; 0 where the loss does not depend on a weight.
+pub(crate) fn flat_gradients<'a>(layers: impl Iterator<Item = &'a Linear>, gradients: &GradientsParams) -> Vec<f32> {
+    let mut flat = Vec::new();
+    for layer in layers {
+        let weight = gradients.get::<2>(layer.weight.id).unwrap_or_else(|| layer.weight.val().inner().zeros_like());
+        let bias = layer.bias.as_ref().and_then(|bias| gradients.get::<1>(bias.id));
+        flatten(weight, bias, &mut flat);
+    }
+    flat
+}
+
+/// Gives layers the values of a list in the order of [`flat_weights`].
+///
+/// # Panics
+/// If the list has another length.
+pub(crate) fn set_flat<'a>(layers: impl Iterator<Item = &'a mut Linear>, mut flat: &[f32], device: &Device) {
+    for layer in layers {
+        let [inputs, _] = layer.weight.val().dims();
+        let (values, rest) = flat.split_at_checked(value_count(layer)).expect("one number for each weight");
+        let (weight, bias) = values.split_at(values.len() / (inputs + 1) * inputs);
+        *layer = from_row_major(weight, bias, inputs, device);
+        flat = rest;
+    }
+    assert!(flat.is_empty(), "one number for each weight");
+}
+
 /// Appends a row-major `[out, in]` weight and a bias to `flat`, given as burn's tensors (`[in, out]` and `[out]`).
-pub(crate) fn flatten(weight: Tensor<2>, bias: Option<Tensor<1>>, flat: &mut Vec<f32>) {
+fn flatten(weight: Tensor<2>, bias: Option<Tensor<1>>, flat: &mut Vec<f32>) {
     let [inputs, outputs] = weight.dims();
     flat.extend(transpose(&read(weight), inputs, outputs));
     flat.extend(bias.map_or_else(|| vec![0.0; outputs], read));
 }
 
-/// A layer of the shape of `linear` with values in the order of [`flatten`].
-pub(crate) fn unflatten(linear: &Linear, values: &[f32], device: &Device) -> Linear {
-    let [inputs, outputs] = linear.weight.val().dims();
-    let (weight, bias) = values.split_at(inputs * outputs);
-    from_row_major(weight, bias, inputs, device)
-}
-
-/// Takes `{prefix}.weight` and `{prefix}.bias` out of `weights`, checked against the shape of `linear`.
-pub(crate) fn import(linear: &Linear, prefix: &str, weights: &mut Vec<NamedTensor>, device: &Device) -> Result<Linear> {
-    let [inputs, outputs] = linear.weight.val().dims();
-    let weight = take(weights, format!("{prefix}.weight"), &[outputs, inputs])?;
-    let bias = take(weights, format!("{prefix}.bias"), &[outputs])?;
-    Ok(from_row_major(&weight, &bias, inputs, device))
+/// Takes the weights of `part` out of `weights` (see [`export`]), checked against the shapes of `layers`.
+pub(crate) fn import(
+    layers: &[Linear],
+    part: &str,
+    weights: &mut Vec<NamedTensor>,
+    device: &Device,
+) -> Result<Vec<Linear>> {
+    let mut load = |(index, layer): (usize, &Linear)| {
+        let [inputs, outputs] = layer.weight.val().dims();
+        let weight = take(weights, format!("{part}.linear{index}.weight"), &[outputs, inputs])?;
+        let bias = take(weights, format!("{part}.linear{index}.bias"), &[outputs])?;
+        Ok(from_row_major(&weight, &bias, inputs, device))
+    };
+    layers.iter().enumerate().map(&mut load).collect()
 }
 
 fn take(weights: &mut Vec<NamedTensor>, name: String, expected: &[usize]) -> Result<Vec<f32>> {
@@ -152,7 +184,7 @@ mod tests {
     #[test]
     fn initial_weights_keep_to_the_bound_and_fill_it() {
         let mut weights = Vec::new();
-        export(&Initializer::new(1).linear(64, 64, &Device::flex()), "l", &mut weights);
+        export(&[Initializer::new(1).linear(64, 64, &Device::flex())], "l", &mut weights);
         for weight in &weights {
             let largest = weight.values.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
             assert!(largest <= 0.125 && largest > 0.1, "{}: {largest}", weight.name);
@@ -167,7 +199,7 @@ mod tests {
         let x = Tensor::<2>::from_data([[1.0, 0.5, 2.0]], &device);
         assert_eq!(read(linear.forward(x)), [1.0 + 1.0 + 6.0, 4.0 + 2.5 + 12.0 + 10.0]);
         let mut weights = Vec::new();
-        export(&linear, "l", &mut weights);
+        export(&[linear], "l", &mut weights);
         assert_eq!(weights[0].shape, [2, 3]);
         assert_eq!(weights[0].values, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
     }
@@ -182,17 +214,23 @@ mod tests {
     #[test]
     fn wrong_weights_are_refused_by_name() {
         let device = Device::flex();
-        let linear = zeros(2, 1, &device);
+        let linear = [zeros(2, 1, &device)];
         let good = |name: &str, shape: &[usize], values: &[f32]| NamedTensor {
             name: name.into(),
             shape: shape.to_vec(),
             values: values.to_vec(),
         };
-        let bias = good("l.bias", &[1], &[0.0]);
+        let bias = good("l.linear0.bias", &[1], &[0.0]);
         let attempt = |weight: NamedTensor| import(&linear, "l", &mut vec![bias.clone(), weight], &device).unwrap_err();
-        assert_eq!(attempt(good("m.weight", &[1, 2], &[0.0; 2])), Error::MissingWeight("l.weight".into()));
-        assert!(matches!(attempt(good("l.weight", &[2, 1], &[0.0; 2])), Error::WeightShape { .. }));
-        assert!(matches!(attempt(good("l.weight", &[1, 2], &[0.0; 3])), Error::WeightShape { .. }));
-        assert_eq!(attempt(good("l.weight", &[1, 2], &[0.0, f32::NAN])), Error::NonFiniteWeight("l.weight".into()));
+        assert_eq!(
+            attempt(good("m.linear0.weight", &[1, 2], &[0.0; 2])),
+            Error::MissingWeight("l.linear0.weight".into())
+        );
+        assert!(matches!(attempt(good("l.linear0.weight", &[2, 1], &[0.0; 2])), Error::WeightShape { .. }));
+        assert!(matches!(attempt(good("l.linear0.weight", &[1, 2], &[0.0; 3])), Error::WeightShape { .. }));
+        assert_eq!(
+            attempt(good("l.linear0.weight", &[1, 2], &[0.0, f32::NAN])),
+            Error::NonFiniteWeight("l.linear0.weight".into())
+        );
     }
 }

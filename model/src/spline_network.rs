@@ -6,10 +6,7 @@ use burn::{
     prelude::{Device, Tensor},
 };
 
-use crate::{
-    NamedTensor, Result,
-    linear::{self, Initializer},
-};
+use crate::linear::{self, Initializer};
 
 /// Sizes of a spline network.
 #[derive(Clone, Copy, Debug)]
@@ -79,19 +76,7 @@ impl SplineNetwork {
         &self.linears
     }
 
-    pub(crate) fn linears_mut(&mut self) -> &mut [Linear] {
+    pub(crate) fn linears_mut(&mut self) -> &mut Vec<Linear> {
         &mut self.linears
-    }
-
-    pub(crate) fn export(&self, prefix: &str, weights: &mut Vec<NamedTensor>) {
-        for (index, layer) in self.linears.iter().enumerate() {
-            linear::export(layer, &format!("{prefix}.linear{index}"), weights);
-        }
-    }
-
-    pub(crate) fn import(&self, prefix: &str, weights: &mut Vec<NamedTensor>, device: &Device) -> Result<Self> {
-        let load = |(index, layer)| linear::import(layer, &format!("{prefix}.linear{index}"), weights, device);
-        let linears = self.linears.iter().enumerate().map(load).collect::<Result<_>>()?;
-        Ok(Self { linears, leaky_slope: self.leaky_slope })
     }
 }

@@ -55,7 +55,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let fitted = train(&light, &config, outputs, &stop)?;
     let (summary, before, after) = (&fitted.summary, fitted.summary.initial, fitted.summary.divergence);
-    let untrained = if config.naive || config.head.selection { "untrained" } else { "tail alone" };
+    let untrained = if config.naive || config.head.share { "untrained" } else { "tail alone" };
     println!(
         "KL {:.4} nats ({untrained} {:.4}), relative variance {:.4} ({untrained} {:.3}), {} steps{}",
         after.kl,

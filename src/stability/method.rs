@@ -93,7 +93,7 @@ impl<'a> Laboratory<'a> {
 
     fn heads(&mut self) {
         let mut plain = FitConfig { fall_back: false, ..self.config.clone() };
-        plain.head.selection = false;
+        plain.head.share = false;
         match self.train(&plain) {
             Ok(trained) => {
                 let product = trained.product();

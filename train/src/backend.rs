@@ -5,7 +5,7 @@ use std::fmt;
 use headtail_model::burn::prelude::Device;
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, Result};
+use crate::{Error, Result, config::name_of};
 
 /// A backend. All names exist in every build, so that asking for one that was left out is an error that says what to do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,11 +63,7 @@ fn wgpu_device() -> Result<Device> {
 
 impl fmt::Display for Backend {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Flex => "flex",
-            Self::Ndarray => "ndarray",
-            Self::Wgpu => "wgpu",
-        })
+        f.write_str(&name_of(self))
     }
 }
 

@@ -7,10 +7,11 @@ use headtail_render::random::Purpose;
 use serde::Serialize;
 
 use crate::{
-    Backend, FitConfig, GradientForm, Result, Target, peak_memory,
+    Backend, FitConfig, GradientForm, Result, Target,
+    integrand::{Batch, BatchShape},
+    peak_memory,
     reference::gradient_error,
     state::TrainingState,
-    target::{Batch, BatchShape},
 };
 
 /// A short training.
@@ -106,7 +107,7 @@ impl BackendTrial {
         let objective = crate::Loss::LogChiSquare.into();
         let mut source = config.gradient.source(&head, config.backend, &device);
         let gradient = source.gradient(&weights, objective, &batch);
-        Ok(gradient.map_or(f64::NAN, |found| gradient_error(&config.head, &weights, &batch, &found.by_weight)))
+        Ok(gradient.map_or(f64::NAN, |found| gradient_error(&config.head, &weights, &batch, &found.d_weight)))
     }
 }
 

@@ -5,7 +5,7 @@ use headtail_render::tail::TailKind;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Backend, Error, FlowSettings, GradientForm, Loss, Material, Objective, Preset, Result, target::BatchShape,
+    Backend, Error, FlowSettings, GradientForm, Loss, Material, Objective, Preset, Result, integrand::BatchShape,
 };
 
 /// A training run. Missing keys of a file take the defaults, unknown keys are errors.
@@ -20,7 +20,7 @@ pub struct FitConfig {
     /// the rest of the light.
     pub compact_emitters: bool,
     /// Whether a head whose relative variance is not below that of the untrained one is given up for that one. With a learned
-    /// selection the untrained one is one-sample MIS.
+    /// share the untrained one is one-sample MIS.
     pub fall_back: bool,
     /// How training points are drawn.
     pub points: Points,
@@ -117,7 +117,7 @@ impl FitConfig {
         self.head.validate()?;
         self.flow.validate()?;
         if self.head.condition != self.material.condition() {
-            let value = self.head.condition.name().to_owned();
+            let value = name_of(self.head.condition);
             let requirement = match self.material.condition() {
                 Condition::Normal => "`normal` for this material",
                 Condition::Ggx => "`ggx` for this material",
@@ -143,7 +143,14 @@ impl FitConfig {
     }
 }
 
-fn within<T: Copy + PartialOrd + std::fmt::Display>(
+/// The name of one of several values, as files have it.
+pub(crate) fn name_of<T: Serialize>(value: T) -> String {
+    let name = serde_json::to_value(value).expect("a name can be written as JSON");
+    name.as_str().expect("it is written by its name").to_owned()
+}
+
+/// Checks that a field is in its range.
+pub(crate) fn within<T: Copy + PartialOrd + std::fmt::Display>(
     field: &'static str,
     value: T,
     range: std::ops::RangeInclusive<T>,

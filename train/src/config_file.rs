@@ -4,7 +4,7 @@ use std::path::Path;
 
 use toml::{Table, Value};
 
-use crate::{Error, FitConfig, Material, Preset, Result};
+use crate::{Error, FitConfig, Material, Preset, Result, config::name_of};
 
 /// A configuration that is put together: a preset, over which files and values are laid.
 #[derive(Clone, Debug)]
@@ -63,7 +63,7 @@ impl ConfigBuilder {
 
     /// A material decides what its head is conditioned on.
     fn take_condition_of(&mut self, material: Material) {
-        let condition = Value::String(material.condition().name().to_owned());
+        let condition = Value::String(name_of(material.condition()));
         if let Some(Value::Table(head)) = self.table.get_mut("head") {
             head.insert("condition".into(), condition);
         }

@@ -1,10 +1,10 @@
 //! From a trained head to the renderer's, and to the exported file.
 
-use headtail_model::{EncoderConfig, Head, Mode, NamedTensor};
+use headtail_model::{EncoderConfig, Head, NamedTensor};
 use headtail_render::{
     environment::Environment,
     export::{ExportedSampler, Intermediate, TrainingSummary},
-    head::{self as native, Condition},
+    head as native,
 };
 
 use crate::{Error, FitConfig, Result, Summary, TrainingLight};
@@ -20,22 +20,12 @@ pub fn check_exportable(config: &FitConfig) -> Result<()> {
     Ok(())
 }
 
-/// The renderer's name of the condition.
-fn native_condition(condition: headtail_model::Condition) -> Condition {
-    match condition {
-        headtail_model::Condition::Normal => Condition::Normal,
-        headtail_model::Condition::Ggx => Condition::Ggx,
-        headtail_model::Condition::GgxRoughness => Condition::GgxRoughness,
-    }
-}
-
 /// The native head with the weights of a trained one.
 ///
 /// # Errors
 /// A weight is not finite, the head is larger than native inference allows, or it has no native form.
 pub fn native_head(head: &Head) -> Result<native::Head> {
     let config = head.config();
-    let condition = native_condition(config.condition);
     let weights = head.weights();
     let layer = |name: String| -> Result<native::Linear> {
         let find = |kind: &str| -> &NamedTensor {
@@ -49,14 +39,11 @@ pub fn native_head(head: &Head) -> Result<native::Head> {
         (0..count).map(|index| layer(format!("{part}.linear{index}"))).collect()
     };
     let encoder_layers = config.encoder.map_or(0, |EncoderConfig { .. }| 2);
-    let mode = match config.mode {
-        Mode::Coupled => native::Mode::Coupled,
-        Mode::Autoregressive => native::Mode::Autoregressive,
-    };
     let networks = [layers("layer0", config.hidden_layers + 1)?, layers("layer1", config.hidden_layers + 1)?];
     let encoder = layers("encoder", encoder_layers)?;
-    let selection = layers("selection", if config.selection { 2 } else { 0 })?;
-    Ok(native::Head::new(condition, mode, config.leaky_slope, encoder, networks)?.with_selection(selection)?)
+    let share = layers("selection", if config.share { 2 } else { 0 })?;
+    Ok(native::Head::new(config.condition, config.mode, config.leaky_slope, encoder, networks)?
+        .with_selection(share)?)
 }
 
 /// The exported sampler of a trained head. With `with_time` the file says how long the training took, and two runs of the
@@ -90,7 +77,7 @@ pub fn exported_sampler(
 mod tests {
     use glam::Vec2;
     use headtail_model::{
-        HeadConfig,
+        HeadConfig, Mode,
         burn::prelude::{Tensor, TensorData},
     };
     use headtail_render::{
@@ -117,7 +104,7 @@ mod tests {
                 HeadConfig { mode, ..HeadConfig::COSINE },
                 HeadConfig { mode, encoder, bins: 8, ..HeadConfig::COSINE },
                 HeadConfig { mode, encoder, condition: headtail_model::Condition::Ggx, ..HeadConfig::COSINE },
-                HeadConfig { mode, selection: true, ..HeadConfig::MICROFACET },
+                HeadConfig { mode, share: true, ..HeadConfig::MICROFACET },
             ] {
                 let head = random_head(config, &device);
                 let native = native_head(&head).unwrap();
@@ -130,8 +117,8 @@ mod tests {
                     let c = Tensor::<2>::from_data(c, &device);
                     let x = Tensor::<3>::from_data(TensorData::new(point.to_array().to_vec(), [1, 1, 2]), &device);
                     let prepared = native.prepare_condition(condition);
-                    if let Some(logit) = head.selection_logits(c.clone()) {
-                        let expected = headtail_model::head::selection_probability(logit.into_scalar::<f32>());
+                    if let Some(logit) = head.share_logits(c.clone()) {
+                        let expected = headtail_model::head::share_of_logit(logit.into_scalar::<f32>());
                         assert!((native.share_beside_brdf(&prepared) - expected).abs() < 1e-6);
                     }
                     for ((there, log), (native_there, density)) in [

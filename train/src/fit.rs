@@ -10,20 +10,22 @@ use headtail_model::Head;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    CheckpointFolder, Divergence, Error, FitConfig, Result, Target, checkpoint::SavedRun, state::TrainingState,
-    validation::Validation,
+    CheckpointFolder, Divergence, Error, FitConfig, Result, Target, checkpoint::SavedRun, config::name_of,
+    state::TrainingState, validation::Validation,
 };
 
 /// What is known after a step.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize)]
 pub struct Progress {
     /// Steps done.
     pub step: usize,
     /// Steps in all.
+    #[serde(skip)]
     pub steps: usize,
     /// The step's loss on its batch.
     pub loss: f32,
     /// Validation, if this step had one.
+    #[serde(flatten)]
     pub divergence: Option<Divergence>,
     /// The step's learning rate.
     pub learning_rate: f64,
@@ -122,7 +124,7 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
     let mut earlier_seconds = 0.0;
     if let Some(saved) = saved {
         earlier_seconds = saved.seconds;
-        state = TrainingState::restore(config, saved.state);
+        state = saved.state;
     }
     let first_step = state.step;
     let report = |state: &TrainingState, divergence: Option<Divergence>| Progress {
@@ -130,7 +132,7 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
         steps: config.steps,
         loss: state.loss,
         divergence,
-        learning_rate: state.last_rate(),
+        learning_rate: state.last_rate(config),
         samples_per_second: ((state.step - first_step) * config.conditions * config.batch_shape().samples()) as f64
             / start.elapsed().as_secs_f64(),
         seconds: earlier_seconds + start.elapsed().as_secs_f64(),
@@ -139,7 +141,7 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
     let save = |state: &TrainingState| match checkpoints {
         Some(checkpoints) => {
             let seconds = earlier_seconds + start.elapsed().as_secs_f64();
-            checkpoints.save(config, &SavedRun { state: state.save(), seconds })
+            checkpoints.save(config, &SavedRun { state: state.clone(), seconds })
         }
         None => Ok(()),
     };
@@ -190,12 +192,12 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
 fn check_target(config: &FitConfig, target: &dyn Target) -> Result<()> {
     let refuse = |field, value: String, requirement| Err(Error::Config { field, value, requirement });
     if config.head.condition != target.condition() {
-        return refuse("head.condition", config.head.condition.name().to_owned(), "that of the target");
+        return refuse("head.condition", name_of(config.head.condition), "that of the target");
     }
     if target.has_brdf_sampling() {
         return Ok(());
     }
-    if config.head.selection {
+    if config.head.share {
         return refuse("head.selection", "true".into(), "false for a target without BRDF sampling");
     }
     if config.brdf_samples > 0 {
@@ -212,26 +214,36 @@ mod tests {
     use headtail_render::random::Stream;
 
     use super::*;
-    use crate::{Backend, CosineTarget, target::PointValues, test_support::sky};
+    use crate::{Backend, CosineTarget, integrand::PointValues, test_support::sky};
 
-    /// A von Mises density of the azimuth around the condition's angle, times a beta density of the elevation.
-    struct VonMisesTimesBeta;
+    /// A target over normals that are drawn from an angle.
+    struct OfAngle {
+        draw: fn(f32) -> [f32; 3],
+        density: fn(&[f32], [f32; 2]) -> f32,
+    }
 
-    impl Target for VonMisesTimesBeta {
+    impl Target for OfAngle {
         fn condition(&self) -> Condition {
             Condition::Normal
         }
 
         fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
-            let angle = TAU * stream.uniform();
-            condition.copy_from_slice(&[angle.cos(), angle.sin(), 0.0]);
+            condition.copy_from_slice(&(self.draw)(TAU * stream.uniform()));
         }
 
-        fn at(&self, condition: &[f32], [u, v]: [f32; 2]) -> PointValues {
-            let toward = condition[0] * (TAU * u).cos() + condition[1] * (TAU * u).sin();
-            PointValues::of(toward.exp() * v * (1.0 - v))
+        fn at(&self, condition: &[f32], y: [f32; 2]) -> PointValues {
+            PointValues::of((self.density)(condition, y))
         }
     }
+
+    /// A von Mises density of the azimuth around the condition's angle, times a beta density of the elevation.
+    const VON_MISES_TIMES_BETA: OfAngle = OfAngle {
+        draw: |angle| [angle.cos(), angle.sin(), 0.0],
+        density: |condition, [u, v]| {
+            let toward = condition[0] * (TAU * u).cos() + condition[1] * (TAU * u).sin();
+            toward.exp() * v * (1.0 - v)
+        },
+    };
 
     fn small() -> FitConfig {
         let head = HeadConfig::COSINE;
@@ -240,6 +252,18 @@ mod tests {
 
     fn quiet(config: &FitConfig, target: &dyn Target) -> Result<Fitted> {
         fit(config, target, &mut |_| {}, &AtomicBool::new(false))
+    }
+
+    /// A run that goes on from the last checkpoint.
+    fn resumed(
+        config: &FitConfig,
+        target: &dyn Target,
+        checkpoints: &CheckpointFolder,
+        progress: &mut dyn FnMut(&Progress) -> Result<()>,
+        interrupt: &AtomicBool,
+    ) -> Result<Fitted> {
+        let checkpoints = Some(checkpoints);
+        fit_with(config, target, Run { progress, interrupt, checkpoints, warn: &mut |error| panic!("{error}") })
     }
 
     #[test]
@@ -254,7 +278,7 @@ mod tests {
                 validation_conditions: 32,
                 ..FitConfig::default()
             };
-            let Summary { initial, divergence, skipped, .. } = quiet(&config, &VonMisesTimesBeta).unwrap().summary;
+            let Summary { initial, divergence, skipped, .. } = quiet(&config, &VON_MISES_TIMES_BETA).unwrap().summary;
             assert!(
                 initial.kl > 0.2 && divergence.kl < 1e-3 && skipped == 0,
                 "{mode:?}: {initial:?} -> {divergence:?}"
@@ -325,50 +349,28 @@ mod tests {
 
     #[test]
     fn a_black_environment_is_an_error() {
-        struct Black;
-        impl Target for Black {
-            fn condition(&self) -> Condition {
-                Condition::Normal
-            }
-            fn draw_condition(&self, _: &mut Stream, condition: &mut [f32]) {
-                condition.fill(1.0);
-            }
-            fn at(&self, _: &[f32], _: [f32; 2]) -> PointValues {
-                PointValues::of(0.0)
-            }
-        }
-        assert!(matches!(quiet(&small(), &Black), Err(Error::EmptyTarget { conditions: 64 })));
+        let black = OfAngle { density: |_, _| 0.0, ..VON_MISES_TIMES_BETA };
+        assert!(matches!(quiet(&small(), &black), Err(Error::EmptyTarget { conditions: 64 })));
     }
 
     #[test]
     fn a_head_that_asks_for_another_target_is_refused() {
         let head = HeadConfig { condition: Condition::Ggx, ..HeadConfig::COSINE };
-        let error = quiet(&FitConfig { head, ..small() }, &VonMisesTimesBeta).err().unwrap();
+        let error = quiet(&FitConfig { head, ..small() }, &VON_MISES_TIMES_BETA).err().unwrap();
         assert!(error.to_string().contains("head.condition = ggx"), "{error}");
-        let head = HeadConfig { selection: true, ..HeadConfig::COSINE };
+        let head = HeadConfig { share: true, ..HeadConfig::COSINE };
         for config in [FitConfig { head, ..small() }, FitConfig { brdf_samples: 4, ..small() }] {
-            let error = quiet(&config, &VonMisesTimesBeta).err().unwrap();
+            let error = quiet(&config, &VON_MISES_TIMES_BETA).err().unwrap();
             assert!(error.to_string().contains("without BRDF sampling"), "{error}");
         }
     }
 
     #[test]
     fn steps_that_are_not_finite_are_counted_and_end_the_run() {
-        /// A condition that is not a number makes every logit so.
-        struct Broken;
-        impl Target for Broken {
-            fn condition(&self) -> Condition {
-                Condition::Normal
-            }
-            fn draw_condition(&self, _: &mut Stream, condition: &mut [f32]) {
-                condition.fill(f32::NAN);
-            }
-            fn at(&self, _: &[f32], _: [f32; 2]) -> PointValues {
-                PointValues::of(1.0)
-            }
-        }
+        // A condition that is not a number makes every logit so.
+        let broken = OfAngle { draw: |_| [f32::NAN; 3], density: |_, _| 1.0 };
         let config = FitConfig { max_skipped: 3, ..small() };
-        assert!(matches!(quiet(&config, &Broken), Err(Error::Diverged { step: 4, skipped: 4 })));
+        assert!(matches!(quiet(&config, &broken), Err(Error::Diverged { step: 4, skipped: 4 })));
     }
 
     /// Runs that end after a few steps each, as after kills, against one that runs through.
@@ -381,29 +383,23 @@ mod tests {
             let checkpoints =
                 CheckpointFolder { folder: folder.path().join(name), every: 7, resume: true, target: "sky".into() };
             let mut pieces = 0;
-            let resumed = loop {
+            let end = loop {
                 let (interrupt, mut steps) = (AtomicBool::new(false), 0);
                 let mut progress = |_: &Progress| {
                     steps += 1;
                     // The end of a run that is killed is no interruption: it saves nothing.
                     if steps == 11 { Err(Error::EmptyTarget { conditions: 0 }) } else { Ok(()) }
                 };
-                let run = Run {
-                    progress: &mut progress,
-                    interrupt: &interrupt,
-                    checkpoints: Some(&checkpoints),
-                    warn: &mut |error| panic!("{error}"),
-                };
                 pieces += 1;
-                match fit_with(&config, &target, run) {
+                match resumed(&config, &target, &checkpoints, &mut progress, &interrupt) {
                     Ok(fitted) => break fitted,
                     Err(Error::EmptyTarget { .. }) => {}
                     Err(error) => panic!("{error}"),
                 }
             };
             assert_eq!(pieces, 4, "steps 0 to 7, 7 to 14, 14 to 21, and the rest");
-            assert_eq!(resumed.head.flat_weights(), whole.head.flat_weights());
-            assert_eq!(resumed.summary.divergence, whole.summary.divergence);
+            assert_eq!(end.head.flat_weights(), whole.head.flat_weights());
+            assert_eq!(end.summary.divergence, whole.summary.divergence);
         }
     }
 
@@ -419,13 +415,7 @@ mod tests {
                 interrupt.store(progress.step == stop_at, Ordering::Relaxed);
                 Ok(())
             };
-            let run = Run {
-                progress: &mut progress,
-                interrupt: &interrupt,
-                checkpoints: Some(&checkpoints),
-                warn: &mut |error| panic!("{error}"),
-            };
-            fit_with(&small(), &target, run).unwrap()
+            resumed(&small(), &target, &checkpoints, &mut progress, &interrupt).unwrap()
         };
         assert_eq!(train(12).summary.steps, 12);
         let end = train(usize::MAX);

@@ -1,27 +1,14 @@
-//! Where a step's gradient comes from: the seam between the training loop and whatever computes it.
+//! The forms in which a step's gradient is computed.
 
 use std::fmt;
 
 use headtail_model::{Head, burn::prelude::Device};
 use serde::{Deserialize, Serialize};
 
-use crate::{Backend, Objective, fused::FusedGradient, injection, target::Batch};
-
-/// Loss and gradient of one step.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StepGradient {
-    /// The mean loss over the conditions whose target is not zero everywhere.
-    pub loss: f32,
-    /// Its gradient, in the order of [`Head::flat_weights`].
-    pub by_weight: Vec<f32>,
-}
-
-/// Computes [`StepGradient`]s. The training loop keeps the weights as one list and knows nothing of how this is done.
-pub trait GradientSource: Send {
-    /// The gradient at `weights` (in the order of [`Head::flat_weights`]); `None` if the target is zero under every
-    /// condition of the batch. A result that is not finite is the caller's to leave out.
-    fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Option<StepGradient>;
-}
+use crate::{
+    Backend, GradientSource, Objective, StepGradient, config::name_of, fused::FusedGradient, injection,
+    integrand::Batch,
+};
 
 /// How a step's gradient is computed. All forms give the same to rounding.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -65,12 +52,7 @@ impl GradientForm {
 
 impl fmt::Display for GradientForm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Auto => "auto",
-            Self::Fused => "fused",
-            Self::Injected => "injected",
-            Self::InGraph => "in-graph",
-        })
+        f.write_str(&name_of(self))
     }
 }
 

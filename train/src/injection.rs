@@ -15,14 +15,10 @@ use headtail_model::{
         optim::GradientsParams,
         prelude::{Device, Module, Tensor, TensorData},
     },
-    spline::{
-        Topology,
-        analytic::{AnalyticSpline, Derivatives, LogitGradient},
-        bin_count,
-    },
 };
+use headtail_render::spline::{self, Gradient, Logits, Topology, bin_count};
 
-use crate::{Objective, gradient::StepGradient, loss::LossDerivatives, target::Batch};
+use crate::{Objective, StepGradient, integrand::Batch};
 
 /// Points of a batch that one thread takes through the networks: few enough that activations stay in its cache, enough that
 /// the cost of an operation is not that of starting it.
@@ -33,9 +29,9 @@ const SHARD: usize = 2048;
 /// `head` lives on `device`, which has autodiff. `None` if the target is zero under every condition.
 pub fn in_graph(head: &Head, objective: Objective, batch: &Batch, device: &Device) -> Option<StepGradient> {
     let (y, c) = tensors(batch, device);
-    let loss = objective.of_batch(batch, head.log_density(&y, c.clone()), head.selection_logits(c))?;
+    let loss = objective.of_batch(batch, head.log_density(&y, c.clone()), head.share_logits(c))?;
     let gradients = GradientsParams::from_grads(loss.backward(), head);
-    Some(StepGradient { loss: loss.into_scalar::<f32>(), by_weight: head.flat_gradients(&gradients) })
+    Some(StepGradient { loss: loss.into_scalar::<f32>(), d_weight: head.flat_gradients(&gradients) })
 }
 
 /// Splines and loss beside the graph, and the batch divided among threads.
@@ -62,11 +58,7 @@ pub fn injected(head: &Head, objective: Objective, batch: &Batch, device: &Devic
             .collect();
         threads.into_iter().flat_map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
     });
-    parts.into_iter().reduce(|mut sum, part| {
-        sum.loss += part.loss;
-        sum.by_weight.iter_mut().zip(part.by_weight).for_each(|(sum, term)| *sum += term);
-        sum
-    })
+    Some(StepGradient::sum(head.weight_count(), parts.iter().map(|part| (part.loss, &part.d_weight[..]))))
 }
 
 /// A shard's part of the mean loss over `lit` conditions, and of its gradients.
@@ -74,28 +66,29 @@ fn injected_shard(head: &Head, objective: Objective, batch: &Batch, lit: f32, de
     let (y, c) = tensors(batch, device);
     let coupled = head.config().mode == Mode::Coupled;
     let elevation = head.elevation_logits(&y, c.clone());
-    let at_elevation = Splines::evaluate(Topology::Interval, &elevation, batch, coupled);
+    let at_elevation = Splines::evaluate(Topology::Interval, &elevation, batch);
     let seen =
         if coupled { at_elevation.z_in_graph(&elevation, device) } else { y.slice_dim(2, 1).squeeze_dim::<2>(2) };
     let azimuth = head.azimuth_logits(&seen, c.clone());
-    let at_azimuth = Splines::evaluate(Topology::Circle, &azimuth, batch, false);
-    let selection = head.selection_logits(c);
+    let at_azimuth = Splines::evaluate(Topology::Circle, &azimuth, batch);
+    let share = head.share_logits(c);
 
     let log_q: Vec<f32> = at_elevation.log_slopes.iter().zip(&at_azimuth.log_slopes).map(|(v, u)| v + u).collect();
-    let selection_logits =
-        selection.clone().map(|logits| logits.try_into_vec_as::<f32>().expect("logits are readable"));
-    let sums = LossSums::new(objective, batch, &log_q, selection_logits.as_deref());
+    let shares =
+        share.clone().map_or_else(Vec::new, |logits| logits.try_into_vec_as::<f32>().expect("logits are readable"));
+    let (mut d_log_q, mut d_shares) = (vec![0.0; log_q.len()], vec![0.0; shares.len()]);
+    let loss = objective.evaluate_conditions(batch, 0, &log_q, &shares, &mut d_log_q, &mut d_shares);
     let inject = |logits: Tensor<3>, splines: &Splines| {
-        let gradient = splines.gradient(&sums.by_log_q, logits.dims(), device);
+        let gradient = splines.gradient(&d_log_q, logits.dims(), device);
         (logits * gradient).sum()
     };
     let mut sum = inject(elevation, &at_elevation) + inject(azimuth, &at_azimuth);
-    if let Some(logits) = selection {
-        let gradient = TensorData::new(sums.by_selection, logits.dims());
+    if let Some(logits) = share {
+        let gradient = TensorData::new(d_shares, logits.dims());
         sum = sum + (logits * Tensor::from_data(gradient, device)).sum();
     }
     let gradients = GradientsParams::from_grads(sum.div_scalar(lit).backward(), head);
-    StepGradient { loss: sums.loss / lit, by_weight: head.flat_gradients(&gradients) }
+    StepGradient { loss: loss / lit, d_weight: head.flat_gradients(&gradients) }
 }
 
 /// Points `[conditions, samples, 2]` and conditions of a batch as tensors.
@@ -108,51 +101,38 @@ pub fn tensors(batch: &Batch, device: &Device) -> (Tensor<3>, Tensor<2>) {
 
 /// Splines of one coordinate at the batch's points.
 struct Splines {
-    topology: Topology,
-    logits: Vec<f32>,
     /// Logits per spline.
     width: usize,
     /// Points per spline: 1, or all of a condition's.
     group: usize,
     z: Vec<f32>,
     log_slopes: Vec<f32>,
-    of_log_slopes: Vec<Derivatives>,
-    /// Gradient of each `z` with respect to its spline's logits, if asked for.
-    z_gradients: Vec<f32>,
+    /// `[points, width]`: derivatives by the logits of each point's spline.
+    d_z: Vec<f32>,
+    d_log_slopes: Vec<f32>,
 }
 
 impl Splines {
     /// `logits` are `[conditions, samples or 1, 3K + 1]`.
-    fn evaluate(topology: Topology, logits: &Tensor<3>, batch: &Batch, with_z_gradients: bool) -> Self {
+    fn evaluate(topology: Topology, logits: &Tensor<3>, batch: &Batch) -> Self {
         let [_, splines_per_condition, width] = logits.dims();
-        let count = batch.densities.len();
+        let (count, bins, group) = (batch.densities.len(), bin_count(width), batch.samples / splines_per_condition);
         let coordinate = match topology {
             Topology::Circle => 0,
             Topology::Interval => 1,
         };
-        let mut splines = Self {
-            topology,
-            logits: logits.clone().try_into_vec_as::<f32>().expect("logits are readable and convert to f32"),
-            width,
-            group: batch.samples / splines_per_condition,
-            z: vec![0.0; count],
-            log_slopes: vec![0.0; count],
-            of_log_slopes: vec![Derivatives::default(); count],
-            z_gradients: vec![0.0; if with_z_gradients { count * width } else { 0 }],
-        };
-        let group = splines.group;
-        let (mut spline, mut sums) = splines.workspace();
-        for (index, logits) in splines.logits.chunks_exact(width).enumerate() {
-            spline.prepare(logits);
-            for point in index * group..(index + 1) * group {
-                let at = spline.evaluate(batch.points[2 * point + coordinate]);
-                splines.z[point] = at.z;
-                splines.log_slopes[point] = at.log_slope;
-                splines.of_log_slopes[point] = at.of_log_slope;
-                if with_z_gradients {
-                    sums.add(&at.of_z, 1.0);
-                    sums.finish(&spline, &mut splines.z_gradients[point * width..(point + 1) * width]);
-                }
+        let values = logits.clone().try_into_vec_as::<f32>().expect("logits are readable and convert to f32");
+        let zeros = |length: usize| vec![0.0; length];
+        let (d_z, d_log_slopes) = (zeros(count * width), zeros(count * width));
+        let mut splines = Self { width, group, z: zeros(count), log_slopes: zeros(count), d_z, d_log_slopes };
+        let mut scratch = vec![[0.0]; 2 * bins];
+        for point in 0..count {
+            let columns = Logits { bins, values: &values[point / group * width..][..width], stride: 1, first: 0 };
+            let y = [batch.points[2 * point + coordinate]];
+            let found = spline::inverse_with_gradient(topology, columns, &mut scratch, &y);
+            ([splines.z[point]], [splines.log_slopes[point]]) = (found.values, found.log_slopes);
+            for (of, out) in [(Gradient::Value, &mut splines.d_z), (Gradient::LogSlope, &mut splines.d_log_slopes)] {
+                found.write(of, &scratch, out, 1, point * width);
             }
         }
         splines
@@ -161,56 +141,20 @@ impl Splines {
     /// `z` of one spline per point as a tensor `[conditions, samples]` whose derivative by `logits` is the spline's.
     fn z_in_graph(&self, logits: &Tensor<3>, device: &Device) -> Tensor<2> {
         let shape = logits.dims();
-        let gradient = Tensor::<3>::from_data(TensorData::new(self.z_gradients.clone(), shape), device);
+        let gradient = Tensor::<3>::from_data(TensorData::new(self.d_z.clone(), shape), device);
         let z = Tensor::<2>::from_data(TensorData::new(self.z.clone(), [shape[0], shape[1]]), device);
         let linear = (logits.clone() * gradient).sum_dim(2).squeeze_dim::<2>(2);
         linear.clone() - linear.detach() + z
     }
 
     /// The gradient with respect to the logits of a number whose derivatives by the points' log-slopes are given.
-    fn gradient(&self, by_log_slopes: &[f32], shape: [usize; 3], device: &Device) -> Tensor<3> {
-        let mut gradient = vec![0.0; self.logits.len()];
-        let (mut spline, mut sums) = self.workspace();
-        let points = self.of_log_slopes.chunks_exact(self.group).zip(by_log_slopes.chunks_exact(self.group));
-        let rows = gradient.chunks_exact_mut(self.width).zip(self.logits.chunks_exact(self.width));
-        for ((gradient, logits), (derivatives, weights)) in rows.zip(points) {
-            spline.prepare(logits);
-            for (derivatives, &weight) in derivatives.iter().zip(weights) {
-                sums.add(derivatives, weight);
-            }
-            sums.finish(&spline, gradient);
+    fn gradient(&self, d_log_slopes: &[f32], shape: [usize; 3], device: &Device) -> Tensor<3> {
+        let mut gradient = vec![0.0; self.z.len() / self.group * self.width];
+        for ((point, row), weight) in self.d_log_slopes.chunks_exact(self.width).enumerate().zip(d_log_slopes) {
+            let sums = &mut gradient[point / self.group * self.width..][..self.width];
+            sums.iter_mut().zip(row).for_each(|(sum, derivative)| *sum += weight * derivative);
         }
         Tensor::from_data(TensorData::new(gradient, shape), device)
-    }
-
-    fn workspace(&self) -> (AnalyticSpline, LogitGradient) {
-        let bins = bin_count(self.width);
-        (AnalyticSpline::new(self.topology, bins), LogitGradient::new(bins))
-    }
-}
-
-/// The loss summed over the conditions whose target is not zero everywhere, and its derivatives.
-struct LossSums {
-    loss: f32,
-    /// By the head's log-density at every point.
-    by_log_q: Vec<f32>,
-    /// By every condition's selection logit.
-    by_selection: Vec<f32>,
-}
-
-impl LossSums {
-    fn new(objective: Objective, batch: &Batch, log_q: &[f32], selection_logits: Option<&[f32]>) -> Self {
-        let mut sums =
-            Self { loss: 0.0, by_log_q: vec![0.0; log_q.len()], by_selection: vec![0.0; batch.condition_count()] };
-        let rows = sums.by_log_q.chunks_exact_mut(batch.samples).zip(log_q.chunks_exact(batch.samples));
-        for (condition, (by_log_q, log_q)) in rows.enumerate() {
-            let logit = selection_logits.map(|logits| logits[condition]);
-            let mut out = LossDerivatives { by_log_q, by_selection: 0.0 };
-            let Some(loss) = objective.evaluate(&batch.condition(condition), log_q, logit, &mut out) else { continue };
-            sums.by_selection[condition] = out.by_selection;
-            sums.loss += loss;
-        }
-        sums
     }
 }
 
@@ -222,8 +166,8 @@ mod tests {
     use super::*;
     use crate::{
         Backend, CosineTarget, Loss,
-        target::BatchShape,
-        test_support::{random_head, studio},
+        integrand::BatchShape,
+        test_support::{assert_same, random_head, studio},
     };
 
     fn objectives() -> Vec<Objective> {
@@ -250,19 +194,13 @@ mod tests {
             for mode in [Mode::Coupled, Mode::Autoregressive] {
                 for config in [
                     HeadConfig { mode, ..HeadConfig::COSINE },
-                    HeadConfig { mode, encoder, bins: 8, selection: true, ..HeadConfig::COSINE },
+                    HeadConfig { mode, encoder, bins: 8, share: true, ..HeadConfig::COSINE },
                 ] {
                     let head = random_head(config, &device);
                     for objective in objectives() {
                         let expected = in_graph(&head, objective, &batch, &device).unwrap();
                         let found = injected(&head, objective, &batch, &device).unwrap();
-                        let scale = expected.loss.abs().max(1.0);
-                        assert!((expected.loss - found.loss).abs() < 1e-5 * scale, "{} {}", expected.loss, found.loss);
-                        let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
-                        let size = norm(&mut expected.by_weight.iter().copied());
-                        let error = norm(&mut expected.by_weight.iter().zip(&found.by_weight).map(|(a, b)| a - b));
-                        assert!(error <= 1e-5 * size, "{backend} {config:?} {objective:?}: {error} of {size}");
-                        assert!(size > 1e-3);
+                        assert_same(&expected, &found, 1e-5, &format!("{backend} {config:?} {objective:?}"));
                     }
                 }
             }

@@ -1,7 +1,7 @@
 //! Training of head warps: targets in the intermediate square Y, losses, the training loop and export.
 //!
 //! With an exact tail the density that a head has to learn is `q*(y|c)`, proportional to BRDF x cosine seen through the tail:
-//! no environment factor is left (see [`target`]). [`fit()`] is the entry point.
+//! no environment factor is left (see [`integrand`]). [`fit()`] is the entry point.
 
 pub mod backend;
 pub mod backend_trial;
@@ -16,6 +16,7 @@ pub mod flow;
 pub mod fused;
 pub mod gradient;
 pub mod injection;
+pub mod integrand;
 pub mod light;
 pub mod loss;
 pub mod material;
@@ -26,7 +27,7 @@ pub mod picture;
 pub mod preset;
 pub mod reference;
 pub mod state;
-pub mod target;
+pub mod step_gradient;
 pub mod tensorboard;
 #[cfg(test)]
 mod test_support;
@@ -42,14 +43,15 @@ pub use error::{Error, Result};
 pub use export::{check_exportable, exported_sampler, native_head};
 pub use fit::{Fitted, Progress, Run, Summary, fit, fit_with};
 pub use flow::{FittedFlow, FlowSettings, FlowSize, FlowSummary, fit_flow};
-pub use gradient::{GradientForm, GradientSource, StepGradient};
+pub use gradient::GradientForm;
 pub use headtail_model::Mode;
+pub use integrand::{Batch, CosineTarget, Target, Viewpoints, build_target};
 pub use light::TrainingLight;
 pub use loss::{Loss, Objective};
 pub use material::Material;
 pub use metrics::MetricsFile;
 pub use picture::density_pictures;
 pub use preset::Preset;
-pub use target::{Batch, CosineTarget, Target, Viewpoints, build_target};
+pub use step_gradient::{GradientSource, StepGradient};
 pub use tensorboard::TensorBoard;
 pub use validation::Divergence;

@@ -6,35 +6,20 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use headtail_render::file;
 use serde::Serialize;
 
 use crate::{Error, Progress, Result};
 
-/// A line. Numbers that are not finite are written as `null`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct MetricsRow {
-    /// Steps done; the first line is that of the untrained head.
-    pub step: usize,
-    /// The last step's loss on its batch; `null` before the first.
-    pub loss: f32,
-    /// Mean KL divergence over the validation set, in nats.
-    pub kl: f64,
-    /// Mean of `ln(1 + chi-square divergence)`, in nats.
-    pub log_chi_square: f64,
-    /// Mean chi-square divergence: relative variance of a one-sample estimate.
-    pub relative_variance: f64,
-    /// The last step's learning rate.
-    pub learning_rate: f64,
-    /// Training points per second since the process began, validation included.
-    pub samples_per_second: f64,
-    /// Wall-clock seconds of training, over all processes of a resumed run.
-    pub seconds: f64,
-    /// Steps skipped because they were not finite.
-    pub skipped: usize,
-    /// The run's seed.
-    pub seed: u64,
+/// A line: the keys of [`Progress`] but for `steps`, and of its divergence. The first line is that of the untrained head. Numbers that
+/// are not finite are written as `null`.
+#[derive(Serialize)]
+struct Row<'a> {
+    #[serde(flatten)]
+    progress: &'a Progress,
+    seed: u64,
     /// The program's version.
-    pub version: String,
+    version: &'static str,
 }
 
 /// The file.
@@ -67,23 +52,12 @@ impl MetricsFile {
                 closed.insert(file)
             }
         };
-        let Some(divergence) = progress.divergence else { return Ok(()) };
-        if self.last.replace(progress.step as u64) == Some(progress.step as u64) {
+        let is_told = self.last == Some(progress.step as u64);
+        if progress.divergence.is_none() || is_told {
             return Ok(());
         }
-        let row = MetricsRow {
-            step: progress.step,
-            loss: progress.loss,
-            kl: divergence.kl,
-            log_chi_square: divergence.log_chi_square,
-            relative_variance: divergence.relative_variance,
-            learning_rate: progress.learning_rate,
-            samples_per_second: progress.samples_per_second,
-            seconds: progress.seconds,
-            skipped: progress.skipped,
-            seed: self.seed,
-            version: env!("CARGO_PKG_VERSION").into(),
-        };
+        self.last = Some(progress.step as u64);
+        let row = Row { progress, seed: self.seed, version: env!("CARGO_PKG_VERSION") };
         let line = serde_json::to_string(&row).expect("a row can be written as JSON") + "\n";
         file.write_all(line.as_bytes()).map_err(failed)
     }
@@ -102,7 +76,7 @@ fn open(path: &Path, step: usize) -> std::io::Result<(File, Option<u64>)> {
             }
         }
     }
-    fs::write(path, kept)?;
+    file::replace(path, kept.as_bytes()).map_err(std::io::Error::other)?;
     Ok((OpenOptions::new().append(true).open(path)?, last))
 }
 
@@ -154,6 +128,18 @@ mod tests {
         assert_eq!(steps(&path), [0, 10, 20]);
         MetricsFile::new(&path, 3).add(&progress(0, true)).unwrap();
         assert_eq!(steps(&path), [0], "a new run replaces the file");
+    }
+
+    /// A kill in the middle of a write in place would leave a part.
+    #[test]
+    fn lines_are_dropped_in_a_new_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, other_name) = (folder.path().join("metrics.jsonl"), folder.path().join("before"));
+        let mut file = MetricsFile::new(&path, 3);
+        (0..3).for_each(|k| file.add(&progress(10 * k, true)).unwrap());
+        fs::hard_link(&path, &other_name).unwrap();
+        MetricsFile::new(&path, 3).add(&progress(10, false)).unwrap();
+        assert_eq!((steps(&path), steps(&other_name)), (vec![0, 10], vec![0, 10, 20]));
     }
 
     #[test]

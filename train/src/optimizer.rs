@@ -2,22 +2,10 @@
 
 use crate::FitConfig;
 
-/// AdamW (Loshchilov and Hutter 2019) with its schedule.
+/// What AdamW (Loshchilov and Hutter 2019) remembers.
 ///
 /// On the host and over one list: a step costs less than starting as many tensor operations as there are tensors, and the
 /// state is saved and restored to the bit.
-#[derive(Clone, Debug)]
-pub struct Optimizer {
-    schedule: Schedule,
-    clip_norm: f64,
-    beta_1: f64,
-    beta_2: f64,
-    epsilon: f64,
-    weight_decay: f64,
-    state: OptimizerState,
-}
-
-/// What an optimiser remembers.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OptimizerState {
     /// Steps that moved the weights.
@@ -53,51 +41,29 @@ impl Schedule {
     }
 }
 
-impl Optimizer {
-    /// A fresh optimiser of `weights` weights.
-    pub fn new(config: &FitConfig, weights: usize) -> Self {
-        Self {
-            schedule: Schedule::new(config),
-            clip_norm: config.clip_norm,
-            beta_1: f64::from(config.beta_1),
-            beta_2: f64::from(config.beta_2),
-            epsilon: f64::from(config.epsilon),
-            weight_decay: f64::from(config.weight_decay),
-            state: OptimizerState { moves: 0, first_moments: vec![0.0; weights], second_moments: vec![0.0; weights] },
-        }
+impl OptimizerState {
+    /// Before the first step of `weights` weights.
+    pub fn new(weights: usize) -> Self {
+        Self { moves: 0, first_moments: vec![0.0; weights], second_moments: vec![0.0; weights] }
     }
 
-    /// What has to be saved.
-    pub fn state(&self) -> &OptimizerState {
-        &self.state
-    }
-
-    /// Goes on from a saved state of as many weights.
-    pub fn restore(&mut self, state: OptimizerState) {
-        self.state = state;
-    }
-
-    /// The learning rate of `step`, counted from 0.
-    pub fn rate(&self, step: usize) -> f64 {
-        self.schedule.rate(step)
-    }
-
-    /// Moves `weights` against `gradients`. Nothing changes, and the answer is `false`, if these are not finite.
-    pub fn step(&mut self, step: usize, weights: &mut [f32], gradients: &[f32]) -> bool {
+    /// Moves `weights` against `gradients`, with the settings of `config`. Nothing changes, and the answer is `false`, if these are
+    /// not finite.
+    pub fn step(&mut self, config: &FitConfig, step: usize, weights: &mut [f32], gradients: &[f32]) -> bool {
         let norm = gradients.iter().map(|&g| f64::from(g) * f64::from(g)).sum::<f64>().sqrt();
         if !norm.is_finite() {
             return false;
         }
-        let clip = if norm > self.clip_norm { (self.clip_norm / norm) as f32 } else { 1.0 };
-        self.state.moves += 1;
-        let moves = self.state.moves as f64;
-        let rate = self.rate(step);
-        let (beta_1, beta_2) = (self.beta_1 as f32, self.beta_2 as f32);
+        let clip = if norm > config.clip_norm { (config.clip_norm / norm) as f32 } else { 1.0 };
+        self.moves += 1;
+        let moves = self.moves as f64;
+        let rate = Schedule::new(config).rate(step);
+        let (beta_1, beta_2) = (config.beta_1, config.beta_2);
         // The bias corrections belong to the step, not to the weights.
-        let rate_1 = (rate / (1.0 - self.beta_1.powf(moves))) as f32;
-        let root_2 = (1.0 / (1.0 - self.beta_2.powf(moves)).sqrt()) as f32;
-        let (epsilon, keep) = (self.epsilon as f32, (1.0 - rate * self.weight_decay) as f32);
-        let moments = self.state.first_moments.iter_mut().zip(&mut self.state.second_moments);
+        let rate_1 = (rate / (1.0 - f64::from(beta_1).powf(moves))) as f32;
+        let root_2 = (1.0 / (1.0 - f64::from(beta_2).powf(moves)).sqrt()) as f32;
+        let (epsilon, keep) = (config.epsilon, (1.0 - rate * f64::from(config.weight_decay)) as f32);
+        let moments = self.first_moments.iter_mut().zip(&mut self.second_moments);
         for ((weight, gradient), (first, second)) in weights.iter_mut().zip(gradients).zip(moments) {
             let gradient = gradient * clip;
             *first = beta_1 * *first + (1.0 - beta_1) * gradient;
@@ -117,7 +83,7 @@ mod tests {
     use headtail_render::random::{Purpose, Stream};
 
     use super::*;
-    use crate::{Backend, injection::tensors, target::Batch, test_support::batch_of_sky};
+    use crate::{Backend, injection::tensors, integrand::Batch, test_support::batch_of_sky};
 
     /// Three steps of plain maximum likelihood, by this optimiser and by burn's.
     #[test]
@@ -126,7 +92,7 @@ mod tests {
         let config = FitConfig { steps: 100, warmup: 0.0, clip_norm: 1e9, weight_decay: 0.1, ..FitConfig::default() };
         let mut head = Head::new(HeadConfig::COSINE, 0, &device).unwrap();
         let mut weights = head.flat_weights();
-        let mut own = Optimizer::new(&config, weights.len());
+        let mut own = OptimizerState::new(weights.len());
         let mut burns = AdamWConfig::new()
             .with_beta_1(config.beta_1)
             .with_beta_2(config.beta_2)
@@ -138,8 +104,8 @@ mod tests {
             let (y, c) = tensors(&batch, &device);
             let loss = head.log_density(&y, c).mean().neg();
             let gradients = GradientsParams::from_grads(loss.backward(), &head);
-            assert!(own.step(step, &mut weights, &head.flat_gradients(&gradients)));
-            head = burns.step(own.rate(step), head, gradients);
+            assert!(own.step(&config, step, &mut weights, &head.flat_gradients(&gradients)));
+            head = burns.step(Schedule::new(&config).rate(step), head, gradients);
             // Steps of 1.6e-2; Adam divides by the gradient's size, and the smallest differ by rounding.
             let apart = head.flat_weights().iter().zip(&weights).filter(|(a, b)| (**a - **b).abs() > 1e-5).count();
             assert!(apart * 1000 <= weights.len(), "step {step}: {apart} of {}", weights.len());
@@ -152,10 +118,10 @@ mod tests {
         let gradients: Vec<f32> = (0..50).map(|_| stream.uniform() - 0.5).collect();
         let moved = |clip_norm, factor: f32| {
             let config = FitConfig { clip_norm, ..FitConfig::default() };
-            let mut optimizer = Optimizer::new(&config, 50);
+            let mut optimizer = OptimizerState::new(50);
             let scaled: Vec<f32> = gradients.iter().map(|g| g * factor).collect();
-            assert!(optimizer.step(0, &mut [0.1; 50], &scaled));
-            optimizer.state().first_moments.clone()
+            assert!(optimizer.step(&config, 0, &mut [0.1; 50], &scaled));
+            optimizer.first_moments
         };
         let norm = |moments: &[f32]| moments.iter().map(|m| m * m).sum::<f32>().sqrt();
         assert!((norm(&moved(1.0, 1e6)) - 0.1).abs() < 1e-6);
@@ -164,11 +130,11 @@ mod tests {
 
     #[test]
     fn gradients_that_are_not_finite_move_nothing() {
-        let mut optimizer = Optimizer::new(&FitConfig::default(), 2);
-        let (mut weights, before) = ([0.1, 0.2], optimizer.state().clone());
+        let (config, mut optimizer) = (FitConfig::default(), OptimizerState::new(2));
+        let (mut weights, before) = ([0.1, 0.2], optimizer.clone());
         for bad in [f32::NAN, f32::INFINITY] {
-            assert!(!optimizer.step(0, &mut weights, &[0.1, bad]));
-            assert_eq!((weights, optimizer.state()), ([0.1, 0.2], &before));
+            assert!(!optimizer.step(&config, 0, &mut weights, &[0.1, bad]));
+            assert_eq!((weights, &optimizer), ([0.1, 0.2], &before));
         }
     }
 

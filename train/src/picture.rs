@@ -5,7 +5,7 @@ use std::path::Path;
 use headtail_model::{
     Head,
     burn::prelude::{Tensor, TensorData},
-    head::selection_probability,
+    head::share_of_logit,
 };
 use headtail_render::{
     file,
@@ -21,7 +21,7 @@ const SIDE: usize = 192;
 const GAP: usize = 4;
 
 /// Writes `condition-0.png`, ... into `folder`, which is made: left the target over Y (for a naive head over X), right what the
-/// head gives (with a learned selection the mixture with BRDF sampling). Elevation runs down, azimuth to the right;
+/// head gives (with a learned share the mixture with BRDF sampling). Elevation runs down, azimuth to the right;
 /// both have one scale, on which white is the density that a hundredth of the target's pixels exceeds.
 ///
 /// Conditions are drawn with the run's seed; one that sees no light is drawn again.
@@ -69,10 +69,10 @@ fn learned_density(head: &Head, config: &FitConfig, target: &dyn Target, conditi
     let readable = "densities are readable and convert to f32";
     let logs = head.log_density(&Tensor::from_data(y, &device), c.clone()).try_into_vec_as::<f32>().expect(readable);
     let mut densities: Vec<f32> = logs.into_iter().map(f32::exp).collect();
-    if let Some(logit) = head.selection_logits(c) {
-        let p = selection_probability(logit.into_scalar::<f32>());
+    if let Some(logit) = head.share_logits(c) {
+        let share = share_of_logit(logit.into_scalar::<f32>());
         for (density, y) in densities.iter_mut().zip(points()) {
-            *density = p * *density + (1.0 - p) * target.at(condition, y).brdf;
+            *density = share * *density + (1.0 - share) * target.at(condition, y).brdf;
         }
     }
     Ok(densities)

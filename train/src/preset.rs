@@ -14,9 +14,9 @@ pub enum Preset {
     PaperCosine,
     /// The paper's microfacet head and optimisation.
     PaperGgx,
-    /// The cosine head with learned selection, in seconds.
+    /// The cosine head with learned share, in seconds.
     FastCosine,
-    /// A small microfacet head with learned selection, in a minute.
+    /// A small microfacet head with learned share, in a minute.
     FastGgx,
 }
 
@@ -72,7 +72,7 @@ impl FromStr for Preset {
 
 /// Of learning rates from 4e-3 to 3e-2 the one here gave the least variance on two maps; batches of 1600 to 8192 points are
 /// equally good per point. The betas are the paper's, the weight decay PyTorch's; neither decay nor clipping matters much,
-/// and the clipping is there for the odd step. Learned selection and fall-back keep the variance of `head+mis` at or below that of one-sample MIS
+/// and the clipping is there for the odd step. Learned share and fall-back keep the variance of `head+mis` at or below that of one-sample MIS
 /// (`headtail stability`).
 const FAST_COSINE: FitConfig = FitConfig {
     material: Material::Lambert,
@@ -102,7 +102,7 @@ const FAST_COSINE: FitConfig = FitConfig {
     validate_every: 250,
     validation_conditions: 64,
     validation_strata: 32,
-    head: HeadConfig { selection: true, ..HeadConfig::COSINE },
+    head: HeadConfig { share: true, ..HeadConfig::COSINE },
     flow: FlowSize::Small.settings(),
 };
 
@@ -123,7 +123,7 @@ const FAST_GGX: FitConfig = FitConfig {
         condition: Condition::Ggx,
         bins: 8,
         encoder: Some(EncoderConfig { hidden: 32, output: 32 }),
-        selection: true,
+        share: true,
         ..HeadConfig::COSINE
     },
     ..FAST_COSINE
@@ -173,7 +173,7 @@ mod tests {
         assert!("fast".parse::<Preset>().unwrap_err().contains("fast-cosine"));
     }
 
-    /// Encoder `(c + 1) h + (h + 1) x`; layers `(c + x + f + 1) 64 + 65 * 64 + 65 (3K + 1)` with `f` = 2 and 1; selection
+    /// Encoder `(c + 1) h + (h + 1) x`; layers `(c + x + f + 1) 64 + 65 * 64 + 65 (3K + 1)` with `f` = 2 and 1; share
     /// `(c + x + 1) 16 + 17`.
     #[test]
     fn presets_have_as_many_weights_as_documented() {

@@ -7,13 +7,13 @@ use std::f64::consts::TAU;
 
 use headtail_model::{
     EncoderConfig, HeadConfig, Mode,
-    head::{SELECTION_FLOOR, SELECTION_HIDDEN},
-    spline::{MIN_BIN, MIN_SLOPE, bin_count, slope_offset},
+    head::{SELECTION_FLOOR, SHARE_HIDDEN},
 };
+use headtail_render::spline::{MIN_BIN, MIN_SLOPE, SLOPE_OFFSET, bin_count};
 
-use crate::target::Batch;
+use crate::integrand::Batch;
 
-/// The mean log-chi-square loss, mixed with BRDF sampling where the head has learned a selection.
+/// The mean log-chi-square loss, mixed with BRDF sampling where the head has learned a share.
 ///
 /// # Panics
 /// If `weights` are not those of a head of this shape.
@@ -32,7 +32,7 @@ pub fn log_chi_square(config: &HeadConfig, weights: &[f64], batch: &Batch) -> f6
         let term = |k: usize| {
             let at = 2 * (index * batch.samples + k);
             let q = head.density(f64::from(batch.points[at]), f64::from(batch.points[at + 1]));
-            let q = head.selection.map_or(q, |p| p * q + (1.0 - p) * f64::from(points.brdf[k]));
+            let q = head.share.map_or(q, |p| p * q + (1.0 - p) * f64::from(points.brdf[k]));
             product(k) / total * f64::from(points.densities[k]) / mean / q
         };
         sum += (0..batch.samples).filter(|&k| product(k) > 0.0).map(term).sum::<f64>().ln();
@@ -72,7 +72,7 @@ struct Head<'a> {
     elevation: Vec<Layer<'a>>,
     azimuth: Vec<Layer<'a>>,
     /// Probability of drawing from the head.
-    selection: Option<f64>,
+    share: Option<f64>,
 }
 
 struct Layer<'a> {
@@ -111,12 +111,13 @@ impl<'a> Head<'a> {
             |features: usize| layers(&[vec![seen.len() + features], hidden.clone(), vec![config.logits()]].concat());
         let elevation = network(if config.mode == Mode::Coupled { 2 } else { 0 });
         let azimuth = network(1);
-        let selection = config.selection.then(|| {
-            let logit = perceptron(&layers(&[seen.len(), SELECTION_HIDDEN, 1]), &seen, config)[0];
-            SELECTION_FLOOR + (1.0 - 2.0 * SELECTION_FLOOR) / (1.0 + (-logit).exp())
+        let floor = f64::from(SELECTION_FLOOR);
+        let share = config.share.then(|| {
+            let logit = perceptron(&layers(&[seen.len(), SHARE_HIDDEN, 1]), &seen, config)[0];
+            floor + (1.0 - 2.0 * floor) / (1.0 + (-logit).exp())
         });
         assert!(weights.is_empty(), "the weights are those of a head of this shape");
-        Self { config, seen, elevation, azimuth, selection }
+        Self { config, seen, elevation, azimuth, share }
     }
 
     /// The density at `y = (u, v)`.
@@ -124,10 +125,10 @@ impl<'a> Head<'a> {
         let coupled = self.config.mode == Mode::Coupled;
         let features = if coupled { vec![(TAU * u).cos(), (TAU * u).sin()] } else { Vec::new() };
         let logits = perceptron(&self.elevation, &[&self.seen[..], &features].concat(), self.config);
-        let (z, by_v) = spline(&logits, v, false);
+        let (z, d_v) = spline(&logits, v, false);
         let logits = perceptron(&self.azimuth, &[&self.seen[..], &[if coupled { z } else { v }]].concat(), self.config);
         let turns = logits[logits.len() - 1];
-        by_v * spline(&logits, (u + turns).rem_euclid(1.0), true).1
+        d_v * spline(&logits, (u + turns).rem_euclid(1.0), true).1
     }
 }
 
@@ -151,7 +152,7 @@ fn spline(logits: &[f64], x: f64, circle: bool) -> (f64, f64) {
     let (widths, heights) = (sizes(&logits[..bins]), sizes(&logits[bins..2 * bins]));
     let slope = |knot: usize| {
         let logit = logits[2 * bins + if circle { knot % bins } else { knot }];
-        MIN_SLOPE + (logit + slope_offset()).exp().ln_1p()
+        MIN_SLOPE + (logit + SLOPE_OFFSET).exp().ln_1p()
     };
     let (mut left, mut bottom, mut bin) = (0.0, 0.0, 0);
     while bin + 1 < bins && x >= left + widths[bin] {

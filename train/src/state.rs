@@ -3,14 +3,13 @@
 use headtail_render::random::Purpose;
 
 use crate::{
-    Error, FitConfig, Result, Target,
-    gradient::{GradientSource, StepGradient},
-    optimizer::{Optimizer, OptimizerState},
-    target::Batch,
+    Error, FitConfig, GradientSource, Result, StepGradient, Target,
+    integrand::Batch,
+    optimizer::{OptimizerState, Schedule},
 };
 
-/// Weights, optimiser and counters. Batches are not part of it: they are functions of (seed, step).
-#[derive(Clone, Debug)]
+/// Weights, moments and counters, as they are saved. Batches are not part of it: they are functions of (seed, step).
+#[derive(Clone, Debug, PartialEq)]
 pub struct TrainingState {
     /// Steps done.
     pub step: usize,
@@ -18,26 +17,11 @@ pub struct TrainingState {
     pub skipped: usize,
     /// The last step's loss.
     pub loss: f32,
-    weights: Vec<f32>,
-    /// The moving average of the weights; empty where it is off.
-    average: Vec<f32>,
-    optimizer: Optimizer,
-}
-
-/// A [`TrainingState`] as plain numbers, for a checkpoint.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SavedState {
-    /// Steps done.
-    pub step: usize,
-    /// Steps left out.
-    pub skipped: usize,
-    /// The last step's loss.
-    pub loss: f32,
     /// The weights, in the order of [`headtail_model::Head::flat_weights`].
     pub weights: Vec<f32>,
-    /// Their moving average, or empty.
+    /// Their moving average; empty where it is off.
     pub average: Vec<f32>,
-    /// The optimiser's moments.
+    /// The optimiser's memory.
     pub optimizer: OptimizerState,
 }
 
@@ -45,33 +29,7 @@ impl TrainingState {
     /// Before the first step.
     pub fn new(config: &FitConfig, weights: Vec<f32>) -> Self {
         let average = if config.ema_decay > 0.0 { weights.clone() } else { Vec::new() };
-        Self { step: 0, skipped: 0, loss: f32::NAN, optimizer: Optimizer::new(config, weights.len()), weights, average }
-    }
-
-    /// The state in numbers.
-    pub fn save(&self) -> SavedState {
-        SavedState {
-            step: self.step,
-            skipped: self.skipped,
-            loss: self.loss,
-            weights: self.weights.clone(),
-            average: self.average.clone(),
-            optimizer: self.optimizer.state().clone(),
-        }
-    }
-
-    /// The state that was saved under the same configuration.
-    pub fn restore(config: &FitConfig, saved: SavedState) -> Self {
-        let mut optimizer = Optimizer::new(config, saved.weights.len());
-        optimizer.restore(saved.optimizer);
-        Self {
-            step: saved.step,
-            skipped: saved.skipped,
-            loss: saved.loss,
-            weights: saved.weights,
-            average: saved.average,
-            optimizer,
-        }
+        Self { step: 0, skipped: 0, loss: f32::NAN, optimizer: OptimizerState::new(weights.len()), weights, average }
     }
 
     /// The weights for use: the moving average where there is one.
@@ -80,8 +38,8 @@ impl TrainingState {
     }
 
     /// The learning rate of the step that was done last.
-    pub fn last_rate(&self) -> f64 {
-        self.optimizer.rate(self.step.saturating_sub(1))
+    pub fn last_rate(&self, config: &FitConfig) -> f64 {
+        Schedule::new(config).rate(self.step.saturating_sub(1))
     }
 
     /// One step; it changes nothing but the count if no condition of its batch sees any light.
@@ -102,11 +60,6 @@ impl TrainingState {
         self.apply(config, gradient)
     }
 
-    /// The weights.
-    pub fn weights(&self) -> &[f32] {
-        &self.weights
-    }
-
     /// Ends a step with its gradient, or with none.
     ///
     /// # Errors
@@ -114,8 +67,8 @@ impl TrainingState {
     pub fn apply(&mut self, config: &FitConfig, gradient: Option<StepGradient>) -> Result<()> {
         if let Some(gradient) = gradient {
             self.loss = gradient.loss;
-            let moved =
-                gradient.loss.is_finite() && self.optimizer.step(self.step, &mut self.weights, &gradient.by_weight);
+            let moved = gradient.loss.is_finite()
+                && self.optimizer.step(config, self.step, &mut self.weights, &gradient.d_weight);
             if moved {
                 self.average_weights(config.ema_decay);
             } else {
@@ -131,7 +84,7 @@ impl TrainingState {
 
     /// The average forgets its start: after `m` moves it decays by at most `(1 + m) / (10 + m)`.
     fn average_weights(&mut self, decay: f32) {
-        let moves = self.optimizer.state().moves as f32;
+        let moves = self.optimizer.moves as f32;
         let decay = decay.min((1.0 + moves) / (10.0 + moves));
         for (average, weight) in self.average.iter_mut().zip(&self.weights) {
             *average = decay * *average + (1.0 - decay) * weight;

@@ -10,8 +10,8 @@ use headtail_render::{
 };
 
 use crate::{
-    CosineTarget,
-    target::{Batch, BatchShape},
+    CosineTarget, StepGradient,
+    integrand::{Batch, BatchShape},
 };
 
 /// A head far from the identity: its last layers are drawn too.
@@ -41,4 +41,14 @@ pub fn batch_of_sky(conditions: usize, strata: usize) -> Batch {
 pub fn studio() -> Tail {
     let map = built_in("studio").unwrap();
     Tail::new(TailKind::Hierarchical, map.width(), map.height(), &map.luminance()).unwrap()
+}
+
+/// Asserts that two gradients of a step are the same but for a share of their norm, and that they are not next to nothing.
+pub fn assert_same(expected: &StepGradient, found: &StepGradient, tolerance: f32, what: &str) {
+    let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
+    let size = norm(&mut expected.d_weight.iter().copied());
+    let error = norm(&mut expected.d_weight.iter().zip(&found.d_weight).map(|(a, b)| a - b));
+    let apart = (expected.loss - found.loss).abs();
+    assert!(apart < 1e-5_f32.max(0.1 * tolerance) * expected.loss.abs().max(1.0), "{what}: losses are {apart} apart");
+    assert!(size > 1e-3 && error <= tolerance * size, "{what}: {error} of {size}");
 }

@@ -1,17 +1,17 @@
 //! How far a head is from its target, on a fixed set of conditions and points.
 
 use headtail_model::{Head, burn::prelude::Device};
-use headtail_render::random::Purpose;
+use headtail_render::{random::Purpose, statistics::relative_variance_of_log_moment};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     Error, Loss, Objective, Result, Target,
     injection::tensors,
+    integrand::{Batch, BatchShape},
     loss::LossDerivatives,
-    target::{Batch, BatchShape},
 };
 
-/// Means over the conditions under which the target is not zero everywhere. With a learned selection they are those of the
+/// Means over the conditions under which the target is not zero everywhere. With a learned share they are those of the
 /// mixture with BRDF sampling.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Divergence {
@@ -53,18 +53,18 @@ impl Validation {
             let read = "densities are readable and convert to f32";
             let (y, c) = tensors(&batch, device);
             let log_q = head.log_density(&y, c.clone()).try_into_vec_as::<f32>().expect(read);
-            let logits = head.selection_logits(c).map(|logits| logits.try_into_vec_as::<f32>().expect(read));
+            let logits = head.share_logits(c).map(|logits| logits.try_into_vec_as::<f32>().expect(read));
             let mut unused = vec![0.0; batch.samples];
             for (index, log_q) in log_q.chunks_exact(batch.samples).enumerate() {
                 let mut evaluate = |loss: Loss| {
-                    let mut out = LossDerivatives { by_log_q: &mut unused, by_selection: 0.0 };
+                    let mut out = LossDerivatives { d_log_q: &mut unused, d_share: 0.0 };
                     let logit = logits.as_ref().map(|logits| logits[index]);
                     Objective::from(loss).evaluate(&batch.condition(index), log_q, logit, &mut out).map(f64::from)
                 };
                 let Some((kl, chi)) = evaluate(Loss::ForwardKl).zip(evaluate(Loss::LogChiSquare)) else { continue };
                 sum.kl += kl / count;
                 sum.log_chi_square += chi / count;
-                sum.relative_variance += chi.exp_m1() / count;
+                sum.relative_variance += relative_variance_of_log_moment(chi) / count;
             }
         }
         sum

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, Result, coupling::Coordinate, spline::logit_count};
+use crate::{Result, coupling::Coordinate, error::within, spline::logit_count};
 
 /// What the layers that transform the elevation see.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -91,29 +91,11 @@ impl FlowConfig {
     /// # Errors
     /// [`Error::Config`] names the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
-        within("flow.shape.bins", self.bins, 2..=128)?;
-        within("flow.shape.couplings", self.couplings, 2..=64)?;
-        within("flow.shape.hidden", self.hidden, 1..=4096)?;
-        within("flow.shape.residual_blocks", self.residual_blocks, 0..=16)?;
-        within("flow.shape.octaves", self.octaves, 1..=12)?;
-        if (0.0..=1.0).contains(&self.leaky_slope) {
-            return Ok(());
-        }
-        let value = self.leaky_slope.to_string();
-        Err(Error::Config { field: "flow.shape.leaky_slope", value, requirement: "in [0, 1]" })
+        within("flow.shape.bins", self.bins, 2..=128, "in 2..=128")?;
+        within("flow.shape.couplings", self.couplings, 2..=64, "in 2..=64")?;
+        within("flow.shape.hidden", self.hidden, 1..=4096, "in 1..=4096")?;
+        within("flow.shape.residual_blocks", self.residual_blocks, 0..=16, "in 0..=16")?;
+        within("flow.shape.octaves", self.octaves, 1..=12, "in 1..=12")?;
+        within("flow.shape.leaky_slope", self.leaky_slope, 0.0..=1.0, "in [0, 1]")
     }
-}
-
-fn within(field: &'static str, value: usize, range: std::ops::RangeInclusive<usize>) -> Result<()> {
-    if range.contains(&value) {
-        return Ok(());
-    }
-    let requirement = match field {
-        "flow.shape.bins" => "in 2..=128",
-        "flow.shape.couplings" => "in 2..=64",
-        "flow.shape.hidden" => "in 1..=4096",
-        "flow.shape.residual_blocks" => "in 0..=16",
-        _ => "in 1..=12",
-    };
-    Err(Error::Config { field, value: value.to_string(), requirement })
 }

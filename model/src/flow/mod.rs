@@ -6,7 +6,7 @@ mod network;
 use std::f64::consts::PI;
 
 use burn::{
-    module::{Module, Param},
+    module::Module,
     optim::GradientsParams,
     prelude::{Device, Tensor},
 };
@@ -76,17 +76,13 @@ impl Flow {
 
     /// Number of weights.
     pub fn weight_count(&self) -> usize {
-        self.linears().map(linear::value_count).sum()
+        linear::count(self.linears())
     }
 
     /// Every weight in one list: network by network its first layer, the two layers of each block, the last layer; each a row-major
     /// `[out, in]` weight, then a bias.
     pub fn flat_weights(&self) -> Vec<f32> {
-        let mut flat = Vec::with_capacity(self.weight_count());
-        for layer in self.linears() {
-            linear::flatten(layer.weight.val(), layer.bias.as_ref().map(Param::val), &mut flat);
-        }
-        flat
+        linear::flat_weights(self.linears())
     }
 
     /// A flow of the same shape with other weights, on `device`.
@@ -95,25 +91,13 @@ impl Flow {
     /// If `flat` does not have [`weight_count`](Self::weight_count) numbers.
     #[must_use]
     pub fn with_flat_weights(mut self, flat: &[f32], device: &Device) -> Self {
-        assert_eq!(flat.len(), self.weight_count(), "one number for each weight");
-        let mut rest = flat;
-        for layer in self.networks.iter_mut().flat_map(ResidualNetwork::linears_mut) {
-            let (values, after) = rest.split_at(linear::value_count(layer));
-            *layer = linear::unflatten(layer, values, device);
-            rest = after;
-        }
+        linear::set_flat(self.networks.iter_mut().flat_map(ResidualNetwork::linears_mut), flat, device);
         self
     }
 
     /// Gradients in the order of [`flat_weights`](Self::flat_weights).
     pub fn flat_gradients(&self, gradients: &GradientsParams) -> Vec<f32> {
-        let mut flat = Vec::with_capacity(self.weight_count());
-        for layer in self.linears() {
-            let weight = gradients.get::<2>(layer.weight.id).unwrap_or_else(|| layer.weight.val().inner().zeros_like());
-            let bias = layer.bias.as_ref().and_then(|bias| gradients.get::<1>(bias.id));
-            linear::flatten(weight, bias, &mut flat);
-        }
-        flat
+        linear::flat_gradients(self.linears(), gradients)
     }
 
     fn linears(&self) -> impl Iterator<Item = &burn::nn::Linear> {

@@ -1,9 +1,8 @@
-//! The head warp `h: Z -> Y` under a condition: encoder, two coupling layers, and the selection probability.
+//! The head warp `h: Z -> Y` under a condition: encoder, two coupling layers, and the learned share.
 
-mod condition;
 mod config;
 mod flat;
-mod selection;
+mod share;
 #[cfg(test)]
 mod tests;
 
@@ -13,11 +12,9 @@ use burn::{
     prelude::{Device, Tensor},
 };
 
-pub use condition::Condition;
-pub use config::{EncoderConfig, HeadConfig, Mode};
-pub use selection::{
-    SELECTION_FLOOR, SELECTION_HIDDEN, SelectionNetwork, selection_probability, selection_probability_in_graph,
-};
+pub use config::{EncoderConfig, HeadConfig};
+use headtail_render::head::Mode;
+pub use share::{SELECTION_FLOOR, SHARE_HIDDEN, ShareNetwork, share_of_logit, share_of_logits};
 
 use crate::{
     Error, NamedTensor, Result,
@@ -25,6 +22,9 @@ use crate::{
     linear::{self, Initializer},
     spline_network::SplineNetworkShape,
 };
+
+/// Names of the networks in exported files.
+const PARTS: [&str; 4] = ["encoder", "layer0", "layer1", "selection"];
 
 /// The head warp, and the share of samples that it gives where BRDF sampling gives the others.
 ///
@@ -36,7 +36,7 @@ pub struct Head {
     encoder: Vec<Linear>,
     layers: Vec<Coupling>,
     /// Empty, or one.
-    selection: Vec<SelectionNetwork>,
+    share: Vec<ShareNetwork>,
     #[module(skip)]
     config: HeadConfig,
 }
@@ -72,12 +72,12 @@ impl Head {
         let mut layer = |target, other| Coupling::new(target, other, shape, slope, &mut initializer, device);
         let layers =
             vec![layer(Coordinate::Elevation, first_sees), layer(Coordinate::Azimuth, Some(Coordinate::Elevation))];
-        let selection = if config.selection {
-            vec![SelectionNetwork::new(config.network_condition(), slope, &mut initializer, device)]
+        let share = if config.share {
+            vec![ShareNetwork::new(config.network_condition(), slope, &mut initializer, device)]
         } else {
             Vec::new()
         };
-        Ok(Self { encoder, layers, selection, config })
+        Ok(Self { encoder, layers, share, config })
     }
 
     /// The head's shape.
@@ -136,28 +136,22 @@ impl Head {
     }
 
     /// Logits `[conditions, 1]` of the probability to draw from the head rather than from the BRDF, for
-    /// [`selection_probability`]; `None` without [`HeadConfig::selection`].
-    pub fn selection_logits(&self, c: Tensor<2>) -> Option<Tensor<2>> {
-        let [network] = self.selection.as_slice() else { return None };
+    /// [`share_of_logit`]; `None` without [`HeadConfig::share`].
+    pub fn share_logits(&self, c: Tensor<2>) -> Option<Tensor<2>> {
+        let [network] = self.share.as_slice() else { return None };
         Some(network.logits(self.encode(c)))
     }
 
     /// Every weight, row-major `[out, in]`, in the order in which they are drawn: `encoder.linear{0,1}.{weight,bias}` (where
     /// there is an encoder), `layer0.linear{0..=hidden_layers}.{weight,bias}` (elevation), then `layer1` (azimuth), then
-    /// `selection.linear{0,1}` (where there is a selection).
+    /// `selection.linear{0,1}` (where a share is learned).
     ///
     /// Inputs of a layer's `linear0` are, in this order: the condition `c`, the encoder's output, and the other coordinate's
     /// features (`cos 2 pi u`, `sin 2 pi u`, or `v`).
     pub fn weights(&self) -> Vec<NamedTensor> {
         let mut weights = Vec::new();
-        for (index, layer) in self.encoder.iter().enumerate() {
-            linear::export(layer, &format!("encoder.linear{index}"), &mut weights);
-        }
-        for (index, layer) in self.layers.iter().enumerate() {
-            layer.export(&format!("layer{index}"), &mut weights);
-        }
-        for network in &self.selection {
-            network.export(&mut weights);
+        for (part, layers) in self.parts() {
+            linear::export(layers, part, &mut weights);
         }
         weights
     }
@@ -167,23 +161,27 @@ impl Head {
     /// # Errors
     /// If the configuration is out of range, a weight is missing, unknown, of the wrong shape or not finite.
     pub fn from_weights(config: HeadConfig, mut weights: Vec<NamedTensor>, device: &Device) -> Result<Self> {
-        let blank = Self::new(config, 0, device)?;
-        let mut encoder = Vec::new();
-        for (index, layer) in blank.encoder.iter().enumerate() {
-            encoder.push(linear::import(layer, &format!("encoder.linear{index}"), &mut weights, device)?);
-        }
-        let mut layers = Vec::new();
-        for (index, layer) in blank.layers.iter().enumerate() {
-            layers.push(layer.import(&format!("layer{index}"), &mut weights, device)?);
-        }
-        let mut selection = Vec::new();
-        for network in &blank.selection {
-            selection.push(network.import(&mut weights, device)?);
+        let mut head = Self::new(config, 0, device)?;
+        for (part, layers) in head.parts_mut() {
+            *layers = linear::import(layers, part, &mut weights, device)?;
         }
         match weights.pop() {
             Some(weight) => Err(Error::UnknownWeight(weight.name)),
-            None => Ok(Self { encoder, layers, selection, config }),
+            None => Ok(head),
         }
+    }
+
+    /// The networks by the names under which they are exported, in the order in which they are drawn.
+    fn parts(&self) -> impl Iterator<Item = (&'static str, &[Linear])> {
+        let layers = self.layers.iter().map(|layer| layer.network().linears());
+        let networks = layers.chain(self.share.iter().map(ShareNetwork::linears));
+        PARTS.into_iter().zip(std::iter::once(&self.encoder[..]).chain(networks))
+    }
+
+    fn parts_mut(&mut self) -> impl Iterator<Item = (&'static str, &mut Vec<Linear>)> {
+        let layers = self.layers.iter_mut().map(|layer| layer.network_mut().linears_mut());
+        let networks = layers.chain(self.share.iter_mut().map(ShareNetwork::linears_mut));
+        PARTS.into_iter().zip(std::iter::once(&mut self.encoder).chain(networks))
     }
 
     /// What the spline networks see of a condition: `c`, followed by the encoder's output.

@@ -5,12 +5,11 @@ use burn::{
     optim::GradientsParams,
     prelude::{Device, Tensor, TensorData},
 };
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use headtail_render::random::{Purpose, Stream};
 
-use super::{Condition, EncoderConfig, Head, HeadConfig, Mode, selection_probability, selection_probability_in_graph};
+use super::{EncoderConfig, Head, HeadConfig, share_of_logit, share_of_logits};
 use crate::{
-    Error, NamedTensor,
+    Condition, Error, Mode, NamedTensor,
     linear::read,
     spline::{self, Topology},
 };
@@ -20,8 +19,8 @@ const MODES: [Mode; 2] = [Mode::Coupled, Mode::Autoregressive];
 const MICROFACET: HeadConfig = HeadConfig::MICROFACET;
 
 fn uniforms(count: usize, seed: u64) -> Vec<f32> {
-    let mut generator = ChaCha8Rng::seed_from_u64(seed);
-    (0..count).map(|_| (generator.next_u32() >> 8) as f32 / 16_777_216.0).collect()
+    let mut stream = Stream::new(seed, Purpose::Test, 0);
+    (0..count).map(|_| stream.uniform()).collect()
 }
 
 /// A head far from the identity: every weight drawn, the last layers too.
@@ -50,8 +49,8 @@ fn configurations() -> Vec<HeadConfig> {
     MODES
         .into_iter()
         .flat_map(|mode| {
-            let selection = encoder.is_some();
-            [HeadConfig { mode, ..HeadConfig::COSINE }, HeadConfig { mode, encoder, selection, ..HeadConfig::COSINE }]
+            let share = encoder.is_some();
+            [HeadConfig { mode, ..HeadConfig::COSINE }, HeadConfig { mode, encoder, share, ..HeadConfig::COSINE }]
         })
         .collect()
 }
@@ -68,8 +67,8 @@ fn parameter_counts_are_as_documented() {
     assert_eq!(count(MICROFACET), 35_970);
     // Two numbers less in the condition: 2 x 64 less in the encoder and in each network.
     assert_eq!(count(HeadConfig { condition: Condition::Ggx, ..MICROFACET }), 35_970 - 3 * 128);
-    // The selection: 77 x 16 + 17.
-    assert_eq!(count(HeadConfig { selection: true, ..MICROFACET }), 35_970 + 1_249);
+    // The share's network: 77 x 16 + 17.
+    assert_eq!(count(HeadConfig { share: true, ..MICROFACET }), 35_970 + 1_249);
 }
 
 #[test]
@@ -187,7 +186,7 @@ fn weights_restore_the_head_in_any_order() {
 
 #[test]
 fn weights_are_named_and_shaped_as_documented() {
-    let config = HeadConfig { selection: true, ..MICROFACET };
+    let config = HeadConfig { share: true, ..MICROFACET };
     let head = Head::new(config, 0, &Device::flex()).unwrap();
     let list: Vec<(String, Vec<usize>)> = head.weights().into_iter().map(|w| (w.name, w.shape)).collect();
     let expected: [(&str, &[usize]); 20] = [
@@ -258,29 +257,29 @@ fn logits_taken_apart_give_the_density() {
 #[test]
 fn a_new_head_and_brdf_sampling_are_equally_likely() {
     let device = Device::flex();
-    let config = HeadConfig { selection: true, ..MICROFACET };
+    let config = HeadConfig { share: true, ..MICROFACET };
     let head = Head::new(config, 4, &device).unwrap();
-    let logits = head.selection_logits(conditions(5, 12, 1, &device)).unwrap();
+    let logits = head.share_logits(conditions(5, 12, 1, &device)).unwrap();
     assert_eq!(logits.dims(), [5, 1]);
-    assert!(read(selection_probability_in_graph(logits)).iter().all(|p| (p - 0.5).abs() < 1e-6));
-    assert!(Head::new(MICROFACET, 4, &device).unwrap().selection_logits(conditions(1, 12, 1, &device)).is_none());
+    assert!(read(share_of_logits(logits)).iter().all(|p| (p - 0.5).abs() < 1e-6));
+    assert!(Head::new(MICROFACET, 4, &device).unwrap().share_logits(conditions(1, 12, 1, &device)).is_none());
 }
 
 #[test]
 fn neither_strategy_is_ever_given_up() {
     let logits = [-1e30_f32, -30.0, -1.0, 0.0, 2.0, 30.0, 1e30];
     let in_graph = Tensor::<2>::from_data(TensorData::new(logits.to_vec(), [7, 1]), &Device::flex());
-    for (logit, p) in logits.into_iter().zip(read(selection_probability_in_graph(in_graph))) {
-        assert!((0.02..=0.98).contains(&selection_probability(logit)), "{logit}");
-        assert!((p - selection_probability(logit)).abs() < 1e-6, "{logit}: {p}");
+    for (logit, p) in logits.into_iter().zip(read(share_of_logits(in_graph))) {
+        assert!((0.02..=0.98).contains(&share_of_logit(logit)), "{logit}");
+        assert!((p - share_of_logit(logit)).abs() < 1e-6, "{logit}: {p}");
     }
 }
 
 #[test]
-fn the_selection_depends_on_the_condition() {
+fn the_share_depends_on_the_condition() {
     let device = Device::flex();
-    let config = HeadConfig { selection: true, ..HeadConfig::COSINE };
-    let logits = read(random_head(config, 60, &device).selection_logits(conditions(2, 3, 9, &device)).unwrap());
+    let config = HeadConfig { share: true, ..HeadConfig::COSINE };
+    let logits = read(random_head(config, 60, &device).share_logits(conditions(2, 3, 9, &device)).unwrap());
     assert_ne!(logits[0], logits[1]);
 }
 
@@ -315,7 +314,7 @@ fn flat_gradients_belong_to_the_flat_weights() {
         let head = random_head(config, 80 + seed as u64, &device);
         let (y, c) = (points(4, 4, 10, &device), conditions(4, 3, 11, &device));
         let mut loss = head.log_density(&y, c.clone()).mean();
-        if let Some(logits) = head.selection_logits(c) {
+        if let Some(logits) = head.share_logits(c) {
             loss = loss + logits.mean();
         }
         let gradients = GradientsParams::from_grads(loss.backward(), &head);

@@ -5,7 +5,7 @@ use burn::{
     tensor::activation::{softmax, softplus},
 };
 
-use super::{MIN_BIN, MIN_SLOPE, Topology, bin_count, slope_offset};
+use headtail_render::spline::{MIN_BIN, MIN_SLOPE, SLOPE_OFFSET, Topology, bin_count};
 
 /// Constrained parameters of a batch of splines; `samples` may be 1 where all points of a condition share a spline.
 pub(super) struct Bins {
@@ -45,7 +45,7 @@ pub(super) struct Bin {
 }
 
 impl Bins {
-    /// From logits `[conditions, samples, 3K + 1]` in the order of the [module](super)'s table.
+    /// From logits `[conditions, samples, 3K + 1]` in the order of [`headtail_render::spline`]'s table.
     pub fn new(topology: Topology, logits: &Tensor<3>) -> Self {
         let bins = bin_count(logits.dims()[2]);
         let columns = |start: usize, length: usize| logits.clone().narrow(2, start, length);
@@ -89,7 +89,7 @@ fn normalize_bin_sizes(logits: Tensor<3>) -> Tensor<3> {
 
 /// Logit to a slope that is at least `MIN_SLOPE`, 1 for a zero logit.
 fn normalize_slope(logits: Tensor<2>) -> Tensor<2> {
-    softplus(logits.add_scalar(slope_offset()), 1.0).add_scalar(MIN_SLOPE)
+    softplus(logits.add_scalar(SLOPE_OFFSET), 1.0).add_scalar(MIN_SLOPE)
 }
 
 /// Running sums before each element: the left knots of bins of these sizes; the first is 0.

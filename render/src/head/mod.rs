@@ -33,8 +33,9 @@ pub enum Mode {
     Autoregressive,
 }
 
-/// Least probability of either strategy in the mixture of head and BRDF sampling.
-const SELECTION_FLOOR: f32 = 0.02;
+/// Least probability of either strategy in the mixture of head and BRDF sampling: a weight of the mixture is at most 50 times that of
+/// the strategy that fits.
+pub const SELECTION_FLOOR: f32 = 0.02;
 
 /// A head warp with its weights, ready to sample.
 #[derive(Clone, Debug)]

@@ -108,8 +108,8 @@ pub fn inverse<R: Real, const L: usize>(
     (z, slopes)
 }
 
-/// The sampling direction `z -> (y, dz/dy)`, by the quadratic's root; the derivative is the density at `y`, which is below 1.
-/// `z` is clamped.
+/// The sampling direction `z -> (y, dz/dy)`, by the quadratic's root. The derivative is the density at `y`. `z` is clamped; `y` is
+/// in `[0, 1)`.
 ///
 /// `scratch` is at least `2 K` rows, and is overwritten.
 ///

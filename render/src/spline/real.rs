@@ -15,7 +15,7 @@ pub trait Real:
     + Neg<Output = Self>
     + Sealed
 {
-    /// Nothing.
+    /// Zero.
     const ZERO: Self;
     /// One.
     const ONE: Self;

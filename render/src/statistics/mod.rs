@@ -8,6 +8,7 @@ mod figures;
 mod interval;
 mod metric;
 mod quadrature;
+mod relative_variance;
 mod tiles;
 mod welch;
 
@@ -16,6 +17,7 @@ pub use figures::{Bench, Effort, Figures, variance_ratio};
 pub use interval::{MeanInterval, RatioInterval};
 pub use metric::{ErrorMetrics, RELATIVE_EPSILON, TRIMMED_FRACTION, ttuv};
 pub use quadrature::{Quadrature, QuadratureShape, Term};
+pub use relative_variance::{relative_variance, relative_variance_of_log_moment};
 pub use tiles::{TileTest, compare_images, compare_runs};
 pub use welch::{Moments, TTest};
 

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, FitConfig, Result, state::SavedState};
+use crate::{Error, FitConfig, Result, state::TrainingState};
 
 /// The version of this layout; another one is refused.
 const FORMAT_VERSION: u32 = 1;
@@ -44,7 +44,7 @@ pub struct CheckpointFolder {
 #[derive(Clone, Debug, PartialEq)]
 pub struct SavedRun {
     /// Weights, optimiser and counters.
-    pub state: SavedState,
+    pub state: TrainingState,
     /// Wall-clock seconds so far.
     pub seconds: f64,
 }

@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 use safetensors::{Dtype, SafeTensors};
 
 use super::{CHECKSUMS, FORMAT_VERSION, MANIFEST, Manifest, STATE, SavedRun, config_hash, failed, refuse};
-use crate::{Result, optimizer::OptimizerState, state::SavedState};
+use crate::{Result, optimizer::OptimizerState, state::TrainingState};
 
 /// Largest file that is read: four lists of more weights than a head can have, and their names.
 const MAX_BYTES: u64 = 1 << 32;
@@ -44,7 +44,7 @@ pub(super) fn read(path: &Path, weights: usize) -> Result<(Manifest, SavedRun)> 
     Ok((manifest, SavedRun { state, seconds }))
 }
 
-fn tensors(path: &Path, bytes: &[u8], manifest: &Manifest, weights: usize) -> Result<SavedState> {
+fn tensors(path: &Path, bytes: &[u8], manifest: &Manifest, weights: usize) -> Result<TrainingState> {
     let tensors = SafeTensors::deserialize(bytes).map_err(|error| refuse(path, &error.to_string()))?;
     let list = |name: &str, length: usize| {
         let tensor = tensors.tensor(name).map_err(|error| refuse(path, &format!("{name}: {error}")))?;
@@ -57,7 +57,7 @@ fn tensors(path: &Path, bytes: &[u8], manifest: &Manifest, weights: usize) -> Re
         Ok(numbers.collect::<Vec<f32>>())
     };
     let averaged = if manifest.config.ema_decay > 0.0 { weights } else { 0 };
-    Ok(SavedState {
+    Ok(TrainingState {
         step: manifest.step,
         skipped: manifest.skipped,
         loss: manifest.loss.unwrap_or(f32::NAN),

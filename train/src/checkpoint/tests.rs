@@ -12,7 +12,7 @@ const WEIGHTS: usize = 7;
 fn run(step: usize) -> SavedRun {
     let list = |start: f32| (0..WEIGHTS).map(|i| start + (i as f32).sqrt() * 1e-3).collect::<Vec<f32>>();
     SavedRun {
-        state: SavedState {
+        state: TrainingState {
             step,
             skipped: 2,
             loss: 0.1 + step as f32,

@@ -6,42 +6,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use safetensors::{Dtype, View, serialize};
+use safetensors::{Dtype, serialize, tensor::TensorView};
 
 use super::{CHECKSUMS, FORMAT_VERSION, MANIFEST, Manifest, STATE, SavedRun, config_hash, failed};
 use crate::{FitConfig, Result};
 
 /// What a folder is called while it is written or removed.
 const UNFINISHED: &str = ".unfinished-";
-
-/// A list of numbers as a tensor of one dimension.
-struct List<'a> {
-    bytes: std::borrow::Cow<'a, [u8]>,
-    shape: [usize; 1],
-}
-
-impl View for List<'_> {
-    fn dtype(&self) -> Dtype {
-        Dtype::F32
-    }
-
-    fn shape(&self) -> &[usize] {
-        &self.shape
-    }
-
-    fn data(&self) -> std::borrow::Cow<'_, [u8]> {
-        self.bytes.clone()
-    }
-
-    fn data_len(&self) -> usize {
-        self.bytes.len()
-    }
-}
-
-fn list(values: &[f32]) -> List<'static> {
-    let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>().into();
-    List { bytes, shape: [values.len()] }
-}
 
 /// Writes the checkpoint `path`, in place of one of the same name.
 pub(super) fn write(path: &Path, config: &FitConfig, target: &str, run: &SavedRun) -> Result<()> {
@@ -59,12 +30,17 @@ pub(super) fn write(path: &Path, config: &FitConfig, target: &str, run: &SavedRu
         target: target.to_owned(),
     };
     let manifest = serde_json::to_vec_pretty(&manifest).expect("a manifest can be written as JSON");
-    let tensors = [
-        ("weights", list(&state.weights)),
-        ("average", list(&state.average)),
-        ("first_moments", list(&state.optimizer.first_moments)),
-        ("second_moments", list(&state.optimizer.second_moments)),
+    let lists = [
+        ("weights", &state.weights),
+        ("average", &state.average),
+        ("first_moments", &state.optimizer.first_moments),
+        ("second_moments", &state.optimizer.second_moments),
     ];
+    let bytes = lists.map(|(_, list)| list.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>());
+    let tensor = |((name, list), bytes): ((&'static str, &Vec<f32>), _)| {
+        (name, TensorView::new(Dtype::F32, vec![list.len()], bytes).expect("four bytes a number"))
+    };
+    let tensors = lists.into_iter().zip(bytes.iter().map(Vec::as_slice)).map(tensor);
     let tensors = serialize(tensors, None).expect("lists of numbers make a safetensors file");
     let sum = |name: &str, bytes: &[u8]| format!("{}  {name}\n", blake3::hash(bytes).to_hex());
     let checksums = sum(MANIFEST, &manifest) + &sum(STATE, &tensors);

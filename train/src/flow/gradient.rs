@@ -44,7 +44,7 @@ impl FlowGradient {
                 let loss = flow.inverse(&x).1.mean().neg();
                 let value = loss.clone().into_scalar::<f32>();
                 let gradients = GradientsParams::from_grads(loss.backward(), &flow);
-                StepGradient { loss: value, by_weight: flow.flat_gradients(&gradients) }
+                StepGradient { loss: value, d_weight: flow.flat_gradients(&gradients) }
             }
         }
     }

@@ -77,35 +77,38 @@ pub fn fit_flow(config: &FitConfig, exact: &Tail, run: Run<'_>) -> Result<Fitted
         && let Some(saved) = checkpoints.open(&config, blank.weight_count(), warn)?
     {
         earlier = saved.seconds;
-        state = TrainingState::restore(&config, saved.state);
+        state = saved.state;
     }
     let mut gradient = FlowGradient::new(&config, &blank, &device);
     let validation = Validation::new(exact, config.seed);
     let initial_kl = validation.kl(&mut gradient, &blank.flat_weights());
-    let mut kl = validation.kl(&mut gradient, state.weights());
-    let (first_step, every) = (state.step, (config.steps / VALIDATIONS).max(1));
+    let mut kl = validation.kl(&mut gradient, &state.weights);
+    let first_step = state.step;
+    let is_measured = |step: usize| step.is_multiple_of((config.steps / VALIDATIONS).max(1)) || step == config.steps;
+    // Not where a resumed run happens to begin: a whole run would not have ended there.
+    let is_met = |step, kl| config.flow.kl_target > 0.0 && is_measured(step) && kl <= config.flow.kl_target;
     let seconds = || earlier + start.elapsed().as_secs_f64();
     let save = |state: &TrainingState| match checkpoints {
-        Some(checkpoints) => checkpoints.save(&config, &SavedRun { state: state.save(), seconds: seconds() }),
+        Some(checkpoints) => checkpoints.save(&config, &SavedRun { state: state.clone(), seconds: seconds() }),
         None => Ok(()),
     };
     let points_per_step = config.flow.strata * config.flow.strata;
-    while state.step < config.steps && !(config.flow.kl_target > 0.0 && kl <= config.flow.kl_target) {
+    while state.step < config.steps && !is_met(state.step, kl) {
         if interrupt.load(Ordering::Relaxed) {
             break;
         }
         let points = draw(exact, config.flow.strata, config.flow.uniform, config.seed, state.step as u64);
-        let step = gradient.gradient(state.weights(), &points);
+        let step = gradient.gradient(&state.weights, &points);
         state.apply(&config, Some(step))?;
-        if state.step.is_multiple_of(every) || state.step == config.steps {
-            kl = validation.kl(&mut gradient, state.weights());
+        if is_measured(state.step) {
+            kl = validation.kl(&mut gradient, &state.weights);
         }
         progress(&Progress {
             step: state.step,
             steps: config.steps,
             loss: state.loss,
             divergence: None,
-            learning_rate: state.last_rate(),
+            learning_rate: state.last_rate(&config),
             samples_per_second: ((state.step - first_step) * points_per_step) as f64 / start.elapsed().as_secs_f64(),
             seconds: seconds(),
             skipped: state.skipped,
@@ -118,7 +121,7 @@ pub fn fit_flow(config: &FitConfig, exact: &Tail, run: Run<'_>) -> Result<Fitted
     if !kl.is_finite() {
         return Err(Error::Diverged { step: state.step, skipped: state.skipped });
     }
-    let flow = blank.with_flat_weights(state.weights(), &device);
+    let flow = blank.with_flat_weights(&state.weights, &device);
     let (map, repair) = tabulate(&flow, config.flow.cells)?;
     let table_kl = validation.table_kl(|x| map.inverse(x).1);
     let tail = Tail::Flow(headtail_render::tail::FlowTail::new(map, exact.light().clone()));

@@ -5,7 +5,7 @@ use std::{fmt, str::FromStr};
 use headtail_model::FlowConfig;
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, FitConfig, Result};
+use crate::{Error, FitConfig, Result, config::within};
 
 /// Settings of a flow tail, `[flow]` in files.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -116,25 +116,16 @@ impl FlowSettings {
     /// [`Error::Config`] or [`Error::Model`] names the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         self.shape.validate()?;
-        let refuse = |field, value: String, requirement| Err(Error::Config { field, value, requirement });
-        if !(1..=100_000_000).contains(&self.steps) {
-            return refuse("flow.steps", self.steps.to_string(), "in 1..=1e8");
+        within("flow.steps", self.steps, 1..=100_000_000, "in 1..=1e8")?;
+        within("flow.strata", self.strata, 1..=1024, "in 1..=1024")?;
+        within("flow.learning_rate", self.learning_rate, f64::MIN_POSITIVE..=1.0, "in (0, 1]")?;
+        within("flow.kl_target", self.kl_target, 0.0..=100.0, "in [0, 100]")?;
+        within("flow.uniform", self.uniform, 0.0..=0.9, "in [0, 0.9]")?;
+        let requirement = "a power of two in 4..=1024";
+        within("flow.cells", self.cells, 4..=1024, requirement)?;
+        if self.cells.is_power_of_two() {
+            return Ok(());
         }
-        if !(1..=1024).contains(&self.strata) {
-            return refuse("flow.strata", self.strata.to_string(), "in 1..=1024");
-        }
-        if !(f64::MIN_POSITIVE..=1.0).contains(&self.learning_rate) {
-            return refuse("flow.learning_rate", self.learning_rate.to_string(), "in (0, 1]");
-        }
-        if !(0.0..=100.0).contains(&self.kl_target) {
-            return refuse("flow.kl_target", self.kl_target.to_string(), "in [0, 100]");
-        }
-        if !(0.0..=0.9).contains(&self.uniform) {
-            return refuse("flow.uniform", self.uniform.to_string(), "in [0, 0.9]");
-        }
-        if !((4..=1024).contains(&self.cells) && self.cells.is_power_of_two()) {
-            return refuse("flow.cells", self.cells.to_string(), "a power of two in 4..=1024");
-        }
-        Ok(())
+        Err(Error::Config { field: "flow.cells", value: self.cells.to_string(), requirement })
     }
 }

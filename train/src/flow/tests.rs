@@ -4,6 +4,7 @@ use headtail_model::{FlowConfig, FlowForm};
 use headtail_render::{environment::built_in, tail::TailKind};
 
 use super::*;
+use crate::test_support::assert_same;
 use crate::{Backend, CheckpointFolder, GradientForm};
 
 const SHAPE: FlowConfig = FlowConfig {
@@ -58,11 +59,7 @@ fn the_fused_gradient_is_that_of_the_graph() {
             FlowGradient::new(&FitConfig { gradient, ..small() }, &flow, &device).gradient(&weights, &points)
         };
         let (fused, graph) = (gradient(GradientForm::Fused), gradient(GradientForm::InGraph));
-        assert!((fused.loss - graph.loss).abs() < 1e-4, "{} {}", fused.loss, graph.loss);
-        let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
-        let size = norm(&mut graph.by_weight.iter().copied());
-        let error = norm(&mut graph.by_weight.iter().zip(&fused.by_weight).map(|(a, b)| a - b));
-        assert!(size > 1e-2 && error < 1e-3 * size, "{shape:?}: {error} of {size}");
+        assert_same(&graph, &fused, 1e-3, &format!("{shape:?}"));
     }
 }
 
@@ -153,4 +150,24 @@ fn a_target_ends_the_fit_early() {
     let flow = FlowSettings { steps: 400, kl_target: 1.0, ..small().flow };
     let summary = quiet(&FitConfig { flow, ..small() }, &exact("window"), None, 0).unwrap().summary;
     assert!(summary.steps < 400 && summary.kl <= 1.0, "{summary:?}");
+}
+
+#[test]
+fn a_run_in_pieces_meets_its_target_where_a_whole_one_does() {
+    let exact = exact("window");
+    let run = |kl_target, checkpoints: Option<&CheckpointFolder>, stop_at| {
+        let flow = FlowSettings { steps: 400, kl_target, ..small().flow };
+        let fitted = quiet(&FitConfig { flow, ..small() }, &exact, checkpoints, stop_at).unwrap();
+        (fitted.summary.steps, fitted.summary.kl, fitted.flow.flat_weights())
+    };
+    // A target that is met between two measurements, also at the step before the second.
+    let (steps, kl, _) = run(1.0, None, 0);
+    let target = kl + 0.05;
+    let whole = run(target, None, 0);
+    assert_eq!(whole.0, steps);
+    let folder = tempfile::tempdir().unwrap();
+    let checkpoints =
+        CheckpointFolder { folder: folder.path().into(), every: 0, resume: true, target: "window".into() };
+    run(target, Some(&checkpoints), steps - 1);
+    assert_eq!(run(target, Some(&checkpoints), 0), whole);
 }

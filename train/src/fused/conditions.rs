@@ -1,4 +1,4 @@
-//! What is computed once per condition: encoder, the condition's part of the first layers, selection, and in autoregressive
+//! What is computed once per condition: encoder, the condition's part of the first layers, share, and in autoregressive
 //! mode the elevation's network.
 
 use std::ops::Range;
@@ -8,34 +8,34 @@ use headtail_model::Mode;
 use super::{
     Layout,
     matrix::{Form, Matrix, multiply},
-    perceptron::{Layer, leaky_relu, leaky_relu_backward},
+    perceptron::{BackwardScratch, Hidden, Layer, leaky_relu, leaky_relu_backward},
 };
-use crate::target::Batch;
+use crate::integrand::Batch;
 
-/// Matrices with one column per condition; `by_` are derivatives of the loss.
+/// Matrices with one column per condition; `d_` are derivatives of the loss.
 #[derive(Default)]
 pub(super) struct Conditions {
     pub count: usize,
     /// The condition and below it the encoder's output: what every network sees.
     seen: Vec<f32>,
-    encoder_hidden: Vec<f32>,
+    encoder: Hidden,
     /// First hidden layers before activation, without the samples' part.
     pub elevation: Vec<f32>,
     pub azimuth: Vec<f32>,
-    pub by_elevation: Vec<f32>,
-    pub by_azimuth: Vec<f32>,
-    selection_hidden: Vec<f32>,
-    /// Empty without selection.
-    pub selection: Vec<f32>,
-    pub by_selection: Vec<f32>,
-    /// Autoregressive mode: activations of the elevation's hidden layers, and its logits.
-    elevation_hidden: Vec<Vec<f32>>,
+    pub d_elevation: Vec<f32>,
+    pub d_azimuth: Vec<f32>,
+    share_hidden: Hidden,
+    /// Logits of the shares beside BRDF sampling; empty where none is learned.
+    shares: Vec<f32>,
+    d_shares: Vec<f32>,
+    /// Autoregressive mode: the elevation's hidden layers, and its logits.
+    elevation_hidden: Hidden,
     pub elevation_logits: Vec<f32>,
-    pub by_elevation_logits: Vec<f32>,
-    by_seen: Vec<f32>,
-    by_hidden: Vec<f32>,
-    by_output: Vec<f32>,
-    scratch: Vec<f32>,
+    pub d_elevation_logits: Vec<f32>,
+    d_seen: Vec<f32>,
+    d_latent: Vec<f32>,
+    latent: Vec<f32>,
+    scratch: BackwardScratch,
 }
 
 impl Conditions {
@@ -50,104 +50,74 @@ impl Conditions {
                 self.seen[row * count + column] = value;
             }
         }
-        if let [first, second] = &layout.encoder[..] {
-            first.forward(weights, Matrix::new(&self.seen, length, count), &mut self.encoder_hidden);
-            leaky_relu(&mut self.encoder_hidden, slope);
-            let hidden = Matrix::new(&self.encoder_hidden, first.outputs, count);
-            second.forward(weights, hidden, &mut self.scratch);
-            leaky_relu(&mut self.scratch, slope);
-            self.seen.extend_from_slice(&self.scratch);
+        if let [first, ..] = &layout.encoder[..] {
+            let condition = Matrix::new(&self.seen, length, count);
+            first.forward(weights, condition, self.encoder.first(&layout.encoder));
+            self.encoder.forward(&layout.encoder, weights, slope, count, &mut self.latent);
+            leaky_relu(&mut self.latent, slope);
+            self.seen.extend_from_slice(&self.latent);
         }
         let seen = Matrix::new(&self.seen, layout.config.network_condition(), count);
         layout.elevation[0].forward(weights, seen, &mut self.elevation);
         layout.azimuth[0].forward(weights, seen, &mut self.azimuth);
-        for (derivatives, values) in [(&mut self.by_elevation, &self.elevation), (&mut self.by_azimuth, &self.azimuth)]
-        {
-            derivatives.clear();
-            derivatives.resize(values.len(), 0.0);
-        }
-        if let [first, second] = &layout.selection[..] {
-            first.forward(weights, seen, &mut self.selection_hidden);
-            leaky_relu(&mut self.selection_hidden, slope);
-            second.forward(weights, Matrix::new(&self.selection_hidden, first.outputs, count), &mut self.selection);
-            self.by_selection.clear();
-            self.by_selection.resize(count, 0.0);
+        clear(&mut self.d_elevation, self.elevation.len());
+        clear(&mut self.d_azimuth, self.azimuth.len());
+        if let [first, ..] = &layout.share[..] {
+            first.forward(weights, seen, self.share_hidden.first(&layout.share));
+            self.share_hidden.forward(&layout.share, weights, slope, count, &mut self.shares);
+            clear(&mut self.d_shares, count);
         }
         if layout.config.mode == Mode::Autoregressive {
-            self.elevation_forward(layout, weights);
+            self.elevation_hidden.first(&layout.elevation).clone_from(&self.elevation);
+            self.elevation_hidden.forward(&layout.elevation, weights, slope, count, &mut self.elevation_logits);
+            clear(&mut self.d_elevation_logits, self.elevation_logits.len());
         }
     }
 
-    #[inline(always)]
-    fn elevation_forward(&mut self, layout: &Layout, weights: &[f32]) {
-        let (count, slope) = (self.count, layout.config.leaky_slope);
-        let (last, inner) = layout.elevation[1..].split_last().expect("a network has at least two layers");
-        self.elevation_hidden.resize(inner.len() + 1, Vec::new());
-        self.elevation_hidden[0].clone_from(&self.elevation);
-        leaky_relu(&mut self.elevation_hidden[0], slope);
-        for (index, layer) in inner.iter().enumerate() {
-            let (before, after) = self.elevation_hidden.split_at_mut(index + 1);
-            layer.forward(weights, Matrix::new(&before[index], layer.inputs, count), &mut after[0]);
-            leaky_relu(&mut after[0], slope);
+    /// Logits of the shares of some columns and the derivatives by them; empty where no share is learned.
+    pub fn shares_of(&mut self, columns: Range<usize>) -> (&[f32], &mut [f32]) {
+        match self.shares.get(columns.clone()) {
+            Some(shares) => (shares, &mut self.d_shares[columns]),
+            None => (&[], &mut []),
         }
-        let hidden = Matrix::new(&self.elevation_hidden[inner.len()], last.inputs, count);
-        last.forward(weights, hidden, &mut self.elevation_logits);
-        self.by_elevation_logits.clear();
-        self.by_elevation_logits.resize(self.elevation_logits.len(), 0.0);
     }
 
-    /// From the derivatives by first layers, selection and elevation logits to those by the weights.
+    /// From the derivatives by first layers, shares and elevation logits to those by the weights.
     #[inline(always)]
     pub fn backward(&mut self, layout: &Layout, weights: &[f32], gradient: &mut [f32]) {
         let (count, slope) = (self.count, layout.config.leaky_slope);
+        let scratch = &mut self.scratch;
         if layout.config.mode == Mode::Autoregressive {
-            self.elevation_backward(layout, weights, gradient);
+            let d_logits = Matrix::new(&self.d_elevation_logits, layout.config.logits(), count);
+            self.elevation_hidden.backward(&layout.elevation, weights, slope, d_logits, scratch, gradient);
+            self.d_elevation.clone_from(&scratch.d_hidden);
         }
         let rows = layout.config.network_condition();
-        self.by_seen.clear();
-        self.by_seen.resize(rows * count, 0.0);
+        clear(&mut self.d_seen, rows * count);
         let seen = Matrix::new(&self.seen, rows, count);
-        if let [first, second] = &layout.selection[..] {
-            let by_logits = Matrix::new(&self.by_selection, 1, count);
-            second.add_gradient(by_logits, Matrix::new(&self.selection_hidden, second.inputs, count), gradient);
-            second.backward(weights, (0, second.inputs), by_logits, &mut self.scratch);
-            leaky_relu_backward(&self.scratch, &self.selection_hidden, slope, &mut self.by_hidden);
-            first_layer_backward(first, weights, &self.by_hidden, seen, gradient, &mut self.by_seen);
+        if let [first, ..] = &layout.share[..] {
+            let d_logits = Matrix::new(&self.d_shares, 1, count);
+            self.share_hidden.backward(&layout.share, weights, slope, d_logits, scratch, gradient);
+            first_layer_backward(first, weights, &scratch.d_hidden, seen, gradient, &mut self.d_seen);
         }
-        for (layer, derivatives) in [(&layout.elevation[0], &self.by_elevation), (&layout.azimuth[0], &self.by_azimuth)]
-        {
-            first_layer_backward(layer, weights, derivatives, seen, gradient, &mut self.by_seen);
+        for (layer, derivatives) in [(&layout.elevation[0], &self.d_elevation), (&layout.azimuth[0], &self.d_azimuth)] {
+            first_layer_backward(layer, weights, derivatives, seen, gradient, &mut self.d_seen);
         }
         if let [first, second] = &layout.encoder[..] {
-            let length = first.inputs;
-            leaky_relu_backward(
-                &self.by_seen[length * count..],
-                &self.seen[length * count..],
-                slope,
-                &mut self.by_output,
-            );
-            let by_output = Matrix::new(&self.by_output, second.outputs, count);
-            second.add_gradient(by_output, Matrix::new(&self.encoder_hidden, second.inputs, count), gradient);
-            second.backward(weights, (0, second.inputs), by_output, &mut self.scratch);
-            leaky_relu_backward(&self.scratch, &self.encoder_hidden, slope, &mut self.by_hidden);
-            let by_hidden = Matrix::new(&self.by_hidden, first.outputs, count);
-            first.add_gradient(by_hidden, Matrix::new(&self.seen[..length * count], length, count), gradient);
+            let (condition, latent) = self.seen.split_at(first.inputs * count);
+            leaky_relu_backward(&self.d_seen[condition.len()..], latent, slope, &mut self.d_latent);
+            let d_latent = Matrix::new(&self.d_latent, second.outputs, count);
+            self.encoder.backward(&layout.encoder, weights, slope, d_latent, scratch, gradient);
+            let d_hidden = Matrix::new(&scratch.d_hidden, first.outputs, count);
+            first.add_gradient(d_hidden, Matrix::new(condition, first.inputs, count), gradient);
         }
     }
+}
 
-    #[inline(always)]
-    fn elevation_backward(&mut self, layout: &Layout, weights: &[f32], gradient: &mut [f32]) {
-        let count = self.count;
-        let mut by_output = self.by_elevation_logits.clone();
-        for (index, layer) in layout.elevation.iter().enumerate().skip(1).rev() {
-            let hidden = &self.elevation_hidden[index - 1];
-            let derivatives = Matrix::new(&by_output, layer.outputs, count);
-            layer.add_gradient(derivatives, Matrix::new(hidden, layer.inputs, count), gradient);
-            layer.backward(weights, (0, layer.inputs), derivatives, &mut self.scratch);
-            leaky_relu_backward(&self.scratch, hidden, layout.config.leaky_slope, &mut by_output);
-        }
-        self.by_elevation = by_output;
-    }
+#[inline(always)]
+fn clear(values: &mut Vec<f32>, length: usize) {
+    values.clear();
+    values.resize(length, 0.0);
 }
 
 /// The condition's part of a first layer: its gradient, and what it adds to the derivatives by what the networks see.
@@ -155,13 +125,13 @@ impl Conditions {
 fn first_layer_backward(
     layer: &Layer,
     weights: &[f32],
-    by_output: &[f32],
+    d_output: &[f32],
     seen: Matrix<'_>,
     gradient: &mut [f32],
-    by_seen: &mut [f32],
+    d_seen: &mut [f32],
 ) {
-    let by_output = Matrix::new(by_output, layer.outputs, seen.columns);
-    layer.add_gradient(by_output, seen, gradient);
+    let d_output = Matrix::new(d_output, layer.outputs, seen.columns);
+    layer.add_gradient(d_output, seen, gradient);
     let weight = layer.weight(weights).columns(0, seen.rows);
-    multiply(Form::LeftTransposed, weight, by_output, by_seen, seen.columns, true);
+    multiply(Form::LeftTransposed, weight, d_output, d_seen, seen.columns, true);
 }

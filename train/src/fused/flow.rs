@@ -4,14 +4,14 @@
 use std::f32::consts::{PI, TAU};
 
 use headtail_model::{Flow, FlowConfig, coupling::Coordinate};
-use headtail_render::simd::{self, LANES, Lanes, Simd, Vectorized};
+use headtail_render::simd::{self, LANES, Simd, Vectorized};
 use rayon::prelude::*;
 
 use super::{
     PARTS,
     matrix::Matrix,
     perceptron::{Layer, leaky_relu, leaky_relu_backward},
-    spline::Splines,
+    splines::Splines,
 };
 use crate::StepGradient;
 
@@ -47,23 +47,17 @@ struct Coupling {
     features: Vec<f32>,
     /// Activated: the inputs of all layers after the first.
     activated: Vec<Vec<f32>>,
-    /// Logits, then the derivatives of the log-slopes by them, then those of the loss.
-    logits: Vec<f32>,
-    of_values: Vec<f32>,
-    values: Vec<f32>,
-    log_slopes: Vec<f32>,
-    by_points: [Vec<f32>; 2],
+    splines: Splines,
 }
 
 #[derive(Default)]
 struct Scratch {
-    spline: Vec<Lanes>,
     hidden: Vec<f32>,
     inner: Vec<f32>,
-    by_hidden: Vec<f32>,
-    by_inner: Vec<f32>,
-    by_activation: Vec<f32>,
-    by_features: Vec<f32>,
+    d_hidden: Vec<f32>,
+    d_inner: Vec<f32>,
+    d_activation: Vec<f32>,
+    d_features: Vec<f32>,
 }
 
 impl FusedFlow {
@@ -98,14 +92,7 @@ impl FusedFlow {
             let points = &points[2 * range.start..2 * range.end];
             simd::dispatch(Work { part, layout, weights, points, scale: 1.0 / count as f32 });
         });
-        let mut sum = StepGradient { loss: 0.0, by_weight: vec![0.0; layout.length] };
-        for part in &self.parts {
-            sum.loss += part.loss;
-            for (sum, term) in sum.by_weight.iter_mut().zip(&part.gradient) {
-                *sum += term;
-            }
-        }
-        sum
+        StepGradient::sum(layout.length, self.parts.iter().map(|part| (part.loss, &part.gradient[..])))
     }
 
     /// The logits of one coupling's splines for values of the coordinate that it does not transform: `[samples, 3 K + 1]`.
@@ -126,7 +113,7 @@ impl FusedFlow {
                 state.other.resize(columns, 0.5);
                 state.network(self.layout, self.weights, self.coupling, columns, &mut Scratch::default());
                 let count = self.layout.config.logits();
-                for (k, row) in state.logits.chunks_exact(columns).enumerate() {
+                for (k, row) in state.splines.logits.chunks_exact(columns).enumerate() {
                     for (out, logit) in self.out.chunks_exact_mut(count).zip(row) {
                         out[k] = *logit;
                     }
@@ -183,21 +170,22 @@ impl Part {
                 coupling.other.fill(0.0);
             }
             coupling.network(layout, weights, index, columns, scratch);
-            coupling.splines(layout, index, &coordinates[own], scratch);
-            coordinates[own].copy_from_slice(&coupling.values);
-            for log_slope in &coupling.log_slopes[..count] {
+            let topology = layout.config.target(index).topology();
+            coupling.splines.evaluate(topology, layout.config.bins, &coordinates[own], true);
+            coordinates[own].copy_from_slice(&coupling.splines.values);
+            for log_slope in &coupling.splines.log_slopes[..count] {
                 *loss -= log_slope * scale;
             }
         }
         // The uniform density of the base does not depend on where a point ends.
-        let mut by_coordinates = [vec![0.0; columns], vec![0.0; columns]];
-        let mut by_log = vec![0.0; columns];
-        by_log[..count].fill(-scale);
+        let mut d_coordinates = [vec![0.0; columns], vec![0.0; columns]];
+        let mut d_log = vec![0.0; columns];
+        d_log[..count].fill(-scale);
         for (index, coupling) in couplings.iter_mut().enumerate().rev() {
             let own = own_coordinate(layout, index);
-            let [by_u, by_v] = &mut by_coordinates;
-            let (by_own, by_other) = if own == 0 { (by_u, by_v) } else { (by_v, by_u) };
-            coupling.backward(layout, weights, index, &by_log, (by_own, by_other), scratch, gradient);
+            let [d_u, d_v] = &mut d_coordinates;
+            let (d_own, d_other) = if own == 0 { (d_u, d_v) } else { (d_v, d_u) };
+            coupling.backward(layout, weights, index, &d_log, (d_own, d_other), scratch, gradient);
         }
     }
 }
@@ -230,7 +218,7 @@ impl Coupling {
         }
         activate(&scratch.hidden, slope, &mut self.activated[last - 1]);
         let input = Matrix::new(&self.activated[last - 1], layers[last].inputs, columns);
-        layers[last].forward(weights, input, &mut self.logits);
+        layers[last].forward(weights, input, &mut self.splines.logits);
     }
 
     /// As [`Flow`]'s: see there for their order.
@@ -258,30 +246,6 @@ impl Coupling {
         }
     }
 
-    #[inline(always)]
-    fn splines(&mut self, layout: &Layout, index: usize, points: &[f32], scratch: &mut Scratch) {
-        let samples = points.len();
-        self.values.resize(samples, 0.0);
-        self.log_slopes.resize(samples, 0.0);
-        self.of_values.resize(self.logits.len(), 0.0);
-        let [by_value, by_log_slope] = &mut self.by_points;
-        by_value.resize(samples, 0.0);
-        by_log_slope.resize(samples, 0.0);
-        Splines {
-            topology: layout.config.target(index).topology(),
-            bins: layout.config.bins,
-            samples,
-            points,
-            logits: &mut self.logits,
-            of_values: &mut self.of_values,
-            values: &mut self.values,
-            log_slopes: &mut self.log_slopes,
-            by_points: [by_value, by_log_slope],
-            scratch: &mut scratch.spline,
-        }
-        .evaluate();
-    }
-
     /// From the loss's derivatives by what comes out (both coordinates, the log-slope) to those by what goes in, and by the weights.
     #[inline(always)]
     #[expect(clippy::too_many_arguments, reason = "the state of one step of backpropagation")]
@@ -290,24 +254,20 @@ impl Coupling {
         layout: &Layout,
         weights: &[f32],
         index: usize,
-        by_log: &[f32],
-        (by_own, by_other): (&mut [f32], &mut [f32]),
+        d_log: &[f32],
+        (d_own, d_other): (&mut [f32], &mut [f32]),
         scratch: &mut Scratch,
         gradient: &mut [f32],
     ) {
-        let columns = by_log.len();
-        for (out, of_value) in self.logits.chunks_exact_mut(columns).zip(self.of_values.chunks_exact(columns)) {
-            for k in 0..columns {
-                out[k] = out[k] * by_log[k] + of_value[k] * by_own[k];
-            }
-        }
+        let columns = d_log.len();
+        self.splines.backward(d_log, Some(d_own));
         for k in 0..columns {
-            by_own[k] = by_own[k] * self.by_points[0][k] + by_log[k] * self.by_points[1][k];
+            d_own[k] = d_own[k] * self.splines.d_points[0][k] + d_log[k] * self.splines.d_points[1][k];
         }
         self.network_backward(layout, weights, index, columns, scratch, gradient);
         let target = layout.config.target(index);
         if layout.config.sees_other(target) {
-            self.features_backward(target, layout.config.octaves, &scratch.by_features, by_other);
+            self.features_backward(target, layout.config.octaves, &scratch.d_features, d_other);
         }
     }
 
@@ -323,41 +283,41 @@ impl Coupling {
     ) {
         let layers = &layout.networks[index];
         let (slope, last) = (layout.config.leaky_slope, layers.len() - 1);
-        let Scratch { by_hidden, by_inner, by_activation, by_features, .. } = scratch;
-        let mut back = |layer: &Layer, by_output: &[f32], input: &[f32], out: &mut Vec<f32>| {
-            let by_output = Matrix::new(by_output, layer.outputs, columns);
-            layer.add_gradient(by_output, Matrix::new(input, layer.inputs, columns), gradient);
-            layer.backward(weights, (0, layer.inputs), by_output, out);
+        let Scratch { d_hidden, d_inner, d_activation, d_features, .. } = scratch;
+        let mut back = |layer: &Layer, d_output: &[f32], input: &[f32], out: &mut Vec<f32>| {
+            let d_output = Matrix::new(d_output, layer.outputs, columns);
+            layer.add_gradient(d_output, Matrix::new(input, layer.inputs, columns), gradient);
+            layer.backward(weights, d_output, out);
         };
-        back(&layers[last], &self.logits, &self.activated[last - 1], by_activation);
-        leaky_relu_backward(by_activation, &self.activated[last - 1], slope, by_hidden);
+        back(&layers[last], &self.splines.logits, &self.activated[last - 1], d_activation);
+        leaky_relu_backward(d_activation, &self.activated[last - 1], slope, d_hidden);
         for block in (0..layout.config.residual_blocks).rev() {
             let (outer, inner) = (&self.activated[2 * block], &self.activated[2 * block + 1]);
-            back(&layers[2 * block + 2], by_hidden, inner, by_activation);
-            leaky_relu_backward(by_activation, inner, slope, by_inner);
-            back(&layers[2 * block + 1], by_inner, outer, by_activation);
-            leaky_relu_backward(by_activation, outer, slope, by_inner);
-            add(by_hidden, by_inner);
+            back(&layers[2 * block + 2], d_hidden, inner, d_activation);
+            leaky_relu_backward(d_activation, inner, slope, d_inner);
+            back(&layers[2 * block + 1], d_inner, outer, d_activation);
+            leaky_relu_backward(d_activation, outer, slope, d_inner);
+            add(d_hidden, d_inner);
         }
-        back(&layers[0], by_hidden, &self.features, by_features);
+        back(&layers[0], d_hidden, &self.features, d_features);
     }
 
     #[inline(always)]
-    fn features_backward(&self, target: Coordinate, octaves: usize, by_features: &[f32], by_other: &mut [f32]) {
-        let columns = by_other.len();
+    fn features_backward(&self, target: Coordinate, octaves: usize, d_features: &[f32], d_other: &mut [f32]) {
+        let columns = d_other.len();
         let row = |matrix: &[f32], k: usize, at: usize| matrix[k * columns + at];
         for k in 0..octaves {
-            for (at, by_other) in by_other.iter_mut().enumerate() {
-                *by_other += match target {
+            for (at, d_other) in d_other.iter_mut().enumerate() {
+                *d_other += match target {
                     Coordinate::Elevation => {
                         let (cos, sin) = (row(&self.features, k, at), row(&self.features, octaves + k, at));
-                        let by_angle = row(by_features, octaves + k, at) * cos - row(by_features, k, at) * sin;
-                        TAU * (1_u32 << k) as f32 * by_angle
+                        let d_angle = row(d_features, octaves + k, at) * cos - row(d_features, k, at) * sin;
+                        TAU * (1_u32 << k) as f32 * d_angle
                     }
-                    Coordinate::Azimuth if k == 0 => 2.0 * row(by_features, 0, at),
+                    Coordinate::Azimuth if k == 0 => 2.0 * row(d_features, 0, at),
                     Coordinate::Azimuth => {
                         let frequency = PI * (1_u32 << k) as f32;
-                        -frequency * (frequency * self.other[at]).sin() * row(by_features, k, at)
+                        -frequency * (frequency * self.other[at]).sin() * row(d_features, k, at)
                     }
                 };
             }

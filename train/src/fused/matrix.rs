@@ -1,5 +1,7 @@
 //! Row-major matrices and their products.
 
+use headtail_render::simd::Lanes;
+
 /// A row-major matrix that borrows its numbers; rows may be longer than `columns`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Matrix<'a> {
@@ -84,6 +86,12 @@ pub(super) fn multiply(form: Form, a: Matrix<'_>, b: Matrix<'_>, out: &mut [f32]
             gemm::Parallelism::None,
         );
     }
+}
+
+/// The lanes from `first` on.
+#[inline(always)]
+pub(super) fn lanes_mut(values: &mut [f32], first: usize) -> &mut Lanes {
+    values[first..].first_chunk_mut().expect("a whole number of lanes")
 }
 
 #[cfg(test)]

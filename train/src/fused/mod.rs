@@ -11,13 +11,13 @@ mod flow;
 mod matrix;
 mod perceptron;
 mod samples;
-mod spline;
+mod splines;
 
-use headtail_model::{EncoderConfig, Head, HeadConfig, Mode};
+use headtail_model::{EncoderConfig, Head, HeadConfig, Mode, head::SHARE_HIDDEN};
 use headtail_render::simd::{self, Simd, Vectorized};
 use rayon::prelude::*;
 
-use crate::{GradientSource, Objective, StepGradient, target::Batch};
+use crate::{GradientSource, Objective, StepGradient, integrand::Batch};
 
 use conditions::Conditions;
 pub use flow::FusedFlow;
@@ -43,7 +43,7 @@ struct Layout {
     encoder: Vec<Layer>,
     elevation: Vec<Layer>,
     azimuth: Vec<Layer>,
-    selection: Vec<Layer>,
+    share: Vec<Layer>,
     length: usize,
 }
 
@@ -77,9 +77,8 @@ impl Layout {
         };
         let elevation = network(if config.mode == Mode::Coupled { 2 } else { 0 });
         let azimuth = network(1);
-        let selection =
-            if config.selection { layers(&[seen, headtail_model::head::SELECTION_HIDDEN, 1]) } else { Vec::new() };
-        Self { config, encoder: encoder.unwrap_or_default(), elevation, azimuth, selection, length }
+        let share = if config.share { layers(&[seen, SHARE_HIDDEN, 1]) } else { Vec::new() };
+        Self { config, encoder: encoder.unwrap_or_default(), elevation, azimuth, share, length }
     }
 }
 
@@ -105,15 +104,7 @@ impl GradientSource for FusedGradient {
             let range = index * count / PARTS..(index + 1) * count / PARTS;
             simd::dispatch(Work { part, layout, weights, objective, batch, range, scale: 1.0 / lit as f32 });
         });
-        let (first, others) = self.parts.split_first().expect("there are parts");
-        let mut sum = StepGradient { loss: first.loss, by_weight: first.gradient.clone() };
-        for part in others {
-            sum.loss += part.loss;
-            for (sum, term) in sum.by_weight.iter_mut().zip(&part.gradient) {
-                *sum += term;
-            }
-        }
-        Some(sum)
+        Some(StepGradient::sum(layout.length, self.parts.iter().map(|part| (part.loss, &part.gradient[..]))))
     }
 }
 
@@ -146,7 +137,7 @@ impl Vectorized for Work<'_> {
         while first < range.end {
             let last = (first + group).min(range.end);
             let place = Place { first, count: last - first, column: first - range.start };
-            part.samples.forward(networks, batch, &part.conditions, place, &mut part.scratch);
+            part.samples.forward(networks, batch, &part.conditions, place);
             part.loss += part.samples.evaluate_loss(objective, batch, &mut part.conditions, place, scale);
             part.samples.backward(networks, &mut part.conditions, &mut part.scratch, &mut part.gradient);
             first = last;
@@ -163,8 +154,8 @@ mod tests {
     use super::*;
     use crate::{
         Backend, CosineTarget, Loss, injection,
-        target::BatchShape,
-        test_support::{random_head, studio},
+        integrand::BatchShape,
+        test_support::{assert_same, random_head, studio},
     };
 
     /// Conditions of any length; the first is empty, and the others have mixtures with BRDF sampling.
@@ -189,9 +180,9 @@ mod tests {
         for mode in [Mode::Coupled, Mode::Autoregressive] {
             for (loss, config) in [
                 (Loss::ForwardKl, HeadConfig { mode, ..HeadConfig::COSINE }),
-                (Loss::LogChiSquare, HeadConfig { mode, encoder, bins: 8, selection: true, ..HeadConfig::COSINE }),
+                (Loss::LogChiSquare, HeadConfig { mode, encoder, bins: 8, share: true, ..HeadConfig::COSINE }),
                 (Loss::LogChiSquare, HeadConfig { mode, hidden: 24, hidden_layers: 1, ..HeadConfig::MICROFACET }),
-                (Loss::ReverseKl, HeadConfig { mode, hidden_layers: 3, selection: true, ..HeadConfig::MICROFACET }),
+                (Loss::ReverseKl, HeadConfig { mode, hidden_layers: 3, share: true, ..HeadConfig::MICROFACET }),
             ] {
                 // Bins of 1e-3 that large logits make would magnify the reference's own rounding beyond the bound.
                 let scale = if config.bins > 8 { 0.1 } else { 1.0 };
@@ -205,13 +196,7 @@ mod tests {
                 // Twice, as buffers are used again.
                 for _ in 0..2 {
                     let found = fused.gradient(&head.flat_weights(), objective, &batch).unwrap();
-                    assert!((expected.loss - found.loss).abs() < 1e-5 * expected.loss.abs().max(1.0));
-                    let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
-                    let size = norm(&mut expected.by_weight.iter().copied());
-                    let apart = expected.by_weight.iter().zip(&found.by_weight).map(|(a, b)| a - b);
-                    let error = norm(&mut apart.clone());
-                    assert!(error <= 1e-5 * size, "{config:?} {loss:?}: {error} of {size}");
-                    assert!(size > 1e-3);
+                    assert_same(&expected, &found, 1e-5, &format!("{config:?} {loss:?}"));
                 }
             }
         }

@@ -51,20 +51,79 @@ impl Layer {
 
     /// Adds `G x^T` to the gradient of the first `x.rows` columns of the weight, and the sums of the rows of `G` to that of the bias.
     #[inline(always)]
-    pub fn add_gradient(&self, by_output: Matrix<'_>, x: Matrix<'_>, gradient: &mut [f32]) {
-        multiply(Form::RightTransposed, by_output, x, &mut gradient[self.start..], self.inputs, true);
+    pub fn add_gradient(&self, d_output: Matrix<'_>, x: Matrix<'_>, gradient: &mut [f32]) {
+        multiply(Form::RightTransposed, d_output, x, &mut gradient[self.start..], self.inputs, true);
         let bias = &mut gradient[self.bias_at()..][..self.outputs];
-        for (bias, row) in bias.iter_mut().zip(by_output.values.chunks_exact(by_output.stride)) {
+        for (bias, row) in bias.iter_mut().zip(d_output.values.chunks_exact(d_output.stride)) {
             *bias += sum(row);
         }
     }
 
-    /// `out = W[:, first..first + count]^T G`.
+    /// `out = W^T G`.
     #[inline(always)]
-    pub fn backward(&self, flat: &[f32], (first, count): (usize, usize), by_output: Matrix<'_>, out: &mut Vec<f32>) {
-        out.resize(count * by_output.columns, 0.0);
-        let weight = self.weight(flat).columns(first, count);
-        multiply(Form::LeftTransposed, weight, by_output, out, by_output.columns, false);
+    pub fn backward(&self, flat: &[f32], d_output: Matrix<'_>, out: &mut Vec<f32>) {
+        out.resize(self.inputs * d_output.columns, 0.0);
+        multiply(Form::LeftTransposed, self.weight(flat), d_output, out, d_output.columns, false);
+    }
+}
+
+/// The hidden layers of a perceptron over some columns: leaky ReLU after every layer but the last.
+#[derive(Default)]
+pub(super) struct Hidden(Vec<Vec<f32>>);
+
+/// Buffers of the way back.
+#[derive(Default)]
+pub(super) struct BackwardScratch {
+    /// Derivatives by the first layer's output, before its activation.
+    pub d_hidden: Vec<f32>,
+    d_activation: Vec<f32>,
+}
+
+impl Hidden {
+    /// The first layer's output, to be filled before [`forward`](Self::forward).
+    #[inline(always)]
+    pub fn first(&mut self, layers: &[Layer]) -> &mut Vec<f32> {
+        self.0.resize(layers.len() - 1, Vec::new());
+        &mut self.0[0]
+    }
+
+    /// From the first layer's output to that of the last.
+    #[inline(always)]
+    pub fn forward(&mut self, layers: &[Layer], flat: &[f32], slope: f32, columns: usize, out: &mut Vec<f32>) {
+        leaky_relu(&mut self.0[0], slope);
+        for (index, layer) in layers.iter().enumerate().skip(1) {
+            let (before, after) = self.0.split_at_mut(index);
+            let x = Matrix::new(&before[index - 1], layer.inputs, columns);
+            match after.first_mut() {
+                Some(after) => {
+                    layer.forward(flat, x, after);
+                    leaky_relu(after, slope);
+                }
+                None => layer.forward(flat, x, out),
+            }
+        }
+    }
+
+    /// From the derivatives by the last layer's output to those by the first one's; adds those by the weights in between.
+    #[inline(always)]
+    pub fn backward(
+        &self,
+        layers: &[Layer],
+        flat: &[f32],
+        slope: f32,
+        d_output: Matrix<'_>,
+        scratch: &mut BackwardScratch,
+        gradient: &mut [f32],
+    ) {
+        let columns = d_output.columns;
+        for (index, layer) in layers.iter().enumerate().skip(1).rev() {
+            let hidden = &self.0[index - 1];
+            let last = index + 1 == layers.len();
+            let d_output = if last { d_output } else { Matrix::new(&scratch.d_hidden, layer.outputs, columns) };
+            layer.add_gradient(d_output, Matrix::new(hidden, layer.inputs, columns), gradient);
+            layer.backward(flat, d_output, &mut scratch.d_activation);
+            leaky_relu_backward(&scratch.d_activation, hidden, slope, &mut scratch.d_hidden);
+        }
     }
 }
 

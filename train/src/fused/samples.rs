@@ -3,16 +3,16 @@
 use std::{f32::consts::TAU, ops::Range};
 
 use headtail_model::{Mode, spline::Topology};
-use headtail_render::simd::{LANES, Lanes};
+use headtail_render::simd::LANES;
 
 use super::{
     Layout,
     conditions::Conditions,
     matrix::Matrix,
-    perceptron::{Layer, dot, leaky_relu, leaky_relu_backward, sum},
-    spline::Splines,
+    perceptron::{BackwardScratch, Hidden, Layer, dot, sum},
+    splines::Splines,
 };
-use crate::{Objective, loss::LossDerivatives, target::Batch};
+use crate::{Objective, integrand::Batch};
 
 /// Samples of a block: with 36 k weights it takes a third of a megabyte.
 const BLOCK: usize = 128;
@@ -34,7 +34,7 @@ pub(super) struct Samples {
     used: usize,
     /// Log-densities of the group's samples, and the loss's derivatives by them.
     log_q: Vec<f32>,
-    by_log_q: Vec<f32>,
+    d_log_q: Vec<f32>,
 }
 
 /// Matrices with one column per sample, padded to whole lanes.
@@ -48,7 +48,7 @@ struct Block {
     v: Vec<f32>,
     elevation: Network,
     azimuth: Network,
-    by_log_q: Vec<f32>,
+    d_log_q: Vec<f32>,
 }
 
 /// Columns of a block that belong to one condition.
@@ -63,23 +63,15 @@ struct Segment {
 struct Network {
     /// Rows of the other coordinate's features.
     features: Vec<f32>,
-    /// Activations of the hidden layers.
-    hidden: Vec<Vec<f32>>,
-    /// Logits, then the derivatives of the log-slopes by them, then those of the loss.
-    logits: Vec<f32>,
-    /// Derivatives of the values by the logits.
-    of_values: Vec<f32>,
-    values: Vec<f32>,
-    log_slopes: Vec<f32>,
+    hidden: Hidden,
+    splines: Splines,
 }
 
 /// Buffers that blocks share.
 #[derive(Default)]
 pub(super) struct Scratch {
-    spline: Vec<Lanes>,
-    by_hidden: Vec<f32>,
-    by_activation: Vec<f32>,
-    by_feature: Vec<f32>,
+    backward: BackwardScratch,
+    d_feature: Vec<f32>,
 }
 
 /// Weights and where they are.
@@ -91,14 +83,7 @@ pub(super) struct Weights<'a> {
 
 impl Samples {
     #[inline(always)]
-    pub fn forward(
-        &mut self,
-        weights: Weights<'_>,
-        batch: &Batch,
-        conditions: &Conditions,
-        place: Place,
-        scratch: &mut Scratch,
-    ) {
+    pub fn forward(&mut self, weights: Weights<'_>, batch: &Batch, conditions: &Conditions, place: Place) {
         let count = place.count * batch.samples;
         self.used = count.div_ceil(BLOCK);
         if self.blocks.len() < self.used {
@@ -108,8 +93,9 @@ impl Samples {
         for (index, block) in self.blocks[..self.used].iter_mut().enumerate() {
             block.samples = index * BLOCK..((index + 1) * BLOCK).min(count);
             block.load(batch, place);
-            block.forward(weights, conditions, scratch);
-            for (v, u) in block.elevation.log_slopes.iter().zip(&block.azimuth.log_slopes).take(block.samples.len()) {
+            block.forward(weights, conditions);
+            let [v, u] = [&block.elevation, &block.azimuth].map(|network| &network.splines.log_slopes);
+            for (v, u) in v.iter().zip(u).take(block.samples.len()) {
                 self.log_q.push(v + u);
             }
         }
@@ -125,23 +111,10 @@ impl Samples {
         place: Place,
         scale: f32,
     ) -> f32 {
-        let samples = batch.samples;
-        self.by_log_q.clear();
-        self.by_log_q.resize(self.log_q.len(), 0.0);
-        let mut total = 0.0;
-        for index in 0..place.count {
-            let range = index * samples..(index + 1) * samples;
-            let logit = conditions.selection.get(place.column + index).copied();
-            let mut out = LossDerivatives { by_log_q: &mut self.by_log_q[range.clone()], by_selection: 0.0 };
-            let points = batch.condition(place.first + index);
-            if let Some(loss) = objective.evaluate(&points, &self.log_q[range], logit, &mut out) {
-                total += loss;
-                if let Some(by_selection) = conditions.by_selection.get_mut(place.column + index) {
-                    *by_selection = out.by_selection * scale;
-                }
-            }
-        }
-        for derivative in &mut self.by_log_q {
+        self.d_log_q.resize(self.log_q.len(), 0.0);
+        let (shares, d_shares) = conditions.shares_of(place.column..place.column + place.count);
+        let total = objective.evaluate_conditions(batch, place.first, &self.log_q, shares, &mut self.d_log_q, d_shares);
+        for derivative in self.d_log_q.iter_mut().chain(d_shares) {
             *derivative *= scale;
         }
         total * scale
@@ -156,9 +129,9 @@ impl Samples {
         gradient: &mut [f32],
     ) {
         for block in &mut self.blocks[..self.used] {
-            block.by_log_q.clear();
-            block.by_log_q.extend_from_slice(&self.by_log_q[block.samples.clone()]);
-            block.by_log_q.resize(block.columns, 0.0);
+            block.d_log_q.clear();
+            block.d_log_q.extend_from_slice(&self.d_log_q[block.samples.clone()]);
+            block.d_log_q.resize(block.columns, 0.0);
             block.backward(weights, conditions, scratch, gradient);
         }
     }
@@ -189,10 +162,10 @@ impl Block {
     }
 
     #[inline(always)]
-    fn forward(&mut self, weights: Weights<'_>, conditions: &Conditions, scratch: &mut Scratch) {
+    fn forward(&mut self, weights: Weights<'_>, conditions: &Conditions) {
         let Self { columns, segments, u, v, elevation, azimuth, .. } = self;
         let Weights { layout, .. } = weights;
-        let coupled = layout.config.mode == Mode::Coupled;
+        let (coupled, bins) = (layout.config.mode == Mode::Coupled, layout.config.bins);
         elevation.features.clear();
         if coupled {
             for &u in &*u {
@@ -204,21 +177,22 @@ impl Block {
             let first = First { matrix: &conditions.elevation, stride: conditions.count, segments };
             elevation.forward(&layout.elevation, weights, &first, *columns);
         } else {
-            elevation.logits.clear();
-            elevation.logits.resize(layout.config.logits() * *columns, 0.0);
+            let logits = &mut elevation.splines.logits;
+            logits.clear();
+            logits.resize(layout.config.logits() * *columns, 0.0);
             let rows = conditions.elevation_logits.chunks_exact(conditions.count);
-            for (row, out) in rows.zip(elevation.logits.chunks_exact_mut(*columns)) {
+            for (row, out) in rows.zip(logits.chunks_exact_mut(*columns)) {
                 for segment in &*segments {
                     out[segment.columns.clone()].fill(row[segment.condition]);
                 }
             }
         }
-        elevation.splines(Topology::Interval, layout.config.bins, v, coupled, scratch);
+        elevation.splines.evaluate(Topology::Interval, bins, v, coupled);
         azimuth.features.clear();
-        azimuth.features.extend_from_slice(if coupled { &elevation.values } else { v });
+        azimuth.features.extend_from_slice(if coupled { &elevation.splines.values } else { v });
         let first = First { matrix: &conditions.azimuth, stride: conditions.count, segments };
         azimuth.forward(&layout.azimuth, weights, &first, *columns);
-        azimuth.splines(Topology::Circle, layout.config.bins, u, false, scratch);
+        azimuth.splines.evaluate(Topology::Circle, bins, u, false);
     }
 
     #[inline(always)]
@@ -230,39 +204,22 @@ impl Block {
         gradient: &mut [f32],
     ) {
         let (stride, layout) = (conditions.count, weights.layout);
-        let Self { columns, segments, elevation, azimuth, by_log_q, .. } = self;
-        scale_columns(&mut azimuth.logits, by_log_q);
-        let mut first = FirstMut { matrix: &mut conditions.by_azimuth, stride, segments };
+        let Self { columns, segments, elevation, azimuth, d_log_q, .. } = self;
+        azimuth.splines.backward(d_log_q, None);
+        let mut first = FirstMut { matrix: &mut conditions.d_azimuth, stride, segments };
         azimuth.backward(&layout.azimuth, weights, *columns, &mut first, scratch, gradient);
         if layout.config.mode == Mode::Coupled {
-            azimuth.by_first_feature(&layout.azimuth[0], weights.values, *columns, scratch);
-            let rows = elevation.logits.chunks_exact_mut(*columns).zip(elevation.of_values.chunks_exact(*columns));
-            for (out, of_value) in rows {
-                for (((out, of_value), by_value), by_log_q) in
-                    out.iter_mut().zip(of_value).zip(&scratch.by_feature).zip(&*by_log_q)
-                {
-                    *out = *out * by_log_q + of_value * by_value;
-                }
-            }
-            let mut first = FirstMut { matrix: &mut conditions.by_elevation, stride, segments };
+            azimuth.d_first_feature(&layout.azimuth[0], weights.values, *columns, scratch);
+            elevation.splines.backward(d_log_q, Some(&scratch.d_feature));
+            let mut first = FirstMut { matrix: &mut conditions.d_elevation, stride, segments };
             elevation.backward(&layout.elevation, weights, *columns, &mut first, scratch, gradient);
         } else {
-            let rows = conditions.by_elevation_logits.chunks_exact_mut(stride);
-            for (out, row) in rows.zip(elevation.logits.chunks_exact(*columns)) {
+            let rows = conditions.d_elevation_logits.chunks_exact_mut(stride);
+            for (out, row) in rows.zip(elevation.splines.logits.chunks_exact(*columns)) {
                 for segment in &*segments {
-                    out[segment.condition] += dot(&row[segment.columns.clone()], &by_log_q[segment.columns.clone()]);
+                    out[segment.condition] += dot(&row[segment.columns.clone()], &d_log_q[segment.columns.clone()]);
                 }
             }
-        }
-    }
-}
-
-/// Multiplies every row by `factors`.
-#[inline(always)]
-fn scale_columns(matrix: &mut [f32], factors: &[f32]) {
-    for row in matrix.chunks_exact_mut(factors.len()) {
-        for (value, factor) in row.iter_mut().zip(factors) {
-            *value *= factor;
         }
     }
 }
@@ -284,23 +241,16 @@ struct FirstMut<'a> {
 impl Network {
     #[inline(always)]
     fn forward(&mut self, layers: &[Layer], weights: Weights<'_>, conditions: &First<'_>, columns: usize) {
-        let (last, inner) = layers[1..].split_last().expect("a network has at least two layers");
+        self.first_layer(layers, weights, conditions, columns);
         let slope = weights.layout.config.leaky_slope;
-        self.hidden.resize(inner.len() + 1, Vec::new());
-        self.first_layer(&layers[0], weights, conditions, columns);
-        for (index, layer) in inner.iter().enumerate() {
-            let (before, after) = self.hidden.split_at_mut(index + 1);
-            layer.forward(weights.values, Matrix::new(&before[index], layer.inputs, columns), &mut after[0]);
-            leaky_relu(&mut after[0], slope);
-        }
-        last.forward(weights.values, Matrix::new(&self.hidden[inner.len()], last.inputs, columns), &mut self.logits);
+        self.hidden.forward(layers, weights.values, slope, columns, &mut self.splines.logits);
     }
 
-    /// Condition's part plus features, activated.
+    /// Condition's part plus features.
     #[inline(always)]
-    fn first_layer(&mut self, layer: &Layer, weights: Weights<'_>, first: &First<'_>, columns: usize) {
-        let features = self.features.len() / columns;
-        let out = &mut self.hidden[0];
+    fn first_layer(&mut self, layers: &[Layer], weights: Weights<'_>, first: &First<'_>, columns: usize) {
+        let (layer, features) = (&layers[0], self.features.len() / columns);
+        let out = self.hidden.first(layers);
         out.resize(layer.outputs * columns, 0.0);
         for (unit, out) in out.chunks_exact_mut(columns).enumerate() {
             let row = &first.matrix[unit * first.stride..][..first.stride];
@@ -316,29 +266,7 @@ impl Network {
                     *out += weight * feature;
                 }
             }
-            leaky_relu(out, weights.layout.config.leaky_slope);
         }
-    }
-
-    #[inline(always)]
-    fn splines(&mut self, topology: Topology, bins: usize, points: &[f32], with_values: bool, scratch: &mut Scratch) {
-        let samples = points.len();
-        self.values.resize(samples, 0.0);
-        self.log_slopes.resize(samples, 0.0);
-        self.of_values.resize(if with_values { self.logits.len() } else { 0 }, 0.0);
-        Splines {
-            topology,
-            bins,
-            samples,
-            points,
-            logits: &mut self.logits,
-            of_values: &mut self.of_values,
-            values: &mut self.values,
-            log_slopes: &mut self.log_slopes,
-            by_points: [&mut [], &mut []],
-            scratch: &mut scratch.spline,
-        }
-        .evaluate();
     }
 
     /// From the derivatives by the logits to those by the weights and by the conditions' part of the first layer.
@@ -352,18 +280,12 @@ impl Network {
         scratch: &mut Scratch,
         gradient: &mut [f32],
     ) {
-        for (index, layer) in layers.iter().enumerate().skip(1).rev() {
-            let hidden = &self.hidden[index - 1];
-            let by_output = if index + 1 == layers.len() { &self.logits } else { &scratch.by_hidden };
-            let by_output = Matrix::new(by_output, layer.outputs, columns);
-            layer.add_gradient(by_output, Matrix::new(hidden, layer.inputs, columns), gradient);
-            layer.backward(weights.values, (0, layer.inputs), by_output, &mut scratch.by_activation);
-            let slope = weights.layout.config.leaky_slope;
-            leaky_relu_backward(&scratch.by_activation, hidden, slope, &mut scratch.by_hidden);
-        }
+        let d_logits = Matrix::new(&self.splines.logits, weights.layout.config.logits(), columns);
+        let slope = weights.layout.config.leaky_slope;
+        self.hidden.backward(layers, weights.values, slope, d_logits, &mut scratch.backward, gradient);
         let layer = &layers[0];
         let features = self.features.len() / columns;
-        for (unit, row) in scratch.by_hidden.chunks_exact(columns).enumerate() {
+        for (unit, row) in scratch.backward.d_hidden.chunks_exact(columns).enumerate() {
             for (index, feature) in self.features.chunks_exact(columns).enumerate() {
                 gradient[layer.weight_at(unit, layer.inputs - features + index)] += dot(row, feature);
             }
@@ -376,13 +298,13 @@ impl Network {
 
     /// The loss's derivatives by the first feature, from those by the first hidden layer.
     #[inline(always)]
-    fn by_first_feature(&self, layer: &Layer, weights: &[f32], columns: usize, scratch: &mut Scratch) {
+    fn d_first_feature(&self, layer: &Layer, weights: &[f32], columns: usize, scratch: &mut Scratch) {
         let features = self.features.len() / columns;
-        scratch.by_feature.clear();
-        scratch.by_feature.resize(columns, 0.0);
-        for (unit, row) in scratch.by_hidden.chunks_exact(columns).enumerate() {
+        scratch.d_feature.clear();
+        scratch.d_feature.resize(columns, 0.0);
+        for (unit, row) in scratch.backward.d_hidden.chunks_exact(columns).enumerate() {
             let weight = weights[layer.weight_at(unit, layer.inputs - features)];
-            for (out, derivative) in scratch.by_feature.iter_mut().zip(row) {
+            for (out, derivative) in scratch.d_feature.iter_mut().zip(row) {
                 *out += weight * derivative;
             }
         }

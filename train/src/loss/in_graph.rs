@@ -2,11 +2,11 @@
 
 use headtail_model::{
     burn::prelude::{Tensor, TensorData},
-    head::selection_probability_in_graph,
+    head::share_of_logits,
 };
 
 use super::{ENTROPIC_RANGE, LARGEST_LOG_CHI_SQUARE, Loss, NormalizedTarget, Objective, REVERSE_TARGET_FLOOR};
-use crate::target::Batch;
+use crate::integrand::Batch;
 
 /// Stands for `ln 0`: its exponential is 0, and multiplied by 0 it is 0.
 const LOG_ZERO: f32 = -1e4;
@@ -19,16 +19,16 @@ struct Constants {
     log_brdf: Tensor<2>,
     log_tails: Tensor<2>,
     /// `[conditions]`: one over the number of conditions that are lit, 0 for the others.
-    share: Tensor<1>,
+    lit: Tensor<1>,
 }
 
 impl Objective {
-    /// The mean loss of a batch. `log_q` is `[conditions, samples]`, `selection` are logits `[conditions, 1]`.
+    /// The mean loss of a batch. `log_q` is `[conditions, samples]`, `share` are logits `[conditions, 1]`.
     ///
     /// `None` if the target is zero under every condition.
-    pub fn of_batch(&self, batch: &Batch, log_q: Tensor<2>, selection: Option<Tensor<2>>) -> Option<Tensor<1>> {
+    pub fn of_batch(&self, batch: &Batch, log_q: Tensor<2>, share: Option<Tensor<2>>) -> Option<Tensor<1>> {
         let constants = Constants::new(batch, &log_q)?;
-        let log_q = match selection {
+        let log_q = match share {
             Some(logits) => mix(log_q, logits, constants.log_brdf.clone()),
             None => log_q,
         };
@@ -38,23 +38,23 @@ impl Objective {
             let term = constants.log_weights.exp() * log_x.clone().exp() * log_x;
             per_condition = per_condition + term.sum_dim(1).squeeze_dim(1).mul_scalar(self.entropic);
         }
-        Some((per_condition * constants.share).sum())
+        Some((per_condition * constants.lit).sum())
     }
 }
 
 impl Constants {
     fn new(batch: &Batch, like: &Tensor<2>) -> Option<Self> {
-        let mut share = Vec::new();
+        let mut lit = Vec::new();
         let (mut log_weights, mut log_densities) = (Vec::new(), Vec::new());
         for points in batch.by_condition() {
             let target = NormalizedTarget::new(&points);
-            share.push(if target.is_some() { 1.0 } else { 0.0 });
+            lit.push(if target.is_some() { 1.0 } else { 0.0 });
             let zeros = || vec![0.0; batch.samples];
             let target = target.unwrap_or_else(|| NormalizedTarget { log_weights: zeros(), log_densities: zeros() });
             log_weights.extend(target.log_weights);
             log_densities.extend(target.log_densities);
         }
-        let count: f32 = share.iter().sum();
+        let count: f32 = lit.iter().sum();
         if count == 0.0 {
             return None;
         }
@@ -64,15 +64,15 @@ impl Constants {
             Tensor::<2>::from_data(TensorData::new(values, [batch.condition_count(), batch.samples]), &device)
         };
         let logs = |values: &[f32]| tensor(values.iter().map(|value| value.ln()).collect());
-        let conditions = share.len();
-        share.iter_mut().for_each(|share| *share /= count);
+        let conditions = lit.len();
+        lit.iter_mut().for_each(|lit| *lit /= count);
         Some(Self {
             log_weights: tensor(log_weights),
             log_densities: tensor(log_densities),
             log_point_weights: logs(&batch.weights),
             log_brdf: logs(&batch.brdf),
             log_tails: logs(&batch.tails),
-            share: Tensor::from_data(TensorData::new(share, [conditions]), &device),
+            lit: Tensor::from_data(TensorData::new(lit, [conditions]), &device),
         })
     }
 
@@ -102,7 +102,7 @@ impl Constants {
 
 /// `ln(p q + (1 - p) b)`.
 fn mix(log_q: Tensor<2>, logits: Tensor<2>, log_brdf: Tensor<2>) -> Tensor<2> {
-    let p = selection_probability_in_graph(logits);
+    let p = share_of_logits(logits);
     let head = log_q + p.clone().log();
     let brdf = log_brdf + p.neg().add_scalar(1.0).log();
     let largest = head.clone().max_pair(brdf.clone()).detach();

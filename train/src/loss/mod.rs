@@ -1,13 +1,17 @@
-//! Losses of one condition: value, and derivatives with respect to each log-density and to the selection logit.
+//! Losses of one condition: value, and derivatives with respect to each log-density and to the share logit.
 
 mod in_graph;
 #[cfg(test)]
 mod tests;
 
-use headtail_model::head::{SELECTION_FLOOR, selection_probability};
+use headtail_model::head::{SELECTION_FLOOR, share_of_logit};
+use headtail_render::statistics::relative_variance_of_log_moment;
 use serde::{Deserialize, Serialize};
 
-use crate::target::ConditionPoints;
+use crate::{
+    config::name_of,
+    integrand::{Batch, ConditionPoints},
+};
 
 /// What training minimises, averaged over the conditions whose target is not zero everywhere.
 ///
@@ -47,12 +51,7 @@ impl Loss {
 
 impl std::fmt::Display for Loss {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::ForwardKl => "forward-kl",
-            Self::LogChiSquare => "log-chi-square",
-            Self::ChiSquare => "chi-square",
-            Self::ReverseKl => "reverse-kl",
-        })
+        f.write_str(&name_of(self))
     }
 }
 
@@ -103,40 +102,68 @@ impl NormalizedTarget {
 /// Derivatives of one condition's loss.
 pub struct LossDerivatives<'a> {
     /// By the log-density of the head at each point; overwritten.
-    pub by_log_q: &'a mut [f32],
-    /// By the selection logit.
-    pub by_selection: f32,
+    pub d_log_q: &'a mut [f32],
+    /// By the share logit.
+    pub d_share: f32,
 }
 
 impl Objective {
     /// The loss of one condition and its derivatives; `None` if the target is zero at all its points.
     ///
-    /// `log_q` is the head's log-density. With a selection logit the loss is that of the mixture
+    /// `log_q` is the head's log-density. With a share logit the loss is that of the mixture
     /// `q_mix = p q + (1 - p) b` with BRDF sampling `b`, and the derivatives go through it.
     pub fn evaluate(
         &self,
         points: &ConditionPoints<'_>,
         log_q: &[f32],
-        selection: Option<f32>,
+        share: Option<f32>,
         out: &mut LossDerivatives<'_>,
     ) -> Option<f32> {
         let target = NormalizedTarget::new(points)?;
-        out.by_selection = 0.0;
-        let Some(logit) = selection else {
-            return Some(self.of_density(&target, points, log_q, out.by_log_q));
+        out.d_share = 0.0;
+        let Some(logit) = share else {
+            return Some(self.of_density(&target, points, log_q, out.d_log_q));
         };
         let mixture = Mixture::new(logit);
         let log_mixed: Vec<f32> = log_q.iter().zip(points.brdf).map(|(&log_q, &b)| mixture.log(log_q, b)).collect();
-        let loss = self.of_density(&target, points, &log_mixed, out.by_log_q);
-        let mut by_probability = 0.0;
-        for ((by, &log_q), &log_mixed) in out.by_log_q.iter_mut().zip(log_q).zip(&log_mixed) {
-            let by_mixed = *by;
-            let share = mixture.head_share(log_q, log_mixed);
-            *by = by_mixed * share;
-            by_probability += by_mixed * (share / mixture.p - (1.0 - share) / (1.0 - mixture.p));
+        let loss = self.of_density(&target, points, &log_mixed, out.d_log_q);
+        let mut d_share = 0.0;
+        for ((d, &log_q), &log_mixed) in out.d_log_q.iter_mut().zip(log_q).zip(&log_mixed) {
+            let d_mixed = *d;
+            let part = mixture.head_part(log_q, log_mixed);
+            *d = d_mixed * part;
+            d_share += d_mixed * (part / mixture.share - (1.0 - part) / (1.0 - mixture.share));
         }
-        out.by_selection = by_probability * mixture.by_logit;
+        out.d_share = d_share * mixture.d_logit;
         Some(loss)
+    }
+
+    /// The sum of the losses of conditions from `first` on that have any light. Of the derivatives, `d_log_q` is overwritten, and
+    /// `d_shares` where there is light.
+    ///
+    /// `log_q` has the log-densities of all their points; `shares` are logits, or empty where no share is learned.
+    pub fn evaluate_conditions(
+        &self,
+        batch: &Batch,
+        first: usize,
+        log_q: &[f32],
+        shares: &[f32],
+        d_log_q: &mut [f32],
+        d_shares: &mut [f32],
+    ) -> f32 {
+        let mut sum = 0.0;
+        let rows = d_log_q.chunks_exact_mut(batch.samples).zip(log_q.chunks_exact(batch.samples));
+        for (index, (d_log_q, log_q)) in rows.enumerate() {
+            d_log_q.fill(0.0);
+            let mut out = LossDerivatives { d_log_q, d_share: 0.0 };
+            let (points, share) = (batch.condition(first + index), shares.get(index).copied());
+            let Some(loss) = self.evaluate(&points, log_q, share, &mut out) else { continue };
+            sum += loss;
+            if let Some(d_share) = d_shares.get_mut(index) {
+                *d_share = out.d_share;
+            }
+        }
+        sum
     }
 
     /// The loss for the log-density that samples have, and its derivatives.
@@ -157,14 +184,14 @@ impl Objective {
             return loss;
         }
         let mut entropic = 0.0;
-        for (((&log_w, &log_q), &tail), by) in
+        for (((&log_w, &log_q), &tail), d) in
             target.log_weights.iter().zip(log_q).zip(points.tails).zip(derivatives.iter_mut())
         {
             let (w, log_x) = (log_w.exp(), log_q + tail.ln());
             let held = log_x.clamp(-ENTROPIC_RANGE, ENTROPIC_RANGE);
             if w > 0.0 {
                 entropic += w * held.exp() * held;
-                *by += if held == log_x { self.entropic * w * held.exp() * (held + 1.0) } else { 0.0 };
+                *d += if held == log_x { self.entropic * w * held.exp() * (held + 1.0) } else { 0.0 };
             }
         }
         loss + self.entropic * entropic
@@ -173,11 +200,11 @@ impl Objective {
 
 fn forward_kl(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32]) -> f32 {
     let mut loss = 0.0;
-    for (((&log_w, &log_p), &log_q), by) in
+    for (((&log_w, &log_p), &log_q), d) in
         target.log_weights.iter().zip(&target.log_densities).zip(log_q).zip(derivatives)
     {
         let w = log_w.exp();
-        *by = -w;
+        *d = -w;
         if w > 0.0 {
             loss += w * (log_p - log_q);
         }
@@ -186,24 +213,24 @@ fn forward_kl(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32])
 }
 
 fn log_chi_square(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32]) -> f32 {
-    for (((&log_w, &log_p), &log_q), by) in
+    for (((&log_w, &log_p), &log_q), d) in
         target.log_weights.iter().zip(&target.log_densities).zip(log_q).zip(derivatives.iter_mut())
     {
-        *by = if log_w == f32::NEG_INFINITY { f32::NEG_INFINITY } else { log_w + log_p - log_q };
+        *d = if log_w == f32::NEG_INFINITY { f32::NEG_INFINITY } else { log_w + log_p - log_q };
     }
     // Finite: at least one weight is positive.
     let largest = derivatives.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     let sum: f32 = derivatives.iter().map(|term| (term - largest).exp()).sum();
-    for by in derivatives {
-        *by = -(*by - largest).exp() / sum;
+    for d in derivatives {
+        *d = -(*d - largest).exp() / sum;
     }
     largest + sum.ln()
 }
 
 fn chi_square(target: &NormalizedTarget, log_q: &[f32], derivatives: &mut [f32]) -> f32 {
     let log = log_chi_square(target, log_q, derivatives).min(LARGEST_LOG_CHI_SQUARE);
-    derivatives.iter_mut().for_each(|by| *by *= log.exp());
-    log.exp_m1()
+    derivatives.iter_mut().for_each(|d| *d *= log.exp());
+    relative_variance_of_log_moment(f64::from(log)) as f32
 }
 
 fn reverse_kl(target: &NormalizedTarget, weights: &[f32], log_q: &[f32], derivatives: &mut [f32]) -> f32 {
@@ -214,43 +241,43 @@ fn reverse_kl(target: &NormalizedTarget, weights: &[f32], log_q: &[f32], derivat
     let count = (log_q.len() as f32).ln();
     let floor = REVERSE_TARGET_FLOOR.ln() as f32;
     let mut loss = 0.0;
-    for ((point, &log_p), by) in weights.iter().zip(log_q).zip(&target.log_densities).zip(derivatives.iter_mut()) {
+    for ((point, &log_p), d) in weights.iter().zip(log_q).zip(&target.log_densities).zip(derivatives.iter_mut()) {
         let log_u = log_u(point) - log_sum;
         // ln(u / w) with w held up where the target is zero.
-        *by = log_u - (log_p.max(floor) + point.0.ln() - count);
+        *d = log_u - (log_p.max(floor) + point.0.ln() - count);
         if *point.0 > 0.0 {
-            loss += log_u.exp() * *by;
+            loss += log_u.exp() * *d;
         }
     }
-    for (point, by) in weights.iter().zip(log_q).zip(derivatives) {
-        *by = if *point.0 > 0.0 { (log_u(point) - log_sum).exp() * (*by - loss) } else { 0.0 };
+    for (point, d) in weights.iter().zip(log_q).zip(derivatives) {
+        *d = if *point.0 > 0.0 { (log_u(point) - log_sum).exp() * (*d - loss) } else { 0.0 };
     }
     loss
 }
 
-/// `q_mix = p q + (1 - p) b`.
+/// `q_mix = p q + (1 - p) b`, where `p` is the share.
 struct Mixture {
-    p: f32,
-    /// Derivative of `p` by the logit.
-    by_logit: f32,
+    share: f32,
+    /// Derivative of the share by the logit.
+    d_logit: f32,
 }
 
 impl Mixture {
     fn new(logit: f32) -> Self {
-        let p = selection_probability(logit);
-        let floor = SELECTION_FLOOR as f32;
-        Self { p, by_logit: (p - floor) * (1.0 - floor - p) / (1.0 - 2.0 * floor) }
+        let share = share_of_logit(logit);
+        let floor = SELECTION_FLOOR;
+        Self { share, d_logit: (share - floor) * (1.0 - floor - share) / (1.0 - 2.0 * floor) }
     }
 
     /// `ln q_mix`.
     fn log(&self, log_q: f32, b: f32) -> f32 {
-        let (head, brdf) = (self.p.ln() + log_q, (1.0 - self.p).ln() + b.ln());
+        let (head, brdf) = (self.share.ln() + log_q, (1.0 - self.share).ln() + b.ln());
         let largest = head.max(brdf);
         largest + ((head - largest).exp() + (brdf - largest).exp()).ln()
     }
 
     /// The head's part of `q_mix`, `p q / q_mix`.
-    fn head_share(&self, log_q: f32, log_mixed: f32) -> f32 {
-        (self.p.ln() + log_q - log_mixed).exp().min(1.0)
+    fn head_part(&self, log_q: f32, log_mixed: f32) -> f32 {
+        (self.share.ln() + log_q - log_mixed).exp().min(1.0)
     }
 }

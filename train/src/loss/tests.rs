@@ -1,7 +1,7 @@
 //! Values and derivatives of the losses of one condition.
 
 use super::{Loss, LossDerivatives, NormalizedTarget, Objective};
-use crate::target::ConditionPoints;
+use crate::integrand::ConditionPoints;
 
 const DENSITIES: [f32; 6] = [0.0, 1.0, 3.0, 0.5, 0.0, 2.0];
 /// The last point does not count.
@@ -25,11 +25,11 @@ fn evaluate(
     log_q: &[f32],
     logit: Option<f32>,
 ) -> (f32, Vec<f32>, f32) {
-    let mut by_log_q = vec![f32::NAN; log_q.len()];
-    let mut out = LossDerivatives { by_log_q: &mut by_log_q, by_selection: f32::NAN };
+    let mut d_log_q = vec![f32::NAN; log_q.len()];
+    let mut out = LossDerivatives { d_log_q: &mut d_log_q, d_share: f32::NAN };
     let loss = objective.evaluate(points, log_q, logit, &mut out).unwrap();
-    let by_selection = out.by_selection;
-    (loss, by_log_q, by_selection)
+    let d_share = out.d_share;
+    (loss, d_log_q, d_share)
 }
 
 #[test]
@@ -80,7 +80,7 @@ fn a_mixture_with_brdf_sampling_has_the_loss_of_its_density() {
 fn derivatives_are_those_of_central_differences() {
     for objective in objectives() {
         for logit in [None, Some(-0.7), Some(1.3)] {
-            let (_, by_log_q, by_selection) = evaluate(objective, &POINTS, &LOG_Q, logit);
+            let (_, d_log_q, d_share) = evaluate(objective, &POINTS, &LOG_Q, logit);
             // f32 differences over 0.04: rounding 4e-7 / 0.04, truncation 0.02^2 / 6 of a third derivative of up to 4.
             let close = |found: f32, high: f32, low: f32, what: &str| {
                 let difference = (high - low) / 0.04;
@@ -92,14 +92,14 @@ fn derivatives_are_those_of_central_differences() {
                     moved[i] += step;
                     evaluate(objective, &POINTS, &moved, logit).0
                 };
-                close(by_log_q[i], at(0.02), at(-0.02), &format!("point {i}"));
+                close(d_log_q[i], at(0.02), at(-0.02), &format!("point {i}"));
             }
             if let Some(logit) = logit {
                 let at = |step: f32| evaluate(objective, &POINTS, &LOG_Q, Some(logit + step)).0;
-                close(by_selection, at(0.02), at(-0.02), "selection");
-                assert!(by_selection.abs() > 1e-3, "{by_selection} tests nothing");
+                close(d_share, at(0.02), at(-0.02), "selection");
+                assert!(d_share.abs() > 1e-3, "{d_share} tests nothing");
             } else {
-                assert_eq!(by_selection, 0.0);
+                assert_eq!(d_share, 0.0);
             }
         }
     }
@@ -110,7 +110,7 @@ fn a_condition_without_light_has_no_loss() {
     let dark = ConditionPoints { densities: &[0.0; 6], ..POINTS };
     let lost = ConditionPoints { weights: &[0.0; 6], ..POINTS };
     for points in [dark, lost] {
-        let mut out = LossDerivatives { by_log_q: &mut [0.0; 6], by_selection: 0.0 };
+        let mut out = LossDerivatives { d_log_q: &mut [0.0; 6], d_share: 0.0 };
         assert!(Objective::from(Loss::ForwardKl).evaluate(&points, &LOG_Q, None, &mut out).is_none());
     }
 }
@@ -120,9 +120,9 @@ fn huge_log_densities_do_not_overflow() {
     for objective in objectives() {
         for logit in [None, Some(50.0)] {
             let extreme = [-300.0, -200.0, 50.0, 3.0, 1.0, 100.0];
-            let (loss, by_log_q, by_selection) = evaluate(objective, &POINTS, &extreme, logit);
-            assert!(loss.is_finite() && by_log_q.iter().all(|d| d.is_finite()), "{objective:?} {logit:?}");
-            assert!(by_selection.is_finite(), "{objective:?} {logit:?}");
+            let (loss, d_log_q, d_share) = evaluate(objective, &POINTS, &extreme, logit);
+            assert!(loss.is_finite() && d_log_q.iter().all(|d| d.is_finite()), "{objective:?} {logit:?}");
+            assert!(d_share.is_finite(), "{objective:?} {logit:?}");
         }
     }
 }

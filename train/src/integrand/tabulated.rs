@@ -137,7 +137,7 @@ mod tests {
     use super::*;
     use crate::{
         CosineTarget,
-        target::{Batch, Lambert},
+        integrand::{Batch, Lambert},
         test_support::studio,
     };
 

@@ -205,7 +205,7 @@ fn checked(values: PointValues, condition: &[f32], y: [f32; 2]) -> Result<PointV
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{CosineTarget, target::TailMap, test_support::studio};
+    use crate::{CosineTarget, integrand::TailMap, test_support::studio};
 
     const SHAPE: BatchShape = BatchShape { conditions: 5, strata: 4, brdf_samples: 0 };
 

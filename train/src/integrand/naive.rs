@@ -77,7 +77,7 @@ mod tests {
     use headtail_render::random::Purpose;
 
     use super::*;
-    use crate::{CosineTarget, Loss, Objective, loss::LossDerivatives, target::Batch, test_support::studio};
+    use crate::{CosineTarget, Loss, Objective, integrand::Batch, loss::LossDerivatives, test_support::studio};
 
     /// A density over X that is the tail's has the divergence that the uniform density has over Y.
     #[test]
@@ -90,7 +90,7 @@ mod tests {
         assert_ne!(in_x.points, in_y.points);
         let evaluate = |batch: &Batch, index: usize, loss: Loss, log_q: &[f32]| {
             let mut unused = vec![0.0; batch.samples];
-            let mut out = LossDerivatives { by_log_q: &mut unused, by_selection: 0.0 };
+            let mut out = LossDerivatives { d_log_q: &mut unused, d_share: 0.0 };
             Objective::from(loss).evaluate(&batch.condition(index), log_q, None, &mut out).unwrap()
         };
         for loss in [Loss::ForwardKl, Loss::LogChiSquare] {
