@@ -1,7 +1,9 @@
 //! Every sampler draws what its pdf says, covers the integrand, and estimates the same light as every other.
 //!
-//! Each property is a function that returns what is wrong, so that the last tests can hold deliberately broken samplers
-//! against the very same functions. All seeds are fixed; a pass is a pass on every machine of the same arithmetic.
+//! Each property is a function that returns what is wrong (`checks`), so that samplers that are broken on purpose
+//! (`faulty`) are held against the very same functions. All go through the columns that render, in tiles of copies of one
+//! point; `mixed_tiles` holds these against tiles of different points. All seeds are fixed; a pass is a pass on every
+//! machine of the same arithmetic.
 
 mod checks;
 mod conditioned;
