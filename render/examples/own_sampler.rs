@@ -53,7 +53,7 @@ fn main() -> Result<()> {
     let normal = |k: usize| Vec2::from_angle(k as f32).extend(0.5).normalize().into();
     let tile = Tile::of(&std::array::from_fn::<_, 256, _>(|k| point(normal(k))));
     for (name, estimator) in estimators(&map)? {
-        println!("{name:8} {:.3}", (0..30_000).map(|k| estimate(&*estimator, &tile, k)).sum::<f64>() / 30_000.0);
+        println!("{name:8} {:.2}", (0..10_000).map(|k| estimate(&*estimator, &tile, k)).sum::<f64>() / 10_000.0);
     }
     Ok(())
 }
