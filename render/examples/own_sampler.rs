@@ -1,10 +1,9 @@
 //! A sampler of one's own: `cargo run --release -p headtail-render --example own_sampler` prints three means that agree.
 
-use std::{f32::consts::PI, sync::Arc};
-
-use glam::{Vec3, Vec3A};
+use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{Result, points::Points, sampler::*};
 use headtail_render::{brdf::*, color::luminance, columns::Arena, environment::*, estimator::*, simd::Lanes, tile::*};
+use std::{f32::consts::PI, sync::Arc};
 
 /// Half of the directions are uniform over the sphere, half are in proportion to the cosine to +Y.
 pub struct SkySampler;
@@ -41,19 +40,20 @@ pub fn estimators(map: &Arc<Environment>) -> Result<[(&'static str, Box<dyn Esti
     Ok([("alone", Box::new(alone)), ("mixture", Box::new(mixture)), ("ris:4", Box::new(ris))])
 }
 
-/// One unshadowed estimate of the luminance that all points of a tile reflect together.
+/// One unshadowed estimate of the luminance that the points of a tile reflect in the mean.
 pub fn estimate(estimator: &dyn Estimator, tile: &Tile, sample: u32) -> f64 {
     let mut contributions = Contributions::default();
     estimator.propose(&tile.rows(), &Points::new(1, sample), &mut contributions, &Arena::default());
-    contributions.radiance().iter().map(|&value| f64::from(luminance(value))).sum()
+    contributions.radiance().iter().map(|&value| f64::from(luminance(value))).sum::<f64>() / tile.len() as f64
 }
 
 fn main() -> Result<()> {
     let (map, surface) = (Arc::new(Environment::open("window")?), Lambert { albedo: Vec3::ONE }.into());
     let point = |n: Vec3A| ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface };
-    let tile = Tile::of(&[Vec3A::X, Vec3A::Y, -Vec3A::X, -Vec3A::Y].map(point));
+    let normal = |k: usize| Vec2::from_angle(k as f32).extend(0.5).normalize().into();
+    let tile = Tile::of(&std::array::from_fn::<_, 256, _>(|k| point(normal(k))));
     for (name, estimator) in estimators(&map)? {
-        println!("{name:8} {:.4}", (0..200_000).map(|k| estimate(&*estimator, &tile, k)).sum::<f64>() / 200_000.0);
+        println!("{name:8} {:.2}", (0..10_000).map(|k| estimate(&*estimator, &tile, k)).sum::<f64>() / 10_000.0);
     }
     Ok(())
 }

@@ -57,7 +57,7 @@ fn rows() -> Vec<Row> {
         };
         let p = 3.0 * random.direction();
         let at = ShadingPoint { p, ng: (ns + 0.2 * lean).normalize(), ns, wo, surface };
-        let u = if k % 29 == 0 { Vec2::new(0.0, BELOW_ONE) } else { random.uniform2() };
+        let u = if k.is_multiple_of(29) { Vec2::new(0.0, BELOW_ONE) } else { random.uniform2() };
         Row { at, u, wi: random.direction() }
     };
     (0..MOST).map(row).collect()

@@ -12,7 +12,7 @@ use headtail_render::{
     tile::ShadingPoint,
 };
 
-use super::{MOST_POINTS, ROWS, SUBCELLS};
+use super::checks::{MOST_POINTS, ROWS, SUBCELLS};
 
 /// The truth without any sampler: points of every bilinear cell of a map, with luminance times solid angle.
 pub struct Quadrature {
@@ -65,7 +65,7 @@ impl Quadrature {
 }
 
 /// The sub-cells that hold so much of the light that points of Y, carried over by the tail, resolve them better than
-/// the grid of [`super::means_over`]: inside a sun, a density over Y can have any detail, squeezed into a tenth of a degree.
+/// the grid of `checks::means_over`: inside a sun, a density over Y can have any detail, squeezed into a tenth of a degree.
 ///
 /// For samplers that draw through the tail. That the tail itself is right is seen with the others.
 pub struct Dense(HashMap<usize, Points>);

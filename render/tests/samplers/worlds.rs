@@ -1,0 +1,210 @@
+//! Lights that differ in what they ask of a sampler, and all samplers of each.
+
+use std::sync::{Arc, LazyLock};
+
+use glam::{Vec2, Vec3, Vec3A};
+use headtail_render::{
+    bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
+    brdf::Lambert,
+    environment::{Environment, built_in, without_compact_emitters},
+    head::{Condition, Head, Linear, Mode},
+    image::Image,
+    latlong,
+    random::{Purpose, Stream},
+    sampler::*,
+    tail::{Tail, TailKind, WarpMap},
+    tile::ShadingPoint,
+};
+use rayon::prelude::*;
+
+use super::truth::{Dense, Quadrature};
+
+/// A sampler under test.
+pub struct Case {
+    pub name: &'static str,
+    pub sampler: Box<dyn Sampler>,
+    /// Whether it may be used alone.
+    pub covers: bool,
+    /// Whether it draws through the tail alone, from lit directions only.
+    pub through_tail: bool,
+}
+
+/// A light with everything that samples it, and the truth about it.
+pub struct World {
+    pub name: String,
+    pub light: EnvironmentLight,
+    pub cases: Vec<Case>,
+    pub quadrature: Quadrature,
+    pub dense: Dense,
+}
+
+/// Maps that differ in what they ask of a sampler, each with one tail; the hardest two with both.
+pub static WORLDS: LazyLock<Vec<World>> = LazyLock::new(|| {
+    let made = |name: &str, width: usize, height: usize, value: &dyn Fn(usize, usize) -> f32| {
+        let tint = [1.0, 0.8, 0.5];
+        let pixels = (0..width * height).map(|k| tint.map(|t| t * value(k % width, k / width))).collect();
+        Environment::from_image(name, Image { width, height, pixels }).unwrap()
+    };
+    use TailKind::{Hierarchical, RowColumn};
+    let maps = vec![
+        (built_in("overcast").unwrap(), vec![RowColumn]),
+        (built_in("window").unwrap(), vec![Hierarchical, RowColumn]),
+        (built_in("studio").unwrap(), vec![Hierarchical]),
+        (built_in("sunset").unwrap(), vec![Hierarchical, RowColumn]),
+        (made("seam texel", 16, 9, &|i, j| f32::from(i == 0 && j == 4)), vec![Hierarchical]),
+        (made("black half", 64, 32, &|i, _| f32::from(i < 32)), vec![RowColumn]),
+        (made("1x1", 1, 1, &|_, _| 1.0), vec![Hierarchical]),
+        (made("odd 37x23", 37, 23, &|i, j| ((i * 7 + j * 3) % 11) as f32), vec![RowColumn]),
+    ];
+    let worlds: Vec<_> = maps
+        .into_iter()
+        .flat_map(|(map, kinds)| {
+            let map = Arc::new(map);
+            kinds.into_iter().map(move |kind| (map.clone(), kind))
+        })
+        .collect();
+    worlds.into_par_iter().map(|(map, kind)| World::new(&map, kind)).collect()
+});
+
+impl World {
+    fn new(environment: &Arc<Environment>, kind: TailKind) -> Self {
+        let light = EnvironmentLight::new(environment.clone(), kind).unwrap();
+        let emitter = || EmitterSampler::new(light.clone());
+        let compensated = || EmitterSampler::compensated(&light).unwrap();
+        let direct = |normals: [usize; 2], cells: [usize; 2]| {
+            let normals = NormalGrid::new(normals[0], normals[1]).unwrap();
+            direct_bake(light.tail(), normals, CellGrid::new(cells[0], cells[1]).unwrap()).unwrap()
+        };
+        let mut cases = Vec::new();
+        let mut add = |name, sampler: Box<dyn Sampler>, covers, through_tail| {
+            cases.push(Case { name, sampler, covers, through_tail });
+        };
+        add("cosine", Box::new(BrdfSampler), true, false);
+        add("emitter", Box::new(emitter()), true, true);
+        add("mis", Box::new(OneSampleMis::new(emitter(), BrdfSampler)), true, false);
+        add("compensated emitter", Box::new(compensated()), false, false);
+        add("mis-comp", Box::new(OneSampleMis::new(compensated(), BrdfSampler)), true, false);
+        let mut product = |name, sampler| add(name, sampler, true, true);
+        product("oracle", composed(&light, Oracle::new(light.tail())));
+        product("direct 16x32 32x32", composed(&light, direct([16, 32], [32, 32])));
+        product("direct 16x32 8x8", composed(&light, direct([16, 32], [8, 8])));
+        product("direct 2x3 5x12", composed(&light, direct([2, 3], [5, 12])));
+        product("filled table", composed(&light, waves()));
+        product("coupled, K = 4", composed(&light, random_head(Mode::Coupled, 4, &[])));
+        product("autoregressive, K = 4", composed(&light, random_head(Mode::Autoregressive, 4, &[])));
+        product("coupled, K = 32, encoder", composed(&light, random_head(Mode::Coupled, 32, &[16, 12])));
+        product("autoregressive, K = 32, encoder", composed(&light, random_head(Mode::Autoregressive, 32, &[16, 12])));
+        let head = ProductSampler::new(light.clone(), random_head(Mode::Coupled, 4, &[]));
+        add("head and cosine", Box::new(OneSampleMis::new(head, BrdfSampler)), true, false);
+        // A smooth tail that has nothing to do with the light (and hardly ever draws a sun), and compact emitters where there are any.
+        if environment.name() != "sunset" {
+            let flow = EnvironmentLight::with_tail(environment.clone(), Arc::new(swirl(environment)));
+            add("flow emitter", Box::new(EmitterSampler::new(flow.clone())), true, false);
+            let head = ProductSampler::new(flow, random_head(Mode::Coupled, 4, &[]));
+            add("flow and head", Box::new(OneSampleMis::new(head, BrdfSampler)), true, false);
+        }
+        let (width, height, luminance) = (environment.width(), environment.height(), environment.luminance());
+        if let Some(rest) = without_compact_emitters(width, height, &luminance) {
+            let compact = Arc::new(CompactEmitters::new(environment, &rest).unwrap());
+            let tail = Arc::new(Tail::new(kind, width, height, &rest).unwrap());
+            let head = || {
+                let light = EnvironmentLight::with_tail(environment.clone(), tail.clone());
+                ProductSampler::new(light, random_head(Mode::Coupled, 4, &[]))
+            };
+            add("compact and head", Box::new(WithCompactEmitters::new(compact.clone(), head())), true, false);
+            let rest = OneSampleMis::new(head(), BrdfSampler);
+            add("compact, head and cosine", Box::new(WithCompactEmitters::new(compact, rest)), true, false);
+        }
+        let name = format!("{} / {}", environment.name(), kind.name());
+        Self { name, cases, quadrature: Quadrature::new(environment), dense: Dense::new(&light), light }
+    }
+
+    pub fn environment(&self) -> &Arc<Environment> {
+        self.light.environment()
+    }
+
+    /// Normals where samplers go wrong: poles of the map and next to them, its seam, a node of the default table and the
+    /// middle between four, the brightest texel on the horizon, and anywhere.
+    pub fn normals(&self) -> Vec<Vec3A> {
+        let (width, height) = (self.environment().width(), self.environment().height());
+        let values = self.environment().luminance();
+        let brightest = (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap();
+        let (column, row) = ((brightest % width) as f32, (brightest / width) as f32);
+        let sun = latlong::direction(Vec2::new((column + 0.5) / width as f32, row / (height - 1) as f32));
+        let grid = NormalGrid::new(16, 32).unwrap();
+        let mut random = Stream::new(9, Purpose::Test, 0);
+        vec![
+            Vec3A::Y,
+            sun.any_orthonormal_vector(),
+            Vec3A::new(0.0, 0.3, -1.0).normalize(),
+            random.direction(),
+            grid.normal(5 * 32 + 7),
+            Vec3A::new(1e-4, -1.0, 3e-5).normalize(),
+            (grid.normal(5 * 32 + 7) + grid.normal(6 * 32 + 8)).normalize(),
+            -Vec3A::Y,
+            Vec3A::new(-2e-3, 1.0, 1e-3).normalize(),
+            (sun + 0.05 * sun.any_orthonormal_vector()).normalize(),
+            random.direction(),
+        ]
+    }
+}
+
+/// A flow tail that turns rows against each other.
+fn swirl(environment: &Environment) -> Tail {
+    let node = |k: usize| {
+        let y = Vec2::new((k % 32) as f32, (k / 32) as f32) / 32.0;
+        let v = y.y + 0.1 * (std::f32::consts::PI * y.y).sin() * (std::f32::consts::TAU * y.x).cos();
+        Vec2::new(y.x + 0.6 * y.y, if k / 32 == 32 { 1.0 } else { v.clamp(0.0, 1.0) })
+    };
+    let nodes: Vec<Vec2> = (0..32 * 33).map(node).collect();
+    let map = WarpMap::new(32, &nodes).unwrap();
+    Tail::flow(map, environment.width(), environment.height(), &environment.luminance()).unwrap()
+}
+
+fn composed<I: IntermediateDensity + 'static>(light: &EnvironmentLight, intermediate: I) -> Box<dyn Sampler> {
+    Box::new(ProductSampler::new(light.clone(), intermediate))
+}
+
+/// A table that no bake would give: waves, some cells at zero, and the nodes of -Y without any mass.
+fn waves() -> BakedTable {
+    BakedTable::fill(NormalGrid::new(5, 7).unwrap(), CellGrid::new(9, 13).unwrap(), |normal, masses| {
+        for (k, mass) in masses.iter_mut().enumerate() {
+            let wave = (0.7 * k as f32 + 3.0 * normal.x + normal.z).sin();
+            *mass = if normal.y < -0.999 { 0.0 } else { (wave + 0.9).max(0.0) * (1.1 + normal.y) };
+        }
+    })
+    .unwrap()
+}
+
+/// A head with random weights that is conditioned on the normal.
+fn random_head(mode: Mode, bins: usize, encoder: &[usize]) -> Head {
+    random_head_of(Condition::Normal, mode, bins, encoder, &[])
+}
+
+/// A head with random weights, of the size at which logits spread by about one. `encoder` and `selection` are the widths of
+/// their layers' outputs.
+pub fn random_head_of(condition: Condition, mode: Mode, bins: usize, encoder: &[usize], selection: &[usize]) -> Head {
+    let mut random = Stream::new(5, Purpose::Weights, bins as u64);
+    let mut network = |sizes: &[usize]| -> Vec<Linear> {
+        let mut layer = |inputs: usize, outputs: usize| {
+            let scale = 2.0 * (3.0 / inputs as f32).sqrt();
+            let mut values = |count: usize, scale: f32| -> Vec<f32> {
+                (0..count).map(|_| scale * (random.uniform() - 0.5)).collect()
+            };
+            let weight = values(inputs * outputs, scale);
+            Linear::new("random", inputs, outputs, &weight, values(outputs, 1.0)).unwrap()
+        };
+        sizes.windows(2).map(|pair| layer(pair[0], pair[1])).collect()
+    };
+    let encoder = network(&[&[condition.length()], encoder].concat());
+    let seen = condition.length() + encoder.last().map_or(0, Linear::outputs);
+    let features = if mode == Mode::Coupled { 2 } else { 0 };
+    let networks = [network(&[seen + features, 16, 16, 3 * bins + 1]), network(&[seen + 1, 16, 16, 3 * bins + 1])];
+    let selection = network(&[&[seen], selection].concat());
+    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_selection(selection).unwrap()
+}
+
+pub fn shading_point(normal: Vec3A) -> ShadingPoint {
+    let surface = Lambert { albedo: Vec3::ONE }.into();
+    ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, surface }
+}
