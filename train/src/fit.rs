@@ -231,8 +231,8 @@ mod tests {
             condition.copy_from_slice(&(self.draw)(TAU * stream.uniform()));
         }
 
-        fn at(&self, condition: &[f32], y: [f32; 2]) -> PointValues {
-            PointValues::of((self.density)(condition, y))
+        fn at_points(&self, condition: &[f32], y: &[[f32; 2]]) -> Vec<PointValues> {
+            y.iter().map(|&y| PointValues::of((self.density)(condition, y))).collect()
         }
     }
 
