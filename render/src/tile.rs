@@ -4,7 +4,7 @@ use glam::Vec3A;
 
 use crate::{
     brdf::{Brdf, BrdfTable, MAX_PARAMETERS, Surface, Surfaces},
-    columns::{Arena, gather, scatter, strips},
+    columns::{Arena, gather, scatter, strips, vectorized},
     simd::{LANES, Lanes},
 };
 
@@ -43,6 +43,8 @@ pub struct Tile {
     keys: Vec<u32>,
     /// Most parameters of the BRDFs that are there.
     used: usize,
+    /// Whether all points have one BRDF.
+    is_uniform: bool,
     brdfs: BrdfTable,
 }
 
@@ -96,11 +98,16 @@ impl Tile {
                 column[strip][lane] = number;
             }
         }
-        for (column, number) in self.parameters.iter_mut().zip(point.surface.parameters) {
+        let parameters = self.brdfs.get(point.surface.brdf).parameters();
+        for (k, column) in self.parameters.iter_mut().enumerate() {
             grow(column);
-            column[strip][lane] = number;
+            // Numbers that the BRDF does not have are not read.
+            if k < parameters {
+                column[strip][lane] = point.surface.parameters[k];
+            }
         }
-        self.used = self.used.max(self.brdfs.get(point.surface.brdf).parameters());
+        self.used = self.used.max(parameters);
+        self.is_uniform = self.brdf.first().is_none_or(|&first| self.is_uniform && first == point.surface.brdf);
         self.brdf.push(point.surface.brdf);
         self.keys.push(key);
         self.len += 1;
@@ -120,8 +127,12 @@ impl Tile {
     pub fn point(&self, row: usize) -> ShadingPoint {
         let (strip, lane) = (row / LANES, row % LANES);
         let vector = |which: usize| Vec3A::from_array(self.vectors[which].each_ref().map(|column| column[strip][lane]));
-        let parameters = self.parameters.each_ref().map(|column| column[strip][lane]);
-        let surface = Surface { brdf: self.brdf[row], parameters };
+        let (brdf, mut parameters) = (self.brdf[row], [0.0; MAX_PARAMETERS]);
+        let used = self.brdfs.get(brdf).parameters();
+        for (parameter, column) in parameters.iter_mut().zip(&self.parameters).take(used) {
+            *parameter = column[strip][lane];
+        }
+        let surface = Surface { brdf, parameters };
         ShadingPoint { p: vector(P), ng: vector(NG), ns: vector(NS), wo: vector(WO), surface }
     }
 
@@ -241,15 +252,7 @@ impl<'a> Rows<'a> {
                 }
             }
         });
-        for strip in 0..self.strips() {
-            let ng = self.strip(&self.tile.vectors[NG], strip);
-            for lane in 0..LANES {
-                let cosine = ng[0][lane] * wi[0][strip][lane] + ng[1][lane] * wi[1][strip][lane] + ng[2][lane] * wi[2][strip][lane];
-                for channel in &mut out {
-                    channel[strip][lane] = if cosine > 0.0 { channel[strip][lane] } else { 0.0 };
-                }
-            }
-        }
+        above_ground(self, wi, out);
     }
 
     /// Draws directions by the BRDFs; pdf 0 is no sample.
@@ -298,7 +301,7 @@ impl<'a> Rows<'a> {
             return;
         }
         let (tile, first) = (self.tile, self.tile.brdf[self.row(0)]);
-        if (1..self.len()).all(|place| tile.brdf[self.row(place)] == first) {
+        if tile.is_uniform || (1..self.len()).all(|place| tile.brdf[self.row(place)] == first) {
             return self.with_surfaces(arena, |surfaces| {
                 work(Group { brdf: tile.brdfs.get(first), places: None, strips: self.strips(), surfaces });
             });
@@ -332,6 +335,30 @@ impl<'a> Rows<'a> {
         }
         let [nx, ny, nz, ox, oy, oz, parameters @ ..] = gathered.get();
         work(Surfaces { n: [nx, ny, nz], wo: [ox, oy, oz], parameters });
+    }
+}
+
+vectorized! {
+    /// Sets to zero what belongs to directions below the geometric surface.
+    fn above_ground['a](_simd, rows: &'a Rows<'a>, wi: [&'a [Lanes]; 3], values: [&'a mut [Lanes]; 3]) {
+        let [red, green, blue] = values;
+        for strip in 0..rows.strips() {
+            let ng = rows.strip(&rows.tile.vectors[NG], strip);
+            let mut cosine = [0.0; LANES];
+            for lane in 0..LANES {
+                let [x, y, z] = [wi[0][strip][lane], wi[1][strip][lane], wi[2][strip][lane]];
+                cosine[lane] = ng[0][lane] * x + ng[1][lane] * y + ng[2][lane] * z;
+            }
+            for lane in 0..LANES {
+                red[strip][lane] = if cosine[lane] > 0.0 { red[strip][lane] } else { 0.0 };
+            }
+            for lane in 0..LANES {
+                green[strip][lane] = if cosine[lane] > 0.0 { green[strip][lane] } else { 0.0 };
+            }
+            for lane in 0..LANES {
+                blue[strip][lane] = if cosine[lane] > 0.0 { blue[strip][lane] } else { 0.0 };
+            }
+        }
     }
 }
 

@@ -207,7 +207,8 @@ mod tests {
         let mut random = Stream::new(1, Purpose::Test, 0);
         for _ in 0..10_000 {
             let normal = Vec3::from(random.direction());
-            let (wo, wi) = (above(normal, Vec3::from(random.direction())), above(normal, Vec3::from(random.direction())));
+            let (wo, wi) =
+                (above(normal, Vec3::from(random.direction())), above(normal, Vec3::from(random.direction())));
             let ggx = Ggx::new(random.uniform(), Vec3::ONE);
             let value = ggx.evaluate_cosine(normal, wo, wi);
             assert_eq!(value, Vec3::splat(ggx.lobe_cosine(normal, wo, wi)));
@@ -219,7 +220,8 @@ mod tests {
         let mut random = Stream::new(2, Purpose::Test, 0);
         for _ in 0..10_000 {
             let normal = Vec3::from(random.direction());
-            let (wo, wi) = (above(normal, Vec3::from(random.direction())), above(normal, Vec3::from(random.direction())));
+            let (wo, wi) =
+                (above(normal, Vec3::from(random.direction())), above(normal, Vec3::from(random.direction())));
             let ggx = Ggx::new(random.uniform(), Vec3::new(0.04, 0.5, 1.0));
             let there = ggx.evaluate_cosine(normal, wo, wi) * normal.dot(wo);
             let back = ggx.evaluate_cosine(normal, wi, wo) * normal.dot(wi);

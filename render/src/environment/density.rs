@@ -54,7 +54,12 @@ impl Grid<'_> {
     pub fn corners(&self, column: usize, row: usize) -> Corners {
         let next = if column + 1 == self.width { 0 } else { column + 1 };
         let (upper, lower) = (row * self.width, (row + 1) * self.width);
-        Corners([self.node(upper + column), self.node(upper + next), self.node(lower + column), self.node(lower + next)])
+        Corners([
+            self.node(upper + column),
+            self.node(upper + next),
+            self.node(lower + column),
+            self.node(lower + next),
+        ])
     }
 
     #[inline(always)]
@@ -143,11 +148,12 @@ impl BilinearDensity {
     pub fn cell(&self, x: Vec2) -> (usize, usize, Vec2) {
         let shifted = x.x * self.width as f32 - 0.5;
         let across = if shifted < 0.0 { shifted + self.width as f32 } else { shifted };
-        let column = (across as usize).min(self.width - 1);
+        // Signed, as SIMD has no conversion to unsigned integers; what is not a number becomes 0.
+        let column = (across as i32).clamp(0, self.width as i32 - 1);
         let down = x.y * self.rows() as f32;
-        let row = (down as usize).min(self.rows() - 1);
+        let row = (down as i32).clamp(0, self.rows() as i32 - 1);
         let inside = Vec2::new(across - column as f32, down - row as f32).clamp(Vec2::ZERO, Vec2::ONE);
-        (column, row, inside)
+        (column as usize, row as usize, inside)
     }
 
     /// The point of X at a position inside a cell: the inverse of [`Self::cell`].

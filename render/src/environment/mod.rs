@@ -147,7 +147,11 @@ impl Environment {
 
     /// The map as an image.
     pub fn to_image(&self) -> Image {
-        Image { width: self.width, height: self.height, pixels: self.texels.iter().map(|&[red, green, blue, _]| [red, green, blue]).collect() }
+        Image {
+            width: self.width,
+            height: self.height,
+            pixels: self.texels.iter().map(|&[red, green, blue, _]| [red, green, blue]).collect(),
+        }
     }
 
     /// Radiance at a point of the square; `x.x` in `[0, 1]`, `x.y` in `[0, 1]`.

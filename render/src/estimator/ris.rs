@@ -97,7 +97,8 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
         arena: &Arena,
     ) {
         let of_first = index % 2 == 0;
-        let (first, second): ((&dyn Sampler, _), (&dyn Sampler, _)) = ((&self.first, states[0]), (&self.second, states[1]));
+        let (first, second): ((&dyn Sampler, _), (&dyn Sampler, _)) =
+            ((&self.first, states[0]), (&self.second, states[1]));
         let (own, other) = if of_first { (first, second) } else { (second, first) };
         let mut columns = arena.columns::<10>(at.strips());
         let [u, v, survives, x, y, z, own_pdf, target, green, blue] = columns.get_mut();
@@ -106,8 +107,7 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
         integrand(at, &self.environment, [x, y, z], [target, green, blue], arena);
         for strip in 0..at.strips() {
             for lane in 0..LANES {
-                let luminance =
-                    0.2126 * target[strip][lane] + 0.7152 * green[strip][lane] + 0.0722 * blue[strip][lane];
+                let luminance = 0.2126 * target[strip][lane] + 0.7152 * green[strip][lane] + 0.0722 * blue[strip][lane];
                 target[strip][lane] = if own_pdf[strip][lane] > 0.0 { luminance } else { 0.0 };
             }
         }
@@ -130,7 +130,8 @@ impl<A: Sampler, B: Sampler> Estimator for Ris<A, B> {
         let mut columns = arena.columns::<5>(at.strips());
         let [total, x, y, z, target] = columns.get_mut();
         timed(Stage::Sampling, || {
-            let mut reservoirs = Reservoirs { total: &mut *total, wi: [&mut *x, &mut *y, &mut *z], target: &mut *target };
+            let mut reservoirs =
+                Reservoirs { total: &mut *total, wi: [&mut *x, &mut *y, &mut *z], target: &mut *target };
             reservoirs.clear();
             prepared(&self.first, at, arena, |first| {
                 prepared(&self.second, at, arena, |second| {

@@ -33,7 +33,13 @@ impl<S: Sampler> Estimator for SingleSample<S> {
         points.draw(Dimension::Light(0), at, [&mut *u, &mut *v]);
         timed(Stage::Sampling, || {
             prepared(&self.sampler, at, arena, |state| {
-                self.sampler.sample(at, state, [u, v], Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf }, arena);
+                self.sampler.sample(
+                    at,
+                    state,
+                    [u, v],
+                    Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf },
+                    arena,
+                );
             });
         });
         timed(Stage::Shading, || {

@@ -19,7 +19,8 @@ use crate::{
     error::{Error, Result},
     head::{Condition, Head, Mode},
     sampler::{
-        BrdfSampler, CompactEmitters, Covering, EnvironmentLight, OneSampleMis, ProductSampler, Sampler, WithCompactEmitters,
+        BrdfSampler, CompactEmitters, Covering, EnvironmentLight, OneSampleMis, ProductSampler, Sampler,
+        WithCompactEmitters,
     },
     tail::{Tail, TailKind},
 };
@@ -183,7 +184,8 @@ impl ExportedSampler {
     /// [`Error::Argument`]: the sampler was made for another map, see [`Self::check_environment`], or its compact emitters are damaged.
     pub fn sampler(self, environment: &Arc<Environment>, mixed: bool) -> Result<Arc<dyn Sampler>> {
         self.check_environment(environment)?;
-        let compact = self.compact_emitters.then(|| CompactEmitters::new(environment, &self.luminance.2)).transpose()?;
+        let compact =
+            self.compact_emitters.then(|| CompactEmitters::new(environment, &self.luminance.2)).transpose()?;
         let light = EnvironmentLight::with_tail(environment.clone(), self.tail);
         let product: Arc<dyn Sampler> = match self.intermediate {
             Intermediate::Head(head) => Arc::new(ProductSampler::new(light, head)),

@@ -147,7 +147,8 @@ struct Film {
 
 impl Film {
     fn new(width: usize, height: usize) -> Self {
-        let mut film = Self { width, height, places: Vec::with_capacity(width * height), sums: Vec::new(), tiles: Vec::new() };
+        let mut film =
+            Self { width, height, places: Vec::with_capacity(width * height), sums: Vec::new(), tiles: Vec::new() };
         for top in (0..height).step_by(TILE) {
             for left in (0..width).step_by(TILE) {
                 let before = film.places.len();

@@ -194,7 +194,14 @@ impl<S: Sampler> WithCompactEmitters<S> {
     }
 
     /// `pdf` holds that of the rest before and that of the mixture after.
-    fn mix(&self, at: &Rows<'_>, shares: &dyn Fn(usize, usize) -> f32, wi: [&[Lanes]; 3], pdf: &mut [Lanes], arena: &Arena) {
+    fn mix(
+        &self,
+        at: &Rows<'_>,
+        shares: &dyn Fn(usize, usize) -> f32,
+        wi: [&[Lanes]; 3],
+        pdf: &mut [Lanes],
+        arena: &Arena,
+    ) {
         let count = self.compact.count();
         for (place, pdf) in pdf.as_flattened_mut()[..at.len()].iter_mut().enumerate() {
             *pdf *= shares(place, count);

@@ -35,7 +35,8 @@ impl EnvironmentLight {
     pub fn with_tail(environment: Arc<Environment>, tail: Arc<Tail>) -> Self {
         let coverage = if reaches(&tail, &environment) { Coverage::Everything } else { Coverage::LightOfTail };
         let light = environment.density();
-        let tail = if tail.light().is_same(light) { Arc::new(Arc::unwrap_or_clone(tail).with_light(light)) } else { tail };
+        let tail =
+            if tail.light().is_same(light) { Arc::new(Arc::unwrap_or_clone(tail).with_light(light)) } else { tail };
         Self { environment, tail, coverage }
     }
 

@@ -37,7 +37,8 @@ impl<A: Sampler, B: Sampler> Sampler for OneSampleMis<A, B> {
         }
         let first = Part { own: &self.first, other: &self.second, places: &of_first, from: |_| 0.0, to: |share| share };
         first.sample(at, shares, u, &mut out, arena);
-        let second = Part { own: &self.second, other: &self.first, places: &of_second, from: |share| share, to: |_| 1.0 };
+        let second =
+            Part { own: &self.second, other: &self.first, places: &of_second, from: |share| share, to: |_| 1.0 };
         second.sample(at, shares, u, &mut out, arena);
     }
 
@@ -55,7 +56,10 @@ impl<A: Sampler, B: Sampler> Sampler for OneSampleMis<A, B> {
 
     fn coverage(&self) -> Coverage {
         let both = [self.first.coverage(), self.second.coverage()];
-        [Coverage::Everything, Coverage::LightOfTail].into_iter().find(|kind| both.contains(kind)).unwrap_or(Coverage::Part)
+        [Coverage::Everything, Coverage::LightOfTail]
+            .into_iter()
+            .find(|kind| both.contains(kind))
+            .unwrap_or(Coverage::Part)
     }
 }
 

@@ -92,7 +92,8 @@ impl Oracle {
 
     /// Adds what BRDF samples see in cells coarser than `resolved`.
     fn add_lobe_parts(&self, point: &OnePoint, resolved: f32, values: &mut [f32]) {
-        let u = |k: usize| Vec2::new((k % LOBE_POINTS) as f32 + 0.5, (k / LOBE_POINTS) as f32 + 0.5) / LOBE_POINTS as f32;
+        let u =
+            |k: usize| Vec2::new((k % LOBE_POINTS) as f32 + 0.5, (k / LOBE_POINTS) as f32 + 0.5) / LOBE_POINTS as f32;
         let u: Vec<Vec2> = (0..LOBE_POINTS * LOBE_POINTS).map(u).collect();
         let (wi, pdfs): (Vec<_>, Vec<_>) = point.sample_brdf(&u).into_iter().flatten().unzip();
         let x: Vec<Vec2> = wi.iter().map(|&wi| latlong::square(wi)).collect();
@@ -198,7 +199,15 @@ impl IntermediateDensity for Oracle {
         }
     }
 
-    fn sample(&self, at: &Rows<'_>, state: &[Lanes], z: [&[Lanes]; 2], y: [&mut [Lanes]; 2], q: &mut [Lanes], _: &Arena) {
+    fn sample(
+        &self,
+        at: &Rows<'_>,
+        state: &[Lanes],
+        z: [&[Lanes]; 2],
+        y: [&mut [Lanes]; 2],
+        q: &mut [Lanes],
+        _: &Arena,
+    ) {
         let [z_u, z_v] = z.map(<[Lanes]>::as_flattened);
         let [y_u, y_v] = y.map(<[Lanes]>::as_flattened_mut);
         for place in 0..at.len() {

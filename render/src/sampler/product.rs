@@ -14,7 +14,15 @@ pub trait IntermediateDensity: Send + Sync {
     fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena);
 
     /// Carries uniform points `z` of `[0, 1)^2` to `y` and the density over Y there.
-    fn sample(&self, at: &Rows<'_>, state: &[Lanes], z: [&[Lanes]; 2], y: [&mut [Lanes]; 2], q: &mut [Lanes], arena: &Arena);
+    fn sample(
+        &self,
+        at: &Rows<'_>,
+        state: &[Lanes],
+        z: [&[Lanes]; 2],
+        y: [&mut [Lanes]; 2],
+        q: &mut [Lanes],
+        arena: &Arena,
+    );
 
     /// The density over Y at `y`.
     fn density(&self, at: &Rows<'_>, state: &[Lanes], y: [&[Lanes]; 2], q: &mut [Lanes], arena: &Arena);

@@ -45,8 +45,7 @@ impl<'a> AtPoint<'a> {
             let out = Draws { wi: [x, y, z], pdf };
             self.sampler.sample(&self.point.tile().rows(), &self.state, u, out, &self.point.arena);
         };
-        let direction =
-            |[x, y, z, pdf]: [f32; 4]| (pdf > 0.0).then_some(Direction { wi: Vec3A::new(x, y, z), pdf });
+        let direction = |[x, y, z, pdf]: [f32; 4]| (pdf > 0.0).then_some(Direction { wi: Vec3A::new(x, y, z), pdf });
         self.point.map(u, draw).map(direction).collect()
     }
 

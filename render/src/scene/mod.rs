@@ -194,13 +194,7 @@ impl Scene {
 
     /// [`Self::intersect`] of many rays: fills a tile with what they hit, and `indices` with the rays that hit something, in order. `key` gives
     /// the key of a ray's shading point.
-    pub fn intersect_batch(
-        &self,
-        rays: &[Ray],
-        key: impl Fn(usize) -> u32,
-        tile: &mut Tile,
-        indices: &mut Vec<usize>,
-    ) {
+    pub fn intersect_batch(&self, rays: &[Ray], key: impl Fn(usize) -> u32, tile: &mut Tile, indices: &mut Vec<usize>) {
         let mut hits = vec![None; rays.len()];
         self.bvh.closest_batch(rays, &mut hits);
         tile.clear(&self.brdfs);

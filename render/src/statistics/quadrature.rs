@@ -61,7 +61,8 @@ impl Quadrature {
             let radiance = light.environment().radiance_at(x);
             (emitter_pdf > 0.0 && emitter_pdf.is_finite()).then_some(Point { wi, radiance, emitter_pdf })
         };
-        let points = y.par_chunks(4096).flat_map_iter(|y| light.tail().forward_directions(y).filter_map(point)).collect();
+        let points =
+            y.par_chunks(4096).flat_map_iter(|y| light.tail().forward_directions(y).filter_map(point)).collect();
         Self { light: light.clone(), shape, points }
     }
 
@@ -75,9 +76,16 @@ impl Quadrature {
         let of_lobe: Vec<Vec3A> = point.sample_brdf(&u).into_iter().flatten().map(|drawn| drawn.0).collect();
         let emitter_pdfs = self.light.pdfs(&of_lobe);
         let of_lobe = of_lobe.into_iter().zip(emitter_pdfs);
-        let points: Vec<Point> = self.points.iter().copied().chain(of_lobe.map(|(wi, emitter_pdf)| {
-            Point { wi, radiance: self.light.environment().radiance(wi), emitter_pdf }
-        })).collect();
+        let points: Vec<Point> = self
+            .points
+            .iter()
+            .copied()
+            .chain(of_lobe.map(|(wi, emitter_pdf)| Point {
+                wi,
+                radiance: self.light.environment().radiance(wi),
+                emitter_pdf,
+            }))
+            .collect();
         let wi: Vec<Vec3A> = points.iter().map(|point| point.wi).collect();
         let brdf_pdfs = if side > 0 { point.brdf_pdfs(&wi) } else { vec![0.0; wi.len()] };
         let term = |((point, brdf_cosine), brdf_pdf): ((Point, Vec3A), f32)| {

@@ -409,7 +409,8 @@ mod tests {
             for row in 0..rows {
                 for column in 0..columns {
                     let bounds = tree.bounds(&[column as u32; LANES], &[row as u32; LANES]);
-                    let [left, right, top, bottom] = [bounds.left, bounds.right, bounds.top, bounds.bottom].map(|side| side[0]);
+                    let [left, right, top, bottom] =
+                        [bounds.left, bounds.right, bounds.top, bounds.bottom].map(|side| side[0]);
                     let (area, mass) = ((right - left) * (bottom - top), tree.grid.corners(column, row).mean() / cells);
                     assert!((0.0..=1.0).contains(&left) && right <= 1.0 && top >= 0.0 && bottom <= 1.0);
                     // Four bounds, each rounded to 6e-8, times sides of at most 1.

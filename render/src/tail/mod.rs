@@ -72,10 +72,7 @@ fn one(point: Vec2, warp: impl FnOnce([&[Lanes]; 2], [&mut [Lanes]; 2], &mut [La
 }
 
 /// A list of points through a function over columns.
-fn in_columns(
-    points: &[Vec2],
-    warp: impl FnOnce([&[Lanes]; 2], [&mut [Lanes]; 2], &mut [Lanes]),
-) -> Vec<(Vec2, f32)> {
+fn in_columns(points: &[Vec2], warp: impl FnOnce([&[Lanes]; 2], [&mut [Lanes]; 2], &mut [Lanes])) -> Vec<(Vec2, f32)> {
     let column = || vec![[0.0; LANES]; strips(points.len())];
     let (mut from, mut to, mut factor) = ([column(), column()], [column(), column()], column());
     let [u, v] = from.each_mut().map(|column| column.as_flattened_mut());
@@ -89,12 +86,7 @@ fn in_columns(
 }
 
 /// A warp that is written for one point, lane by lane.
-fn each_lane(
-    from: [&[Lanes]; 2],
-    to: [&mut [Lanes]; 2],
-    factor: &mut [Lanes],
-    warp: impl Fn(Vec2) -> (Vec2, f32),
-) {
+fn each_lane(from: [&[Lanes]; 2], to: [&mut [Lanes]; 2], factor: &mut [Lanes], warp: impl Fn(Vec2) -> (Vec2, f32)) {
     let [u, v] = from.map(|column| column.as_flattened());
     let [x, y] = to.map(|column| column.as_flattened_mut());
     for (k, factor) in factor.as_flattened_mut().iter_mut().enumerate() {

@@ -66,8 +66,7 @@ impl TailMap for Tail {
 
 impl<F: Fn([f32; 2]) -> [f32; 3] + Sync> TailMap for F {
     fn forward(&self, y: &[[f32; 2]]) -> Vec<TailPoint> {
-        let point =
-            |&y| TailPoint { x: y, direction: Vec3A::from_array(self(y)), pdf: 1.0, density: 1.0, light: 1.0 };
+        let point = |&y| TailPoint { x: y, direction: Vec3A::from_array(self(y)), pdf: 1.0, density: 1.0, light: 1.0 };
         y.iter().map(point).collect()
     }
 }
