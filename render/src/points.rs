@@ -66,7 +66,7 @@ impl Points {
         dimension: Dimension,
         count: usize,
         key: impl Fn(usize) -> u32,
-        mut out: [&mut [Lanes]; N],
+        out: [&mut [Lanes]; N],
     ) {
         const { assert!(0 < N && N <= 4) };
         for (place, bits) in out[0].as_flattened_mut().iter_mut().enumerate() {

@@ -95,7 +95,7 @@ fn what_a_material_leaves_out_is_metallic_and_rough() {
     for material in [json!({}), json!({"pbrMetallicRoughness": {}})] {
         set(&mut json, "/materials/0", material);
         let surface = surface_at(&load(&json, &bin).unwrap(), 0.2, 0.2);
-        assert_eq!((surface.base_color(), surface.metallic(), surface.roughness()), (Vec3::ONE, 1.0, 1.0));
+        assert_eq!((surface.base_color(), surface.metallic(), surface.roughness()), (glam::Vec3::ONE, 1.0, 1.0));
     }
 }
 
