@@ -98,6 +98,8 @@ pub struct TrainingSummary {
 }
 
 /// The intermediate density of an exported file.
+// There is one of it for each file: a pointer to the larger variant would save nothing.
+#[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug)]
 pub enum Intermediate {
     /// A head warp.

@@ -87,8 +87,8 @@ fn in_columns(points: &[Vec2], warp: impl FnOnce([&[Lanes]; 2], [&mut [Lanes]; 2
 
 /// A warp that is written for one point, lane by lane.
 fn each_lane(from: [&[Lanes]; 2], to: [&mut [Lanes]; 2], factor: &mut [Lanes], warp: impl Fn(Vec2) -> (Vec2, f32)) {
-    let [u, v] = from.map(|column| column.as_flattened());
-    let [x, y] = to.map(|column| column.as_flattened_mut());
+    let [u, v] = from.map(<[Lanes]>::as_flattened);
+    let [x, y] = to.map(<[Lanes]>::as_flattened_mut);
     for (k, factor) in factor.as_flattened_mut().iter_mut().enumerate() {
         let (point, own) = warp(Vec2::new(u[k], v[k]));
         (x[k], y[k], *factor) = (point.x, point.y, own);
