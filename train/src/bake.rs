@@ -6,7 +6,6 @@ use glam::{Vec2, Vec3A};
 use headtail_render::{
     bake::{BakedTable, CellGrid, CellPoints, NormalGrid},
     head::{Condition, Head},
-    sampler::IntermediateDensity,
     tail::Tail,
 };
 
@@ -35,14 +34,13 @@ pub fn learned_bake(head: &Head, tail: &Tail, normals: NormalGrid, cells: CellGr
     let cosine = head.has_selection().then(|| PulledBackCosine::new(tail, &positions));
     let points_of_cell = positions.len() / cells.cells();
     Ok(BakedTable::fill(normals, cells, |normal, masses| {
-        let prepared = head.prepare_normal(normal);
-        let mut densities = vec![0.0; positions.len()];
-        head.density_prepared(&vec![&prepared; positions.len()], &positions, &mut densities);
+        let head = head.at(&normal.to_array()).expect("its condition is the normal");
+        let densities: Vec<f32> = head.invert(&positions).into_iter().map(|(_, density)| density).collect();
         for (mass, densities) in masses.iter_mut().zip(densities.chunks_exact(points_of_cell)) {
             *mass = (densities.iter().map(|q| q * q).sum::<f32>() / densities.len() as f32).sqrt();
         }
         if let Some(cosine) = &cosine {
-            let share = head.share_beside_brdf(&prepared);
+            let share = head.share();
             let densities: Vec<f32> = cosine.densities(normal).collect();
             for (mass, densities) in masses.iter_mut().zip(densities.chunks_exact(points_of_cell)) {
                 // The mean: where the map is dark the cosine's density over Y is large, and a mixture need not follow it.
@@ -69,11 +67,7 @@ struct PulledBackCosine {
 
 impl PulledBackCosine {
     fn new(tail: &Tail, positions: &[Vec2]) -> Self {
-        let at = |&y: &Vec2| {
-            let (_, wi, pdf) = tail.forward_direction(y);
-            (wi, pdf)
-        };
-        Self { points: positions.iter().map(at).collect() }
+        Self { points: tail.forward_directions(positions).map(|(_, wi, pdf)| (wi, pdf)).collect() }
     }
 
     /// In the order of the points; 0 where no light is.

@@ -93,10 +93,7 @@ mod tests {
         HeadConfig,
         burn::prelude::{Tensor, TensorData},
     };
-    use headtail_render::{
-        random::{Purpose, Stream},
-        sampler::IntermediateDensity,
-    };
+    use headtail_render::random::{Purpose, Stream};
 
     use super::*;
     use crate::{Backend, test_support::random_head};
@@ -124,19 +121,19 @@ mod tests {
                 let mut stream = Stream::new(6, Purpose::Test, 0);
                 for _ in 0..200 {
                     let (normal, wo, point) = (stream.direction(), stream.direction(), stream.uniform2());
-                    let condition = native.condition().encode(wo, normal, 0.1 + 0.9 * stream.uniform());
+                    let condition = native.condition().encode(wo.into(), normal.into(), 0.1 + 0.9 * stream.uniform());
                     let condition = &condition[..native.condition().length()];
                     let c = TensorData::new(condition.to_vec(), [1, condition.len()]);
                     let c = Tensor::<2>::from_data(c, &device);
                     let x = Tensor::<3>::from_data(TensorData::new(point.to_array().to_vec(), [1, 1, 2]), &device);
-                    let prepared = native.prepare_condition(condition);
+                    let at = native.at(condition).unwrap();
                     if let Some(logit) = head.selection_logits(c.clone()) {
                         let expected = headtail_model::head::selection_probability(logit.into_scalar::<f32>());
-                        assert!((native.share_beside_brdf(&prepared) - expected).abs() < 1e-6);
+                        assert!((at.share() - expected).abs() < 1e-6);
                     }
                     for ((there, log), (native_there, density)) in [
-                        (head.inverse(&x, c.clone()), native.inverse_at(&prepared, point)),
-                        (head.sample(&x, c), native.sample_at(&prepared, point)),
+                        (head.inverse(&x, c.clone()), at.invert(&[point])[0]),
+                        (head.sample(&x, c), at.sample(&[point])[0]),
                     ] {
                         let there = there.try_into_vec_as::<f32>().unwrap();
                         let apart = (Vec2::new(there[0], there[1]) - native_there).abs();

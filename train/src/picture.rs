@@ -31,6 +31,7 @@ const GAP: usize = 4;
 pub fn density_pictures(head: &Head, config: &FitConfig, target: &dyn Target, count: u64, folder: &Path) -> Result<()> {
     let failed = |reason: std::io::Error| Error::Output { path: folder.to_owned(), reason: reason.to_string() };
     std::fs::create_dir_all(folder).map_err(failed)?;
+    let points: Vec<[f32; 2]> = points().collect();
     for index in 0..count {
         let mut stream = Stream::new(config.seed, Purpose::Validation, 1 + index);
         let mut condition = vec![0.0; target.condition().length()];
@@ -38,7 +39,7 @@ pub fn density_pictures(head: &Head, config: &FitConfig, target: &dyn Target, co
         // Nearly every condition sees light: a run with none that does has ended before.
         for _ in 0..100 {
             target.draw_condition(&mut stream, &mut condition);
-            wanted = normalized(points().map(|y| target.at(&condition, y).target).collect());
+            wanted = normalized(target.at_points(&condition, &points).iter().map(|values| values.target).collect());
             if wanted.iter().any(|&value| value > 0.0) {
                 break;
             }
@@ -71,8 +72,9 @@ fn learned_density(head: &Head, config: &FitConfig, target: &dyn Target, conditi
     let mut densities: Vec<f32> = logs.into_iter().map(f32::exp).collect();
     if let Some(logit) = head.selection_logits(c) {
         let p = selection_probability(logit.into_scalar::<f32>());
-        for (density, y) in densities.iter_mut().zip(points()) {
-            *density = p * *density + (1.0 - p) * target.at(condition, y).brdf;
+        let values = target.at_points(condition, &points().collect::<Vec<_>>());
+        for (density, values) in densities.iter_mut().zip(values) {
+            *density = p * *density + (1.0 - p) * values.brdf;
         }
     }
     Ok(densities)

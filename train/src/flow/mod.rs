@@ -132,8 +132,7 @@ fn draw(exact: &Tail, strata: usize, uniform: f32, seed: u64, index: u64) -> Vec
     let mut stream = Stream::new(seed, Purpose::Tail, index);
     let stratum = |k: usize| Vec2::new((k % strata) as f32, (k / strata) as f32);
     let y: Vec<Vec2> = (0..strata * strata).map(|k| (stratum(k) + stream.uniform2()) / strata as f32).collect();
-    let mut x = vec![(Vec2::ZERO, 0.0); y.len()];
-    exact.forward_batch(&y, &mut x);
+    let mut x = exact.forward_points(&y);
     for (x, _) in &mut x {
         if stream.uniform() < uniform {
             *x = stream.uniform2();
@@ -153,7 +152,8 @@ struct Validation {
 impl Validation {
     fn new(exact: &Tail, seed: u64) -> Self {
         let points = draw(exact, VALIDATION_STRATA, 0.0, seed, u64::MAX);
-        let densities: Vec<f32> = points.chunks_exact(2).map(|x| exact.density(Vec2::from_slice(x))).collect();
+        let x: Vec<Vec2> = points.chunks_exact(2).map(Vec2::from_slice).collect();
+        let densities: Vec<f32> = exact.inverse_points(&x).into_iter().map(|(_, density)| density).collect();
         let entropy = densities.iter().map(|&p| f64::from(p).ln()).sum::<f64>() / densities.len() as f64;
         Self { points, entropy, densities }
     }

@@ -165,25 +165,29 @@ pub(super) fn place_strata_and_brdf_samples<T: Target + ?Sized>(
     place: PlacedPoints<'_>,
 ) -> Result<()> {
     let PlacedPoints { points, densities, weights, brdf, tails } = place;
+    let (points, _) = points.as_chunks_mut::<2>();
     let strata = shape.strata;
-    let uniform = strata * strata;
-    let count = shape.samples() as f32;
-    for (index, y) in points.chunks_exact_mut(2).enumerate() {
-        if index < uniform {
-            y[0] = ((index % strata) as f32 + y[0]) / strata as f32;
-            y[1] = ((index / strata) as f32 + y[1]) / strata as f32;
-        } else {
-            let turn = (index - uniform) as f32;
-            let u = [(turn + y[0]) / shape.brdf_samples as f32, y[1]];
-            let Some(found) = target.brdf_sample(condition, u) else {
-                y.fill(0.5);
-                weights[index] = 0.0;
-                continue;
-            };
-            y.copy_from_slice(&found);
+    let (uniform, of_brdf) = points.split_at_mut(strata * strata);
+    for (index, y) in uniform.iter_mut().enumerate() {
+        y[0] = ((index % strata) as f32 + y[0]) / strata as f32;
+        y[1] = ((index / strata) as f32 + y[1]) / strata as f32;
+    }
+    for (turn, u) in of_brdf.iter_mut().enumerate() {
+        u[0] = (turn as f32 + u[0]) / shape.brdf_samples as f32;
+    }
+    let found = target.brdf_samples(condition, of_brdf);
+    for ((y, found), weight) in of_brdf.iter_mut().zip(found).zip(&mut weights[strata * strata..]) {
+        if found.is_none() {
+            *weight = 0.0;
         }
-        let at = [y[0], y[1]];
-        let values = checked(target.at(condition, at), condition, at)?;
+        *y = found.unwrap_or([0.5; 2]);
+    }
+    let (uniform, count) = (strata * strata, shape.samples() as f32);
+    for (index, (&at, values)) in points.iter().zip(target.at_points(condition, points)).enumerate() {
+        if weights[index] == 0.0 {
+            continue;
+        }
+        let values = checked(values, condition, at)?;
         densities[index] = values.target;
         brdf[index] = values.brdf;
         tails[index] = values.tail;

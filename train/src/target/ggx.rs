@@ -1,8 +1,12 @@
 //! Microfacet surfaces.
 
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3, Vec3A};
 use headtail_model::Condition;
-use headtail_render::{brdf, head, random::Stream};
+use headtail_render::{
+    brdf::{self, Kernel},
+    head,
+    random::Stream,
+};
 
 use super::{Surface, Viewpoints};
 
@@ -25,9 +29,9 @@ impl Ggx {
     }
 
     /// `(wo, n)` and the BRDF.
-    fn decode(&self, condition: &[f32]) -> ([Vec3A; 2], brdf::Ggx) {
-        let directions = [Vec3A::from_slice(condition), Vec3A::from_slice(&condition[3..])];
-        (directions, brdf::Ggx::new(self.alpha(condition), Vec3A::ONE))
+    fn decode(&self, condition: &[f32]) -> ([Vec3; 2], brdf::Ggx) {
+        let directions = [Vec3::from_slice(condition), Vec3::from_slice(&condition[3..])];
+        (directions, brdf::Ggx::new(self.alpha(condition), Vec3::ONE))
     }
 }
 
@@ -40,23 +44,24 @@ impl Surface for Ggx {
         let [wo, n] = self.viewpoints.draw(stream);
         let alpha = if self.low == self.high { self.low } else { self.low + (self.high - self.low) * stream.uniform() };
         // The shorter layout is the beginning of the longer one.
-        let encoded = head::Condition::GgxRoughness.encode(wo, n, alpha);
+        let encoded = head::Condition::GgxRoughness.encode(wo.into(), n.into(), alpha);
         condition.copy_from_slice(&encoded[..condition.len()]);
     }
 
     fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {
         let ([wo, n], ggx) = self.decode(condition);
-        ggx.lobe_cosine(n, wo, wi)
+        ggx.lobe_cosine(n, wo, wi.into())
     }
 
     fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A> {
         let ([wo, n], ggx) = self.decode(condition);
-        ggx.sample(n, wo, u).map(|(wi, _)| wi)
+        let (wi, pdf) = ggx.sample(n, wo, u);
+        (pdf > 0.0).then_some(wi.into())
     }
 
     fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
         let ([wo, n], ggx) = self.decode(condition);
-        ggx.pdf(n, wo, wi)
+        ggx.pdf(n, wo, wi.into())
     }
 }
 
@@ -91,11 +96,11 @@ mod tests {
         let mut c = [0.0; 12];
         for _ in 0..100 {
             surface.draw_condition(&mut stream, &mut c);
-            let (wo, n) = (Vec3A::from_slice(&c), Vec3A::from_slice(&c[3..]));
-            let ggx = brdf::Ggx::new(c[10], Vec3A::ONE);
+            let (wo, n) = (Vec3::from_slice(&c), Vec3::from_slice(&c[3..]));
+            let ggx = brdf::Ggx::new(c[10], Vec3::ONE);
             let Some(wi) = surface.sample(&c, stream.uniform2()) else { continue };
-            assert_eq!(surface.pdf(&c, wi), ggx.pdf(n, wo, wi));
-            assert_eq!(surface.lobe(&c, wi), ggx.lobe_cosine(n, wo, wi));
+            assert_eq!(surface.pdf(&c, wi), ggx.pdf(n, wo, wi.into()));
+            assert_eq!(surface.lobe(&c, wi), ggx.lobe_cosine(n, wo, wi.into()));
             assert!(surface.lobe(&c, wi) <= 1.0001 * surface.pdf(&c, wi));
         }
     }

@@ -36,18 +36,23 @@ pub trait Target: Sync {
     /// Draws a condition of [`Condition::length`] numbers.
     fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]);
 
-    /// The densities at `y`. The target may be zero everywhere (no light above the horizon); such conditions are left out of
+    /// The densities at points `y`. The target may be zero everywhere (no light above the horizon); such conditions are left out of
     /// losses and figures.
-    fn at(&self, condition: &[f32], y: [f32; 2]) -> PointValues;
+    fn at_points(&self, condition: &[f32], y: &[[f32; 2]]) -> Vec<PointValues>;
 
-    /// Whether [`brdf_sample`](Self::brdf_sample) and [`PointValues::brdf`] mean something.
+    /// The densities at one point.
+    fn at(&self, condition: &[f32], y: [f32; 2]) -> PointValues {
+        self.at_points(condition, &[y])[0]
+    }
+
+    /// Whether [`brdf_samples`](Self::brdf_samples) and [`PointValues::brdf`] mean something.
     fn has_brdf_sampling(&self) -> bool {
         false
     }
 
     /// BRDF sampling with the uniform numbers `u`, pulled back to Y; `None` where it finds no direction or one without light.
-    fn brdf_sample(&self, _condition: &[f32], _u: [f32; 2]) -> Option<[f32; 2]> {
-        None
+    fn brdf_samples(&self, _condition: &[f32], u: &[[f32; 2]]) -> Vec<Option<[f32; 2]>> {
+        vec![None; u.len()]
     }
 
     /// Turns uniform numbers into points with values, in place. By default the first `strata^2` are one in each stratum of

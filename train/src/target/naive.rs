@@ -1,6 +1,6 @@
 //! The product in X, without a tail: what the paper calls the naive flow has to learn the light too.
 
-use glam::Vec2;
+use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{latlong, random::Stream};
 
@@ -25,9 +25,10 @@ impl<'a> NaiveTarget<'a> {
     /// Takes points of Y with their values to X.
     fn carry(&self, place: PlacedPoints<'_>) {
         let PlacedPoints { points, densities, weights, brdf, tails } = place;
-        for (index, y) in points.chunks_exact_mut(2).enumerate() {
-            let there = self.tail.forward([y[0], y[1]]);
-            y.copy_from_slice(&there.x);
+        let (points, _) = points.as_chunks_mut::<2>();
+        let there = self.tail.forward(points);
+        for (index, (y, there)) in points.iter_mut().zip(there).enumerate() {
+            *y = there.x;
             if weights[index] > 0.0 && there.density > 0.0 && there.density.is_finite() {
                 densities[index] *= there.density;
                 brdf[index] *= there.density;
@@ -49,10 +50,16 @@ impl Target for NaiveTarget<'_> {
         self.target.draw_condition(stream, condition);
     }
 
-    fn at(&self, condition: &[f32], x: [f32; 2]) -> PointValues {
-        let Some(y) = self.tail.inverse(latlong::direction(Vec2::from_array(x))) else { return PointValues::of(0.0) };
-        let (values, density) = (self.target.at(condition, y), self.tail.forward(y).density);
-        PointValues { target: values.target * density, brdf: values.brdf * density, tail: 1.0 }
+    fn at_points(&self, condition: &[f32], x: &[[f32; 2]]) -> Vec<PointValues> {
+        let directions: Vec<Vec3A> = x.iter().map(|&x| latlong::direction(Vec2::from_array(x))).collect();
+        let found = self.tail.inverse(&directions);
+        let y: Vec<[f32; 2]> = found.iter().flatten().copied().collect();
+        let mut values = self.target.at_points(condition, &y).into_iter().zip(self.tail.forward(&y));
+        let carried = |y: Option<[f32; 2]>| {
+            let Some((values, there)) = y.and_then(|_| values.next()) else { return PointValues::of(0.0) };
+            PointValues { target: values.target * there.density, brdf: values.brdf * there.density, tail: 1.0 }
+        };
+        found.into_iter().map(carried).collect()
     }
 
     fn has_brdf_sampling(&self) -> bool {

@@ -1,10 +1,10 @@
 //! Light x BRDF x cosine, seen through a tail.
 
-use glam::Vec2;
+use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
 use headtail_render::random::Stream;
 
-use super::{Lambert, PointValues, Surface, TailMap, Target};
+use super::{Lambert, PointValues, Surface, TailMap, TailPoint, Target};
 
 /// Largest density of BRDF sampling over Y: it has poles where the light vanishes, and infinity times zero is no number.
 const MAX_BRDF_DENSITY: f32 = 1e12;
@@ -46,23 +46,28 @@ impl<S: Surface> Target for ProductTarget<'_, S> {
         self.surface.draw_condition(stream, condition);
     }
 
-    fn at(&self, condition: &[f32], y: [f32; 2]) -> PointValues {
-        let there = self.tail.forward(y);
-        let target = self.surface.lobe(condition, there.direction) * there.light;
-        let brdf = if self.tail.is_invertible() {
-            let pdf = self.surface.pdf(condition, there.direction);
-            if pdf > 0.0 { (pdf / there.pdf).min(MAX_BRDF_DENSITY) } else { 0.0 }
-        } else {
-            0.0
+    fn at_points(&self, condition: &[f32], y: &[[f32; 2]]) -> Vec<PointValues> {
+        let values = |there: TailPoint| {
+            let target = self.surface.lobe(condition, there.direction) * there.light;
+            let brdf = if self.tail.is_invertible() {
+                let pdf = self.surface.pdf(condition, there.direction);
+                if pdf > 0.0 { (pdf / there.pdf).min(MAX_BRDF_DENSITY) } else { 0.0 }
+            } else {
+                0.0
+            };
+            PointValues { target, brdf, tail: there.density }
         };
-        PointValues { target, brdf, tail: there.density }
+        self.tail.forward(y).into_iter().map(values).collect()
     }
 
     fn has_brdf_sampling(&self) -> bool {
         self.tail.is_invertible()
     }
 
-    fn brdf_sample(&self, condition: &[f32], u: [f32; 2]) -> Option<[f32; 2]> {
-        self.tail.inverse(self.surface.sample(condition, Vec2::from_array(u))?)
+    fn brdf_samples(&self, condition: &[f32], u: &[[f32; 2]]) -> Vec<Option<[f32; 2]>> {
+        let drawn: Vec<_> = u.iter().map(|&u| self.surface.sample(condition, Vec2::from_array(u))).collect();
+        let directions: Vec<Vec3A> = drawn.iter().flatten().copied().collect();
+        let mut found = self.tail.inverse(&directions).into_iter();
+        drawn.into_iter().map(|drawn| drawn.and_then(|_| found.next().flatten())).collect()
     }
 }

@@ -1,8 +1,11 @@
 //! Materials as training sees them: conditions, BRDF x cosine, BRDF sampling.
 
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3, Vec3A};
 use headtail_model::Condition;
-use headtail_render::{brdf, random::Stream};
+use headtail_render::{
+    brdf::{self, Kernel},
+    random::Stream,
+};
 
 use super::Viewpoints;
 
@@ -44,7 +47,7 @@ impl Default for Lambert {
 }
 
 /// A diffuse surface draws and weighs directions the same whatever its albedo and wherever it is seen from.
-const DIFFUSE: brdf::Brdf = brdf::Brdf::Lambert(brdf::Lambert { albedo: Vec3A::ONE });
+const DIFFUSE: brdf::Lambert = brdf::Lambert { albedo: Vec3::ONE };
 
 fn normal(condition: &[f32]) -> Vec3A {
     Vec3A::from_slice(condition)
@@ -66,12 +69,13 @@ impl Surface for Lambert {
     }
 
     fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A> {
-        let n = normal(condition);
-        DIFFUSE.sample(n, n, u).map(|(wi, _)| wi)
+        let n = normal(condition).into();
+        let (wi, pdf) = DIFFUSE.sample(n, n, u);
+        (pdf > 0.0).then_some(wi.into())
     }
 
     fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
-        let n = normal(condition);
-        DIFFUSE.pdf(n, n, wi)
+        let n = normal(condition).into();
+        DIFFUSE.pdf(n, n, wi.into())
     }
 }

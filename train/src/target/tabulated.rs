@@ -3,6 +3,7 @@
 use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{
+    discrete::BELOW_ONE,
     latlong,
     random::Stream,
     tail::{Tail, TailWarp},
@@ -90,8 +91,8 @@ impl<S: Surface> Target for TabulatedTarget<'_, S> {
         self.product.draw_condition(stream, condition);
     }
 
-    fn at(&self, condition: &[f32], y: [f32; 2]) -> PointValues {
-        self.product.at(condition, y)
+    fn at_points(&self, condition: &[f32], y: &[[f32; 2]]) -> Vec<PointValues> {
+        self.product.at_points(condition, y)
     }
 
     fn has_brdf_sampling(&self) -> bool {
@@ -106,17 +107,20 @@ impl<S: Surface> Target for TabulatedTarget<'_, S> {
         if table.row_sums[ROWS - 1] <= 0.0 {
             return Ok(());
         }
-        for (index, y) in place.points.chunks_exact_mut(2).enumerate() {
-            let (x, density) = table.draw(y[0], y[1]);
-            let (back, jacobian) = TailWarp::inverse(self.tail, x);
-            y.copy_from_slice(&back.clamp(Vec2::ZERO, Vec2::splat(1.0 - f32::EPSILON / 2.0)).to_array());
+        let (points, _) = place.points.as_chunks_mut::<2>();
+        let (x, densities): (Vec<Vec2>, Vec<f32>) = points.iter().map(|u| table.draw(u[0], u[1])).unzip();
+        let back = self.tail.inverse_points(&x);
+        for (y, (back, _)) in points.iter_mut().zip(&back) {
+            *y = back.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE)).to_array();
+        }
+        let values = self.product.at_points(condition, points);
+        for (index, ((values, (_, jacobian)), density)) in values.into_iter().zip(back).zip(densities).enumerate() {
             // The table's cells reach into texels without light, whose points have no place in Y.
             let in_y = density / jacobian;
             if !(in_y > 0.0 && in_y.is_finite()) {
                 place.weights[index] = 0.0;
                 continue;
             }
-            let values = self.product.at(condition, [y[0], y[1]]);
             place.densities[index] = in_y;
             place.weights[index] = 1.0 / in_y;
             place.brdf[index] = values.brdf;

@@ -2,6 +2,7 @@
 
 use glam::{Vec2, Vec3A};
 use headtail_render::{
+    discrete::BELOW_ONE,
     latlong,
     tail::{Tail, TailWarp},
 };
@@ -21,16 +22,16 @@ pub struct TailPoint {
     pub light: f32,
 }
 
-/// A tail followed by the lat-long map.
+/// A tail followed by the lat-long map. Lists of points go through it together, which is what tails are fast at.
 ///
 /// A function from Y to unit directions is one that knows no densities and no way back.
 pub trait TailMap: Sync {
-    /// From Y to a direction.
-    fn forward(&self, y: [f32; 2]) -> TailPoint;
+    /// From points of Y to directions.
+    fn forward(&self, y: &[[f32; 2]]) -> Vec<TailPoint>;
 
-    /// From a direction to Y; `None` where there is no light.
-    fn inverse(&self, _direction: Vec3A) -> Option<[f32; 2]> {
-        None
+    /// From directions to Y; `None` where there is no light.
+    fn inverse(&self, directions: &[Vec3A]) -> Vec<Option<[f32; 2]>> {
+        vec![None; directions.len()]
     }
 
     /// Whether [`inverse`](Self::inverse) and [`TailPoint::pdf`] mean something.
@@ -40,22 +41,22 @@ pub trait TailMap: Sync {
 }
 
 impl TailMap for Tail {
-    fn forward(&self, y: [f32; 2]) -> TailPoint {
-        let (x, jacobian) = TailWarp::forward(self, Vec2::from_array(y));
-        TailPoint {
+    fn forward(&self, y: &[[f32; 2]]) -> Vec<TailPoint> {
+        let y: Vec<Vec2> = y.iter().copied().map(Vec2::from_array).collect();
+        let point = |(x, jacobian): (Vec2, f32)| TailPoint {
             x: x.to_array(),
             direction: latlong::direction(x),
             pdf: latlong::solid_angle_factor(x.y) / jacobian,
             density: 1.0 / jacobian,
             light: self.light_ratio(x),
-        }
+        };
+        self.forward_points(&y).into_iter().map(point).collect()
     }
 
-    fn inverse(&self, direction: Vec3A) -> Option<[f32; 2]> {
-        /// The largest number below 1: points of Y are in `[0, 1)`.
-        const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
-        let (y, density) = TailWarp::inverse(self, latlong::square(direction));
-        (density > 0.0).then(|| y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE)).to_array())
+    fn inverse(&self, directions: &[Vec3A]) -> Vec<Option<[f32; 2]>> {
+        let x: Vec<Vec2> = directions.iter().map(|&direction| latlong::square(direction)).collect();
+        let inside = |y: Vec2| y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE)).to_array();
+        self.inverse_points(&x).into_iter().map(|(y, density)| (density > 0.0).then(|| inside(y))).collect()
     }
 
     fn is_invertible(&self) -> bool {
@@ -64,7 +65,9 @@ impl TailMap for Tail {
 }
 
 impl<F: Fn([f32; 2]) -> [f32; 3] + Sync> TailMap for F {
-    fn forward(&self, y: [f32; 2]) -> TailPoint {
-        TailPoint { x: y, direction: Vec3A::from_array(self(y)), pdf: 1.0, density: 1.0, light: 1.0 }
+    fn forward(&self, y: &[[f32; 2]]) -> Vec<TailPoint> {
+        let point =
+            |&y| TailPoint { x: y, direction: Vec3A::from_array(self(y)), pdf: 1.0, density: 1.0, light: 1.0 };
+        y.iter().map(point).collect()
     }
 }
