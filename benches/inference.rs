@@ -1,18 +1,21 @@
 //! Native inference of heads, without tail and map: `cargo bench --bench inference`.
 //!
-//! One thread. Every sample has a condition of its own, so that encoder and condition layers are part of the time, except where
-//! the name says `prepared`. `single` is the form for one point at a time. Weights are the initial ones; they do not change the time.
+//! One thread. Every sample has a condition of its own. `prepare` is what depends on the condition alone (encoder and condition layers);
+//! `sample` and `density` are what is left for a sample. Weights are the initial ones; they do not change the time.
 
 use std::hint::black_box;
 
 use divan::{Bencher, counter::ItemsCount};
-use glam::{Vec2, Vec3A};
+use glam::{Vec3, Vec3A};
 use headtail_model::{Mode, burn::prelude::Device};
 use headtail_render::{
-    brdf::{Brdf, Ggx},
+    brdf::Ggx,
+    columns::{Arena, Columns},
     head::Head,
+    points::{Dimension, Points},
     random::{Purpose, Stream},
-    sampler::{IntermediateDensity, ShadingPoint},
+    sampler::IntermediateDensity,
+    tile::{Rows, ShadingPoint, Tile},
 };
 use headtail_train::{Preset, native_head};
 
@@ -34,51 +37,53 @@ fn head((preset, mode): (Preset, Mode)) -> Head {
     native_head(&head).expect("finite weights")
 }
 
-fn points() -> (Vec<ShadingPoint>, Vec<Vec2>) {
+fn tile() -> Tile {
     let mut random = Stream::new(1, Purpose::Test, 0);
     let mut point = || {
         let (n, wo) = (random.direction(), random.direction());
         let wo = if wo.dot(n) < 0.0 { -wo } else { wo };
-        let brdf = Brdf::Ggx(Ggx::new(0.4, Vec3A::ONE));
-        (ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, brdf }, random.uniform2())
+        ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface: Ggx::new(0.4, Vec3::ONE).into() }
     };
-    (0..SAMPLES).map(|_| point()).unzip()
+    Tile::of(&(0..SAMPLES).map(|_| point()).collect::<Vec<_>>())
+}
+
+/// Measures `work` with the head, the rows, their state, and two columns of uniform numbers before three to be written.
+fn bench(
+    bencher: Bencher,
+    name: (Preset, Mode),
+    work: impl Fn(&Head, &Rows<'_>, &mut Columns<'_, 1>, &mut Columns<'_, 5>, &Arena),
+) {
+    let (head, tile, arena) = (head(name), tile(), Arena::default());
+    let rows = tile.rows();
+    let mut state = arena.columns::<1>(head.columns() * rows.strips());
+    head.prepare(&rows, state.get_mut()[0], &arena);
+    let mut columns = arena.columns::<5>(rows.strips());
+    let [u, v, ..] = columns.get_mut();
+    Points::new(1, 0).draw(Dimension::Light(0), &rows, [u, v]);
+    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
+        work(&head, black_box(&rows), &mut state, &mut columns, &arena);
+        black_box(columns.get());
+    });
+}
+
+#[divan::bench(args = HEADS)]
+fn prepare(bencher: Bencher, name: (Preset, Mode)) {
+    bench(bencher, name, |head, rows, state, _, arena| head.prepare(rows, state.get_mut()[0], arena));
 }
 
 #[divan::bench(args = HEADS)]
 fn sample(bencher: Bencher, name: (Preset, Mode)) {
-    let (head, (at, z)) = (head(name), points());
-    let (mut y, mut q) = (vec![Vec2::ZERO; SAMPLES], vec![0.0; SAMPLES]);
-    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| head.sample_batch(black_box(&at), &z, &mut y, &mut q));
+    bench(bencher, name, |head, rows, state, columns, arena| {
+        let [u, v, x, y, q] = columns.get_mut();
+        head.sample(rows, state.get()[0], [u, v], [x, y], q, arena);
+    });
 }
 
 #[divan::bench(args = HEADS)]
-fn sample_prepared(bencher: Bencher, name: (Preset, Mode)) {
-    let (head, (at, z)) = (head(name), points());
-    let prepared = head.prepare_batch(&at);
-    let prepared: Vec<_> = prepared.iter().collect();
-    let (mut y, mut q) = (vec![Vec2::ZERO; SAMPLES], vec![0.0; SAMPLES]);
-    bencher
-        .counter(ItemsCount::new(SAMPLES))
-        .bench_local(|| head.sample_prepared(black_box(&prepared), &z, &mut y, &mut q));
-}
-
-#[divan::bench(args = HEADS)]
-fn density_prepared(bencher: Bencher, name: (Preset, Mode)) {
-    let (head, (at, y)) = (head(name), points());
-    let prepared = head.prepare_batch(&at);
-    let prepared: Vec<_> = prepared.iter().collect();
-    let mut q = vec![0.0; SAMPLES];
-    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| head.density_prepared(black_box(&prepared), &y, &mut q));
-}
-
-#[divan::bench(args = HEADS)]
-fn sample_single(bencher: Bencher, name: (Preset, Mode)) {
-    let (head, (at, z)) = (head(name), points());
-    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
-        for (at, &z) in at.iter().zip(&z) {
-            black_box(head.sample(&head.prepare(at), z));
-        }
+fn density(bencher: Bencher, name: (Preset, Mode)) {
+    bench(bencher, name, |head, rows, state, columns, arena| {
+        let [u, v, _, _, q] = columns.get_mut();
+        head.density(rows, state.get()[0], [u, v], q, arena);
     });
 }
 

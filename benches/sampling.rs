@@ -1,9 +1,10 @@
 //! Time of one direction sample, without rays: `cargo bench --bench sampling`.
 //!
-//! Each sample has a normal of its own: preparation is part of the time. Samples are drawn in batches, as the integrator does, or
-//! one point at a time where the name ends in `single`. `coherent` normals lie within six degrees of each
-//! other, as those of neighbouring pixels do; `scattered` normals are uniform over the sphere. The map is the file named by
-//! the environment variable HEADTAIL_MAP, else the built-in `studio`.
+//! Samplers work on tiles of 256 shading points, as the integrator calls them; each point has a normal of its own, so preparation is part of
+//! the time. `coherent` normals lie within six degrees of each other, as those of neighbouring pixels do; `scattered` normals are
+//! uniform over the sphere. The map is the file named by the environment variable HEADTAIL_MAP, else the built-in `studio`;
+//! `compact+head` is of the built-in `sunset`, whose sun is a compact emitter. Weights of heads are the initial ones; they do not change
+//! the time.
 
 use std::{
     hint::black_box,
@@ -11,27 +12,30 @@ use std::{
 };
 
 use divan::{Bencher, counter::ItemsCount};
-use glam::{Vec2, Vec3A};
+use glam::{Vec3, Vec3A};
 use headtail_model::{HeadConfig, burn::prelude::Device};
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
-    brdf::{Brdf, Lambert},
-    environment::Environment,
-    integrator::{DirectEstimator, ResampledEstimator, Unshadowed},
-    random::{Purpose, Stream, Streams},
+    brdf::Lambert,
+    columns::Arena,
+    environment::{Environment, built_in, without_compact_emitters},
+    estimator::{Contributions, Estimator, Ris},
+    head::Head,
+    points::{Dimension, Points},
+    random::{Purpose, Stream},
     sampler::{
-        BrdfSampler, DirectionSampler, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler, Resampled,
-        ShadingPoint,
+        BrdfSampler, CompactEmitters, Covering, Draws, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler,
+        Sampler, WithCompactEmitters, prepared,
     },
-    tail::TailKind,
+    tail::{Tail, TailKind},
+    tile::{ShadingPoint, Tile},
 };
 use headtail_train::native_head;
 
-/// Samples in one iteration of the benchmark.
-const SAMPLES: usize = 4096;
-
-/// Samples in one batch of an estimator.
+/// Points of a tile.
 const TILE: usize = 256;
+/// Tiles in one iteration of the benchmark.
+const TILES: usize = 16;
 
 static LIGHT: LazyLock<EnvironmentLight> = LazyLock::new(|| {
     let map = std::env::var("HEADTAIL_MAP").unwrap_or_else(|_| "studio".to_owned());
@@ -48,7 +52,7 @@ enum Normals {
 
 const NORMALS: [Normals; 2] = [Normals::Coherent, Normals::Scattered];
 
-fn points(normals: Normals) -> Vec<(ShadingPoint, Vec2)> {
+fn tiles(normals: Normals) -> Vec<Tile> {
     let mut random = Stream::new(1, Purpose::Test, 0);
     let around = random.direction();
     let mut point = || {
@@ -56,37 +60,44 @@ fn points(normals: Normals) -> Vec<(ShadingPoint, Vec2)> {
             Normals::Coherent => (around + 0.1 * random.direction()).normalize(),
             Normals::Scattered => random.direction(),
         };
-        let brdf = Brdf::Lambert(Lambert { albedo: Vec3A::ONE });
-        (ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, brdf }, random.uniform2())
+        let surface = Lambert { albedo: Vec3::ONE }.into();
+        ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, surface }
     };
-    (0..SAMPLES).map(|_| point()).collect()
+    (0..TILES).map(|_| Tile::of(&(0..TILE).map(|_| point()).collect::<Vec<_>>())).collect()
 }
 
-/// One sample of each point, in batches as a wavefront renderer asks for them.
-fn bench<S: DirectionSampler>(bencher: Bencher, normals: Normals, sampler: &S) {
-    let (at, u): (Vec<_>, Vec<_>) = points(normals).into_iter().unzip();
-    let mut out = vec![None; SAMPLES];
-    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
-        sampler.sample_batch(black_box(&at), &u, &mut out);
-        black_box(&out);
-    });
-}
-
-/// The same one point at a time.
-fn bench_single<S: DirectionSampler>(bencher: Bencher, normals: Normals, sampler: &S) {
-    let points = points(normals);
-    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
-        for (at, u) in &points {
-            let prepared = sampler.prepare(at);
-            black_box(sampler.sample(&prepared, at, *u));
+/// One sample of each point.
+fn bench(bencher: Bencher, normals: Normals, sampler: &dyn Sampler) {
+    let (tiles, arena) = (tiles(normals), Arena::default());
+    bencher.counter(ItemsCount::new(TILES * TILE)).bench_local(|| {
+        for tile in black_box(&tiles) {
+            let rows = tile.rows();
+            let mut columns = arena.columns::<6>(rows.strips());
+            let [u, v, x, y, z, pdf] = columns.get_mut();
+            Points::new(1, 0).draw(Dimension::Light(0), &rows, [&mut *u, &mut *v]);
+            prepared(sampler, &rows, &arena, |state| {
+                sampler.sample(&rows, state, [u, v], Draws { wi: [x, y, z], pdf }, &arena);
+            });
+            black_box(columns.get());
         }
     });
 }
 
-fn direct(side: usize) -> impl DirectionSampler {
+fn direct(side: usize) -> impl Sampler {
     let cells = CellGrid::new(side, side).expect("a valid size");
     let normals = NormalGrid::new(16, 32).expect("a valid size");
     ProductSampler::new(LIGHT.clone(), direct_bake(LIGHT.tail(), normals, cells).expect("a lit map"))
+}
+
+fn head(selection: bool) -> Head {
+    let config = HeadConfig { selection, ..HeadConfig::COSINE };
+    let head = headtail_model::Head::new(config, 0, &Device::flex()).expect("a valid head");
+    native_head(&head).expect("finite weights")
+}
+
+#[divan::bench(args = NORMALS)]
+fn brdf(bencher: Bencher, normals: Normals) {
+    bench(bencher, normals, &BrdfSampler);
 }
 
 #[divan::bench(args = NORMALS)]
@@ -95,64 +106,48 @@ fn emitter(bencher: Bencher, normals: Normals) {
 }
 
 #[divan::bench(args = NORMALS)]
-fn emitter_single(bencher: Bencher, normals: Normals) {
-    bench_single(bencher, normals, &EmitterSampler::new(LIGHT.clone()));
-}
-
-#[divan::bench(args = NORMALS)]
-fn baked_32x32_single(bencher: Bencher, normals: Normals) {
-    bench_single(bencher, normals, &direct(32));
-}
-
-#[divan::bench(args = NORMALS)]
-fn baked_8x8_single(bencher: Bencher, normals: Normals) {
-    bench_single(bencher, normals, &direct(8));
-}
-
-#[divan::bench(args = NORMALS)]
-fn cosine(bencher: Bencher, normals: Normals) {
-    bench(bencher, normals, &BrdfSampler::new(LIGHT.environment().clone()));
-}
-
-#[divan::bench(args = NORMALS)]
 fn mis(bencher: Bencher, normals: Normals) {
-    let brdf = BrdfSampler::new(LIGHT.environment().clone());
-    bench(bencher, normals, &OneSampleMis::new(EmitterSampler::new(LIGHT.clone()), brdf));
+    bench(bencher, normals, &OneSampleMis::new(EmitterSampler::new(LIGHT.clone()), BrdfSampler));
 }
 
-#[divan::bench(args = NORMALS)]
-fn baked_8x8(bencher: Bencher, normals: Normals) {
-    bench(bencher, normals, &direct(8));
+#[divan::bench(args = NORMALS, consts = [8, 32, 64])]
+fn direct_of_side<const SIDE: usize>(bencher: Bencher, normals: Normals) {
+    bench(bencher, normals, &direct(SIDE));
 }
 
-#[divan::bench(args = NORMALS)]
-fn baked_32x32(bencher: Bencher, normals: Normals) {
-    bench(bencher, normals, &direct(32));
+#[divan::bench(name = "head", args = NORMALS)]
+fn head_alone(bencher: Bencher, normals: Normals) {
+    bench(bencher, normals, &ProductSampler::new(LIGHT.clone(), head(false)));
 }
 
-#[divan::bench(args = NORMALS)]
-fn baked_64x64(bencher: Bencher, normals: Normals) {
-    bench(bencher, normals, &direct(64));
+#[divan::bench(name = "head+mis", args = NORMALS)]
+fn head_with_mis(bencher: Bencher, normals: Normals) {
+    bench(bencher, normals, &OneSampleMis::new(ProductSampler::new(LIGHT.clone(), head(true)), BrdfSampler));
 }
 
-/// The weights do not change the time.
-#[divan::bench(args = NORMALS)]
-fn cosine_head(bencher: Bencher, normals: Normals) {
-    let head = headtail_model::Head::new(HeadConfig::COSINE, 0, &Device::flex()).expect("a valid head");
-    bench(bencher, normals, &ProductSampler::new(LIGHT.clone(), native_head(&head).expect("finite weights")));
+#[divan::bench(name = "compact+head", args = NORMALS)]
+fn compact_emitters_and_head(bencher: Bencher, normals: Normals) {
+    let map = Arc::new(built_in("sunset").expect("a built-in map"));
+    let (width, height) = (map.width(), map.height());
+    let rest = without_compact_emitters(width, height, &map.luminance()).expect("a sun");
+    let tail = Arc::new(Tail::new(TailKind::Hierarchical, width, height, &rest).expect("a lit sky"));
+    let compact = Arc::new(CompactEmitters::new(&map, &rest).expect("a sun"));
+    let product = ProductSampler::new(EnvironmentLight::with_tail(map, tail), head(false));
+    bench(bencher, normals, &WithCompactEmitters::new(compact, product));
 }
 
-#[divan::bench(args = NORMALS)]
-fn ris_4(bencher: Bencher, normals: Normals) {
-    let brdf = BrdfSampler::new(LIGHT.environment().clone());
-    let resampled = Resampled::new(EmitterSampler::new(LIGHT.clone()), brdf, 4).expect("a valid count");
-    let estimator = ResampledEstimator::new(resampled);
-    let at: Vec<ShadingPoint> = points(normals).into_iter().map(|(at, _)| at).collect();
-    let mut streams: Vec<Stream> = (0..SAMPLES).map(|k| Stream::new(2, Purpose::Test, k as u64)).collect();
-    let order: Vec<usize> = (0..TILE).collect();
-    bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
-        for (at, streams) in at.chunks(TILE).zip(streams.chunks_mut(TILE)) {
-            black_box(estimator.estimate_batch(at, &Unshadowed, &mut Streams::new(streams, &order)));
+/// Candidates, their light and BRDF, and the survivor.
+#[divan::bench(name = "ris:4", args = NORMALS)]
+fn ris(bencher: Bencher, normals: Normals) {
+    let emitter = Covering::new(EmitterSampler::new(LIGHT.clone())).expect("an exact tail");
+    let brdf = Covering::new(BrdfSampler).expect("it covers everything");
+    let ris = Ris::new(emitter, brdf, 4, LIGHT.environment().clone()).expect("a valid count");
+    let (tiles, arena, mut out) = (tiles(normals), Arena::default(), Contributions::default());
+    bencher.counter(ItemsCount::new(TILES * TILE)).bench_local(|| {
+        for tile in black_box(&tiles) {
+            out.clear();
+            ris.propose(&tile.rows(), &Points::new(1, 0), &mut out, &arena);
+            black_box(&out);
         }
     });
 }

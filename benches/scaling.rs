@@ -14,9 +14,10 @@ use std::{fs, sync::Arc, sync::atomic::AtomicBool, time::Instant};
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
     environment::{Environment, built_in},
-    integrator::{Budget, DirectEstimator, Rendering, View, render},
-    sampler::SamplerSpec,
+    estimator::Estimator,
+    integrator::{Budget, Rendering, View, render},
     scene::{Camera, Material, Mesh, Scene},
+    spec::SamplerSpec,
 };
 
 /// What is measured unless said otherwise: triangles, width (4 : 3), samples per pixel.
@@ -71,7 +72,7 @@ fn main() {
 fn best(
     scene: &Scene,
     environment: &Environment,
-    estimator: &dyn DirectEstimator,
+    estimator: &dyn Estimator,
     width: usize,
     spp: u32,
 ) -> Rendering {

@@ -9,8 +9,8 @@ use headtail_render::{
     environment::Environment,
     export::ExportedSampler,
     integrator::{Budget, View},
-    sampler::SamplerSpec,
     scene::{Camera, MaterialSpec, Scene},
+    spec::{FileKind, SamplerSpec, Source},
     tail::TailKind,
 };
 
@@ -216,7 +216,7 @@ pub fn open_environment(name_or_path: &str) -> Result<Arc<Environment>> {
 
 /// Says on standard error where a file is used otherwise than it was trained for.
 pub fn note_use(spec: &SamplerSpec) -> Result<()> {
-    if let SamplerSpec::Head(file) = spec {
+    if let SamplerSpec::One(Source::File(FileKind::Head, file)) = spec {
         let meant = SamplerSpec::of_exported(&ExportedSampler::read(file)?, file.clone());
         if meant != *spec {
             eprintln!(

@@ -8,9 +8,10 @@ use std::{fs, path::PathBuf, sync::atomic::Ordering, time::Instant};
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use headtail_render::{
+    estimator::Estimator,
     export::{ExportedSampler, Intermediate},
-    integrator::{Budget, DirectEstimator},
-    sampler::SamplerSpec,
+    integrator::Budget,
+    spec::{FileKind, SamplerSpec},
 };
 use reference::Reference;
 use work::Work;
@@ -88,7 +89,7 @@ impl Arguments {
 /// A sampler ready to render.
 struct Entry {
     label: String,
-    estimator: Box<dyn DirectEstimator>,
+    estimator: Box<dyn Estimator>,
     preparation: Preparation,
 }
 
@@ -152,10 +153,7 @@ impl Entry {
         let built = start.elapsed().as_secs_f64();
         let mut preparation = Preparation { sampler: label.clone(), seconds: built, text: "tables built".into() };
         note_use(spec)?;
-        if let SamplerSpec::Head(file)
-        | SamplerSpec::Baked(file)
-        | SamplerSpec::WithMis(_, file)
-        | SamplerSpec::RisOf(_, _, file) = spec
+        if let Some((FileKind::Head | FileKind::Baked, file)) = spec.path()
             && let exported = ExportedSampler::read(file)?
             && let Some(training) = exported.training
         {

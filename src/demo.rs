@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use clap::Args;
 use headtail_render::{
     bake::{CellGrid, NormalGrid},
-    sampler::{FileKind, SamplerSpec},
+    spec::{FileKind, SamplerSpec},
 };
 use headtail_train::{FitConfig, TrainingLight, exported_sampler};
 
@@ -69,12 +69,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         threads: None,
     };
     let samplers = vec![
-        SamplerSpec::Cosine,
-        SamplerSpec::Emitter,
-        SamplerSpec::Mis,
-        SamplerSpec::Ris(4),
-        SamplerSpec::WithMis(FileKind::Head, head),
-        SamplerSpec::Direct(table),
+        SamplerSpec::brdf(),
+        SamplerSpec::emitter(),
+        SamplerSpec::mis(),
+        SamplerSpec::ris(4),
+        SamplerSpec::file_with_mis(FileKind::Head, head),
+        SamplerSpec::file(FileKind::Direct, table),
     ];
     compare::run(&compare::Arguments::new(view, samplers, arguments.out.clone()))?;
     let page = arguments.out.join("report.html");

@@ -41,19 +41,9 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let result = match Cli::parse().command {
-        Command::Demo(arguments) => demo::run(&arguments),
-        Command::Fit(arguments) => fit::run(&arguments),
-        Command::Bake(arguments) => bake::run(&arguments),
-        Command::Render(arguments) => render::run(&arguments),
-        Command::Compare(arguments) => compare::run(&arguments),
-        Command::Chart(arguments) => chart::run(&arguments),
-        Command::Inspect(arguments) => inspect::run(&arguments),
-        Command::Stability(arguments) => stability::run(&arguments),
-        Command::Scenes(arguments) => scenes::run(&arguments),
-        Command::Backends(arguments) => backends::run(&arguments),
-    };
-    match result {
+    let command = Cli::parse().command;
+    // Before any work is dispatched, which has no way to say that HEADTAIL_SIMD is wrong.
+    match headtail_render::simd::instruction_set().map_err(Into::into).and_then(|_| run(command)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => match error.downcast_ref::<progress::Interrupted>() {
             Some(interrupted) => {
@@ -65,5 +55,20 @@ fn main() -> ExitCode {
                 ExitCode::FAILURE
             }
         },
+    }
+}
+
+fn run(command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Demo(arguments) => demo::run(&arguments),
+        Command::Fit(arguments) => fit::run(&arguments),
+        Command::Bake(arguments) => bake::run(&arguments),
+        Command::Render(arguments) => render::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
+        Command::Chart(arguments) => chart::run(&arguments),
+        Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Stability(arguments) => stability::run(&arguments),
+        Command::Scenes(arguments) => scenes::run(&arguments),
+        Command::Backends(arguments) => backends::run(&arguments),
     }
 }

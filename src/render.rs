@@ -6,9 +6,11 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use headtail_render::{
     color::luminance,
+    estimator::Estimator,
     image::{Attribute, Image, write_exr, write_png},
-    integrator::{self, Budget, DirectEstimator, Rendering, Stage, Timings, View},
-    sampler::SamplerSpec,
+    integrator::{self, Budget, Rendering, View},
+    spec::SamplerSpec,
+    timings::Timings,
 };
 
 use crate::{
@@ -89,41 +91,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     );
     if arguments.timings {
         let threads = rayon::current_num_threads();
-        println!("{}", table(&Timings::take(rendering.seconds, threads), rendering.seconds, threads));
+        println!("thread-seconds by stage, of {threads} threads:\n{}", Timings::take(rendering.seconds, threads));
     }
     println!("{} and {} written", arguments.out.display(), png.display());
     Ok(())
-}
-
-/// The stages of a rendering by the names that `--timings` prints.
-const STAGES: [(Stage, &str); 5] = [
-    (Stage::CameraRays, "camera rays"),
-    (Stage::Sampling, "sampling"),
-    (Stage::Pdf, "pdf evaluation"),
-    (Stage::ShadowRays, "shadow rays"),
-    (Stage::Shading, "shading"),
-];
-
-/// Thread-seconds of the stages that were measured in a rendering of `seconds` on `threads` threads, then the rest: random
-/// numbers, the film, threads that waited.
-fn table(timings: &Timings, seconds: f64, threads: usize) -> String {
-    let whole = seconds * threads as f64;
-    let mut table =
-        format!("thread-seconds by stage, of {threads} threads x {seconds:.3} s = {whole:.3} thread-seconds:");
-    let mut rest = whole;
-    let mut line = |name: &str, spent: f64| {
-        table += &format!("\n{name:18} {spent:9.3} {:5.1} %", 100.0 * spent / whole);
-    };
-    for (stage, name) in STAGES {
-        let spent = timings.seconds(stage);
-        // The clock ticks in nanoseconds: a stage that any work passed through has some.
-        if spent > 0.0 {
-            line(name, spent);
-            rest -= spent;
-        }
-    }
-    line("outside of stages", rest);
-    table
 }
 
 /// What an OpenEXR result says of itself.
@@ -150,6 +121,6 @@ pub fn exposure(rendering: &Rendering) -> f32 {
 }
 
 /// Renders without a progress bar, and to the end.
-pub fn quietly(view: View<'_>, estimator: &dyn DirectEstimator, budget: Budget, seed: u64) -> Rendering {
+pub fn quietly(view: View<'_>, estimator: &dyn Estimator, budget: Budget, seed: u64) -> Rendering {
     integrator::render(view, estimator, budget, seed, &std::sync::atomic::AtomicBool::new(false), &|_| {})
 }

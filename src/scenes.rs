@@ -6,9 +6,10 @@ use anyhow::Result;
 use clap::Args;
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
+    estimator::Ris,
     image::write_png,
-    integrator::{Budget, DirectEstimator, ResampledEstimator, View},
-    sampler::{BrdfSampler, EnvironmentLight, ProductSampler, Resampled},
+    integrator::{Budget, View},
+    sampler::{BrdfSampler, Covering, EnvironmentLight, ProductSampler},
     scene::{Scene, built_in_names},
     tail::TailKind,
 };
@@ -60,15 +61,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let environment = open_environment(&arguments.env)?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
-    let candidates = Resampled::new(ProductSampler::new(light, table), BrdfSampler::new(environment.clone()), 4)?;
-    let estimator: &dyn DirectEstimator = &ResampledEstimator::new(candidates);
+    let product = Covering::new(ProductSampler::new(light, table))?;
+    let estimator = Ris::new(product, Covering::new(BrdfSampler)?, 4, environment.clone())?;
     make_folder(folder)?;
     let bar = progress::bar(scenes.len() as u64, "rendering");
     for scene in &scenes {
         let (width, height) = (arguments.width as usize, (arguments.width * 3 / 4) as usize);
         let (camera, environment) = (&scene.camera(), &*environment);
         let view = View { scene, camera, environment, width, height, unshadowed: false, depth: arguments.depth };
-        let rendering = quietly(view, estimator, Budget::Spp(arguments.spp), 1);
+        let rendering = quietly(view, &estimator, Budget::Spp(arguments.spp), 1);
         write_png(&folder.join(scene.name()).with_extension("png"), &rendering.composite(), exposure(&rendering))?;
         bar.inc(1);
     }

@@ -7,8 +7,8 @@ use headtail_render::{
     bake::direct_bake,
     environment::{Environment, built_in},
     export::{ExportedSampler, Intermediate},
+    head::Head,
     random::{Purpose, Stream},
-    sampler::IntermediateDensity,
     tail::Tail,
 };
 
@@ -20,18 +20,18 @@ fn open(environment: &str, kind: &str) -> (ExportedSampler, Arc<Environment>) {
     (exported, environment)
 }
 
-/// The density over Y of cosine sampling.
-fn cosine_density(tail: &Tail, normal: Vec3A, y: Vec2) -> f32 {
-    let (_, wi, pdf) = tail.forward_direction(y);
-    normal.dot(wi).max(0.0) / std::f32::consts::PI / pdf
-}
-
-/// KL(q* || q) at a normal, by 256 x 256 midpoints of Y; through the exact tail q* is the cosine.
-fn divergence(tail: &Tail, normal: Vec3A, density: impl Fn(Vec2) -> f32) -> Option<f64> {
+/// KL(q* || q) at a normal, by 256 x 256 midpoints of Y, of a mixture of the head and cosine sampling; through the exact tail q* is the
+/// cosine.
+fn divergence(head: &Head, tail: &Tail, normal: Vec3A) -> Option<f64> {
+    let centre = |k: usize| Vec2::new((k % 256) as f32 + 0.5, (k / 256) as f32 + 0.5) / 256.0;
+    let y: Vec<Vec2> = (0..256 * 256).map(centre).collect();
+    let head = head.at(&normal.to_array()).unwrap();
+    let share = head.share();
     let (mut light, mut kl) = (0.0, 0.0);
-    for k in 0..256 * 256 {
-        let y = Vec2::new((k % 256) as f32 + 0.5, (k / 256) as f32 + 0.5) / 256.0;
-        let (g, q) = (f64::from(normal.dot(tail.forward_direction(y).1).max(0.0)), f64::from(density(y)));
+    for ((_, q), (_, wi, pdf)) in head.invert(&y).into_iter().zip(tail.forward_directions(&y)) {
+        let g = normal.dot(wi).max(0.0);
+        let q = f64::from(share * q + (1.0 - share) * g / std::f32::consts::PI / pdf);
+        let g = f64::from(g);
         light += g;
         if g > 0.0 {
             kl += g * (g / q).ln();
@@ -50,12 +50,8 @@ fn heads_reach_the_divergence_that_they_claim() {
         let (mut sum, mut count) = (0.0, 0.0);
         for index in 0..40 {
             let normal = Stream::new(3, Purpose::Test, index).direction();
-            let prepared = head.prepare_normal(normal);
             // As `head+mis` draws.
-            let share = head.share_beside_brdf(&prepared);
-            let density =
-                |y| share * head.inverse_at(&prepared, y).1 + (1.0 - share) * cosine_density(&exported.tail, normal, y);
-            let Some(kl) = divergence(&exported.tail, normal, density) else { continue };
+            let Some(kl) = divergence(head, &exported.tail, normal) else { continue };
             sum += kl;
             count += 1.0;
         }

@@ -43,16 +43,15 @@ pub fn measure_map(material: Material, environment: &Arc<Environment>) -> Fallib
     let conditions = Conditions::of(material);
     let points = quadratures(conditions, &light);
     let emitter = EmitterSampler::new(light.clone());
-    let brdf = BrdfSampler::new(environment.clone());
     let mut qualities = vec![
-        ("mis", measure(conditions, &points, &OneSampleMis::new(emitter.clone(), brdf))),
+        ("mis", measure(conditions, &points, &OneSampleMis::new(emitter.clone(), BrdfSampler))),
         ("tail only", measure(conditions, &points, &emitter)),
     ];
     for (name, config) in variants(material) {
         let (head, seconds) = train(&config, &light)?;
         println!("{}, {name}: trained for {seconds:.1} s", environment.name());
         let quality = if config.naive {
-            measure(conditions, &points, &Naive { head, environment: environment.clone() })
+            measure(conditions, &points, &Naive(head))
         } else {
             measure(conditions, &points, &ProductSampler::new(light.clone(), head))
         };

@@ -1,13 +1,16 @@
 //! Relative variance and KL of a sampler, as means over random conditions.
 
-use glam::Vec3A;
+use glam::{Vec3, Vec3A};
 use headtail_render::{
-    brdf::{Brdf, Ggx, Lambert},
+    brdf::{Ggx, Lambert},
     color::luminance,
-    integrator::{DirectEstimator, Unshadowed},
+    columns::Arena,
+    estimator::{Contributions, Estimator},
+    points::Points,
     random::{Purpose, Stream},
-    sampler::{DirectionSampler, EnvironmentLight, ShadingPoint},
+    sampler::{AtPoint, EnvironmentLight, Sampler},
     statistics::{Quadrature, QuadratureShape, Term},
+    tile::{ShadingPoint, Tile},
 };
 use headtail_train::{Material, Viewpoints};
 use rayon::prelude::*;
@@ -37,14 +40,14 @@ impl Conditions {
 
     fn shading_point(&self, index: u64) -> ShadingPoint {
         let mut stream = Stream::new(7, Purpose::Test, index);
-        let ([wo, n], brdf) = match self.material {
-            Material::Lambert => ([stream.direction(); 2], Brdf::Lambert(Lambert { albedo: Vec3A::ONE })),
+        let ([wo, n], surface) = match self.material {
+            Material::Lambert => ([stream.direction(); 2], Lambert { albedo: Vec3::ONE }.into()),
             Material::Ggx { low, high } => {
                 let directions = Viewpoints::Sphere.draw(&mut stream);
-                (directions, Brdf::Ggx(Ggx::new(low + (high - low) * stream.uniform(), Vec3A::ONE)))
+                (directions, Ggx::new(low + (high - low) * stream.uniform(), Vec3::ONE).into())
             }
         };
-        ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, brdf }
+        ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }
     }
 }
 
@@ -61,14 +64,17 @@ pub fn quadratures(conditions: Conditions, light: &EnvironmentLight) -> Vec<Quad
 }
 
 /// By quadrature.
-pub fn measure<S: DirectionSampler>(conditions: Conditions, quadratures: &[Quadrature], sampler: &S) -> Quality {
+pub fn measure(conditions: Conditions, quadratures: &[Quadrature], sampler: &dyn Sampler) -> Quality {
     both(quadratures.iter().map(|quadrature| {
         mean((0..conditions.count).into_par_iter().map(|index| {
             let at = conditions.shading_point(index);
-            let prepared = sampler.prepare(&at);
+            let mut terms = quadrature.terms(&at, index);
+            terms.retain(|term| term.f > 0.0);
+            let wi: Vec<Vec3A> = terms.iter().map(|term| term.wi).collect();
+            let pdfs = AtPoint::new(sampler, &at).pdf_many(&wi);
             let (mut first, mut second, mut logs) = (0.0_f64, 0.0_f64, 0.0_f64);
-            for Term { wi, f, weight } in quadrature.terms(&at, index).into_iter().filter(|term| term.f > 0.0) {
-                let pdf = f64::from(sampler.pdf(&prepared, &at, wi));
+            for (Term { f, weight, .. }, pdf) in terms.into_iter().zip(pdfs) {
+                let pdf = f64::from(pdf);
                 first += weight * f;
                 second += weight * f * f / pdf;
                 logs += weight * f * (f / pdf).ln();
@@ -80,19 +86,23 @@ pub fn measure<S: DirectionSampler>(conditions: Conditions, quadratures: &[Quadr
 }
 
 /// By draws, 8,000 for each condition: for estimators without a pdf.
-pub fn measure_by_draws(conditions: Conditions, estimator: &dyn DirectEstimator) -> Quality {
-    let (runs, draws) = if conditions.material == Material::Lambert { (1, 8_000) } else { (2, 4_000) };
+pub fn measure_by_draws(conditions: Conditions, estimator: &dyn Estimator) -> Quality {
+    let (runs, draws) = if conditions.material == Material::Lambert { (1, 8_000_usize) } else { (2, 4_000) };
     both((0..runs).map(|run| {
         mean((0..conditions.count).into_par_iter().map(|index| {
             let at = conditions.shading_point(index);
-            let mut random = Stream::new(8 + run, Purpose::Test, index);
+            // Copies of the point, whose keys tell their random numbers apart.
+            let (tile, arena, mut drawn) = (Tile::of(&vec![at; draws]), Arena::default(), Contributions::default());
+            let seed = 8 + run + (index << 8);
+            estimator.propose(&tile.rows(), &Points::new(seed, 0), &mut drawn, &arena);
             let (mut first, mut second) = (0.0_f64, 0.0_f64);
-            for _ in 0..draws {
-                let value = f64::from(luminance(estimator.estimate(&at, &Unshadowed, &mut random).radiance));
+            // One contribution for each draw at most.
+            for &radiance in drawn.radiance() {
+                let value = f64::from(luminance(radiance));
                 first += value;
                 second += value * value;
             }
-            (first > 0.0).then(|| (second * f64::from(draws) / (first * first) - 1.0, f64::NAN))
+            (first > 0.0).then(|| (second * draws as f64 / (first * first) - 1.0, f64::NAN))
         }))
     }))
 }

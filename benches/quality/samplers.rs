@@ -5,18 +5,20 @@ use std::{
     time::Instant,
 };
 
-use glam::{Vec2, Vec3A};
 use headtail_render::{
     bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
+    columns::Arena,
     environment::Environment,
-    head::{Head, PreparedHead},
-    integrator::ResampledEstimator,
+    estimator::Ris,
+    head::Head,
     latlong,
     sampler::{
-        BrdfSampler, CompensatedEmitterSampler, DirectionSample, DirectionSampler, EmitterSampler, EnvironmentLight,
-        OneSampleMis, Oracle, ProductSampler, Resampled, ShadingPoint,
+        BrdfSampler, Coverage, Covering, Draws, EmitterSampler, EnvironmentLight, IntermediateDensity, OneSampleMis,
+        Oracle, ProductSampler, Sampler,
     },
+    simd::Lanes,
     tail::TailKind,
+    tile::Rows,
 };
 use headtail_train::{FitConfig, Material, Preset, Viewpoints, build_target, fit, learned_bake, native_head};
 
@@ -50,23 +52,20 @@ fn diffuse(light: &EnvironmentLight, head: Head) -> Fallible<Qualities> {
     let conditions = Conditions::of(Material::Lambert);
     let (points, row_column_points) = (quadratures(conditions, light), quadratures(conditions, &row_column));
     let emitter = EmitterSampler::new(light.clone());
-    let brdf = BrdfSampler::new(environment.clone());
-    let compensated = CompensatedEmitterSampler::new(light)?;
+    let brdf = BrdfSampler;
+    let compensated = EmitterSampler::compensated(light)?;
     let baked = learned_bake(&head, light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
-    let by_draws = |candidates| -> Fallible<Quality> {
-        let resampled = Resampled::new(emitter.clone(), brdf.clone(), candidates)?;
-        Ok(measure_by_draws(conditions, &ResampledEstimator::new(resampled)))
-    };
+    let by_draws = |candidates| resampled(conditions, light, &emitter, candidates);
     macro_rules! by_quadrature {
         ($sampler:expr) => {
             measure(conditions, &points, &$sampler)
         };
     }
     Ok(vec![
-        ("mis", by_quadrature!(OneSampleMis::new(emitter.clone(), brdf.clone()))),
+        ("mis", by_quadrature!(OneSampleMis::new(emitter.clone(), brdf))),
         ("cosine", by_quadrature!(brdf)),
         ("emitter", by_quadrature!(emitter)),
-        ("mis-comp", by_quadrature!(OneSampleMis::new(compensated, brdf.clone()))),
+        ("mis-comp", by_quadrature!(OneSampleMis::new(compensated, brdf))),
         ("ris:4", by_draws(4)?),
         ("ris:16", by_draws(16)?),
         ("head+mis", by_quadrature!(OneSampleMis::new(ProductSampler::new(light.clone(), head), brdf))),
@@ -83,8 +82,8 @@ fn glossy(material: Material, light: &EnvironmentLight, head: Head) -> Fallible<
     let conditions = Conditions::of(material);
     let points = quadratures(conditions, light);
     let emitter = EmitterSampler::new(light.clone());
-    let brdf = BrdfSampler::new(light.environment().clone());
-    let compensated = CompensatedEmitterSampler::new(light)?;
+    let brdf = BrdfSampler;
+    let compensated = EmitterSampler::compensated(light)?;
     let head = ProductSampler::new(light.clone(), head);
     let table = direct(light, 32)?;
     macro_rules! by_quadrature {
@@ -92,29 +91,33 @@ fn glossy(material: Material, light: &EnvironmentLight, head: Head) -> Fallible<
             measure(conditions, &points, &$sampler)
         };
     }
-    macro_rules! resampled {
-        ($first:expr, $candidates:expr) => {
-            measure_by_draws(
-                conditions,
-                &ResampledEstimator::new(Resampled::new($first.clone(), brdf.clone(), $candidates)?),
-            )
-        };
-    }
     Ok(vec![
-        ("mis", by_quadrature!(OneSampleMis::new(emitter.clone(), brdf.clone()))),
+        ("mis", by_quadrature!(OneSampleMis::new(emitter.clone(), brdf))),
         ("brdf", by_quadrature!(brdf)),
         ("emitter", by_quadrature!(emitter)),
-        ("mis-comp", by_quadrature!(OneSampleMis::new(compensated, brdf.clone()))),
-        ("ris:4", resampled!(emitter, 4)),
-        ("ris:16", resampled!(emitter, 16)),
+        ("mis-comp", by_quadrature!(OneSampleMis::new(compensated, brdf))),
+        ("ris:4", resampled(conditions, light, &emitter, 4)?),
+        ("ris:16", resampled(conditions, light, &emitter, 16)?),
         ("head", by_quadrature!(head)),
-        ("head+mis", by_quadrature!(OneSampleMis::new(head.clone(), brdf.clone()))),
-        ("ris:4:head", resampled!(head, 4)),
+        ("head+mis", by_quadrature!(OneSampleMis::new(head.clone(), brdf))),
+        ("ris:4:head", resampled(conditions, light, &head, 4)?),
         ("direct", by_quadrature!(table)),
-        ("direct+mis", by_quadrature!(OneSampleMis::new(table.clone(), brdf.clone()))),
-        ("ris:4:direct", resampled!(table, 4)),
+        ("direct+mis", by_quadrature!(OneSampleMis::new(table.clone(), brdf))),
+        ("ris:4:direct", resampled(conditions, light, &table, 4)?),
         ("oracle", by_quadrature!(ProductSampler::new(light.clone(), Oracle::new(light.tail())))),
     ])
+}
+
+/// RIS over a sampler and BRDF sampling.
+fn resampled(
+    conditions: Conditions,
+    light: &EnvironmentLight,
+    first: &(impl Sampler + Clone),
+    candidates: u32,
+) -> Fallible<Quality> {
+    let (first, brdf) = (Covering::new(first.clone())?, Covering::new(BrdfSampler)?);
+    let estimator = Ris::new(first, brdf, candidates, light.environment().clone())?;
+    Ok(measure_by_draws(conditions, &estimator))
 }
 
 /// The cosine direct bake over 16 x 32 normals.
@@ -124,27 +127,31 @@ fn direct(light: &EnvironmentLight, side: usize) -> Fallible<ProductSampler<Bake
 }
 
 /// A head that was trained in X, without a tail.
-pub struct Naive {
-    pub head: Head,
-    pub environment: Arc<Environment>,
-}
+pub struct Naive(pub Head);
 
-impl DirectionSampler for Naive {
-    type Prepared = PreparedHead;
-
-    fn prepare(&self, at: &ShadingPoint) -> PreparedHead {
-        let condition = self.head.condition();
-        self.head.prepare_condition(&condition.of(at)[..condition.length()])
+impl Sampler for Naive {
+    fn columns(&self) -> usize {
+        self.0.columns()
     }
 
-    fn sample(&self, prepared: &PreparedHead, _at: &ShadingPoint, u: Vec2) -> Option<DirectionSample> {
-        let (x, density) = self.head.sample_at(prepared, u);
-        let (wi, pdf) = (latlong::direction(x), density * latlong::solid_angle_factor(x.y));
-        pdf.is_finite().then(|| DirectionSample { wi, pdf, radiance: self.environment.radiance_at(x) })
+    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
+        self.0.prepare(at, state, arena);
     }
 
-    fn pdf(&self, prepared: &PreparedHead, _at: &ShadingPoint, wi: Vec3A) -> f32 {
-        let x = latlong::square(wi);
-        self.head.inverse_at(prepared, x).1 * latlong::solid_angle_factor(x.y)
+    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
+        let mut x = arena.columns::<2>(at.strips());
+        self.0.sample(at, state, u, x.get_mut(), out.pdf, arena);
+        latlong::directions(x.get(), out.wi, out.pdf);
+    }
+
+    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
+        let mut x = arena.columns::<2>(at.strips());
+        latlong::squares(wi, x.get_mut());
+        self.0.density(at, state, x.get(), out, arena);
+        latlong::to_solid_angle(x.get()[1], out);
+    }
+
+    fn coverage(&self) -> Coverage {
+        Coverage::Everything
     }
 }

@@ -8,9 +8,10 @@ use std::{
 use anyhow::{Result, bail, ensure};
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
+    estimator::{Estimator, Ris, SingleSample},
     image::{Image, read_radiance, write_exr},
-    integrator::{Budget, DirectEstimator, Rendering, ResampledEstimator, SingleSample, render},
-    sampler::{BrdfSampler, EnvironmentLight, ProductSampler, Resampled},
+    integrator::{Budget, Rendering, render},
+    sampler::{BrdfSampler, Covering, EnvironmentLight, ProductSampler},
     tail::TailKind,
 };
 
@@ -86,13 +87,12 @@ fn converged<'a>(
     let environment = &opened.environment;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(64, 64)?)?;
-    let product = ProductSampler::new(light, table);
+    let product = Covering::new(ProductSampler::new(light, table))?;
     // The table knows the cosine, not the lobes of glossy surfaces: they are left to BRDF samples.
-    let (estimator, by): (Box<dyn DirectEstimator>, &str) = if opened.is_diffuse() {
-        (Box::new(SingleSample::new(product)), "the direct bake (64 x 64 cells)")
+    let (estimator, by): (Box<dyn Estimator>, &str) = if opened.is_diffuse() {
+        (Box::new(SingleSample::new(product, environment.clone())), "the direct bake (64 x 64 cells)")
     } else {
-        let brdf = BrdfSampler::new(environment.clone());
-        let resampled = ResampledEstimator::new(Resampled::new(product, brdf, 8)?);
+        let resampled = Ris::new(product, Covering::new(BrdfSampler)?, 8, environment.clone())?;
         (Box::new(resampled), "RIS of 8 candidates, from the direct bake (64 x 64 cells) and the BRDF,")
     };
     let bar = progress::bar(1000, "reference");

@@ -9,7 +9,7 @@ use std::{
 };
 
 use anyhow::{Result, bail, ensure};
-use headtail_render::{environment::Environment, sampler::SamplerSpec, scene::Scene, tail::TailKind};
+use headtail_render::{environment::Environment, scene::Scene, spec::SamplerSpec, tail::TailKind};
 use headtail_train::{
     CheckpointFolder, FitConfig, Fitted, FlowSummary, MetricsFile, Progress, Run, TensorBoard, TrainingLight,
     Viewpoints, build_target, check_exportable, density_pictures, exported_sampler, fit_with,

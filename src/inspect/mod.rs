@@ -6,17 +6,17 @@ use std::path::PathBuf;
 
 use anyhow::{Result, anyhow, bail, ensure};
 use clap::Args;
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
-    brdf::{Brdf, Ggx, Lambert},
+    brdf::{BrdfTable, Ggx, Lambert},
     color::luminance,
     export::{ExportedSampler, Intermediate},
     file,
     head::Condition,
     image::encode_png_rgb8,
     latlong,
-    sampler::{IntermediateDensity, ShadingPoint},
     tail::TailWarp,
+    tile::ShadingPoint,
 };
 use headtail_train::Material;
 use plotters::{
@@ -106,8 +106,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         exported.tail.kind().name(),
         direction(at.ns)
     );
-    if let Brdf::Ggx(ggx) = at.brdf {
-        title += &format!(", alpha {}, view {}", ggx.alpha(), direction(at.wo));
+    if at.surface.brdf == BrdfTable::GGX {
+        title += &format!(", alpha {}, view {}", at.lobe_width(), direction(at.wo));
     }
     let mut facts = format!(
         "KL(target || sampler) {:.4} nats, relative variance {:.4}, integral of q {:.5}",
@@ -135,14 +135,14 @@ fn shading_point(arguments: &Arguments, intermediate: &Intermediate) -> Result<S
     let view = arguments.view.map_or(normal, |view| view.0);
     ensure!(view.dot(normal) > 1e-6, "--view: the direction is not on the normal's side");
     let glossy = matches!(intermediate, Intermediate::Head(head) if head.condition() != Condition::Normal);
-    let brdf = match arguments.material {
+    let surface = match arguments.material {
         None if glossy => bail!("the head is for glossy surfaces: give --material ggx:alpha=A"),
-        None | Some(Material::Lambert) => Brdf::Lambert(Lambert { albedo: Vec3A::ONE }),
-        Some(Material::Ggx { low, high }) if low == high => Brdf::Ggx(Ggx::new(low, Vec3A::ONE)),
+        None | Some(Material::Lambert) => Lambert { albedo: Vec3::ONE }.into(),
+        Some(Material::Ggx { low, high }) if low == high => Ggx::new(low, Vec3::ONE).into(),
         Some(material) => bail!("--material {material}: name one width, as in ggx:alpha=0.4"),
     };
     let (n, wo) = (normal.normalize(), view.normalize());
-    Ok(ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, brdf })
+    Ok(ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface })
 }
 
 fn kind(intermediate: &Intermediate) -> &'static str {
@@ -157,65 +157,62 @@ fn kind(intermediate: &Intermediate) -> &'static str {
 type Density<'a> = Box<dyn Fn(&[Vec2]) -> Vec<f32> + 'a>;
 
 /// A sampler's density over Y at a shading point, and which share of samples it is for, if that was learned.
-fn intermediate_density<'a>(exported: &'a ExportedSampler, at: &ShadingPoint) -> (Density<'a>, Option<f32>) {
-    fn of<'a, I: IntermediateDensity>(intermediate: &'a I, prepared: I::Prepared) -> Density<'a>
-    where
-        I::Prepared: 'a,
-    {
-        Box::new(move |y| {
-            let mut q = vec![0.0; y.len()];
-            intermediate.density_prepared(&vec![&prepared; y.len()], y, &mut q);
-            q
-        })
-    }
-    match &exported.intermediate {
+fn intermediate_density<'a>(exported: &'a ExportedSampler, at: &ShadingPoint) -> Result<(Density<'a>, Option<f32>)> {
+    let normal = at.ns;
+    Ok(match &exported.intermediate {
         Intermediate::Head(head) => {
-            let prepared = head.prepare(at);
-            let share = head.has_selection().then(|| head.share_beside_brdf(&prepared));
-            (of(head, prepared), share)
+            let condition = head.condition().encode(at.wo.into(), normal.into(), at.lobe_width());
+            let head_at = head.at(&condition[..head.condition().length()])?;
+            let share = head.has_selection().then(|| head_at.share());
+            (Box::new(move |y| head_at.invert(y).into_iter().map(|(_, density)| density).collect()), share)
         }
-        Intermediate::Bake(table) | Intermediate::DirectBake(table) => (of(table, table.prepare(at)), None),
-    }
+        Intermediate::Bake(table) | Intermediate::DirectBake(table) => {
+            (Box::new(move |y| table.density_at(normal, y)), None)
+        }
+    })
 }
 
 fn tabulate(exported: &ExportedSampler, at: &ShadingPoint) -> Result<([Panel; 3], Figures)> {
-    let (density, share) = intermediate_density(exported, at);
+    let (density, share) = intermediate_density(exported, at)?;
+    let surface = at.one();
     let points: Vec<Vec2> = (0..WIDTH * HEIGHT)
         .map(|k| Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32))
         .collect();
     let count = points.len() as f64;
-    let reflected = |wi: Vec3A| luminance(at.brdf_cosine(wi));
-    // The sampler's pdf, where `q` is the density over Y and `light` the emitter's pdf.
-    let mixed = |q: f32, light: f32, wi: Vec3A| {
+    let reflected = |wi: &[Vec3A]| surface.brdf_cosines(wi).into_iter().map(luminance);
+    // The sampler's pdf, where `q` is the density over Y, `light` the emitter's pdf and `brdf` that of BRDF sampling.
+    let mixed = |q: f32, light: f32, brdf: f32| {
         let pdf = q * light;
-        share.map_or(pdf, |share| share * pdf + (1.0 - share) * at.brdf.pdf(at.ns, at.wo, wi))
+        share.map_or(pdf, |share| share * pdf + (1.0 - share) * brdf)
     };
 
     // Through an exact tail the target over Y is BRDF x cosine alone; another tail leaves some light over.
     let intermediate = density(&points);
-    let directions: Vec<(Vec2, Vec3A, f32)> = points.iter().map(|&y| seen_through(exported, y)).collect();
+    let seen: Vec<(Vec2, Vec3A, f32)> = exported.tail.forward_directions(&points).collect();
+    let directions: Vec<Vec3A> = seen.iter().map(|&(_, wi, _)| wi).collect();
     let products: Vec<f32> =
-        directions.iter().map(|&(x, wi, _)| reflected(wi) * exported.tail.light_ratio(x)).collect();
+        reflected(&directions).zip(&seen).map(|(f, &(x, ..))| f * exported.tail.light_ratio(x)).collect();
     let mean = products.iter().map(|&g| f64::from(g)).sum::<f64>() / count;
     ensure!(mean > 0.0, "a surface with this normal sees no light at all");
     let (mut kl, mut squares, mut integral) = (0.0, 0.0, 0.0);
-    for ((&q, &g), &(_, wi, light)) in intermediate.iter().zip(&products).zip(&directions) {
+    let brdf_pdfs = surface.brdf_pdfs(&directions);
+    for (((&q, &g), &(_, _, light)), brdf) in intermediate.iter().zip(&products).zip(&seen).zip(brdf_pdfs) {
         integral += f64::from(q) / count;
-        let (q, g) = (f64::from(mixed(q, light, wi) / light), f64::from(g) / mean);
+        let (q, g) = (f64::from(mixed(q, light, brdf) / light), f64::from(g) / mean);
         if g > 0.0 {
             kl += g * (g / q).ln() / count;
             squares += g * g / q / count;
         }
     }
 
-    let pulled: Vec<(Vec2, f32)> = points.iter().map(|&x| exported.tail.inverse(x)).collect();
-    let y: Vec<Vec2> = pulled.iter().map(|&(y, _)| y).collect();
+    let (y, slopes): (Vec<Vec2>, Vec<f32>) = exported.tail.inverse_points(&points).into_iter().unzip();
+    let directions: Vec<Vec3A> = points.iter().map(|&x| latlong::direction(x)).collect();
+    let own = slopes.into_iter().zip(density(&y)).zip(surface.brdf_pdfs(&directions));
     let (mut target, mut last) = (Vec::new(), Vec::new());
-    for ((&x, &(_, slope)), q) in points.iter().zip(&pulled).zip(density(&y)) {
-        let (light, wi) = (slope * latlong::solid_angle_factor(x.y), latlong::direction(x));
-        let target_light = exported.tail.light().density(x) * latlong::solid_angle_factor(x.y);
-        target.push(target_light * reflected(wi) / mean as f32);
-        last.push(mixed(if slope > 0.0 { q } else { 0.0 }, light, wi));
+    for ((&x, f), ((slope, q), brdf)) in points.iter().zip(reflected(&directions)).zip(own) {
+        let factor = latlong::solid_angle_factor(x.y);
+        target.push(exported.tail.light().density(x) * factor * f / mean as f32);
+        last.push(mixed(if slope > 0.0 { q } else { 0.0 }, slope * factor, brdf));
     }
     let title =
         if share.is_some() { "final: pdf of the mixture with BRDF sampling" } else { "final: pdf of the sampler" };
@@ -225,12 +222,6 @@ fn tabulate(exported: &ExportedSampler, at: &ShadingPoint) -> Result<([Panel; 3]
         Panel { title, values: last },
     ];
     Ok((panels, Figures { kl, relative_variance: squares - 1.0, integral, share }))
-}
-
-/// Where the tail carries a point of Y: the point of X, its direction, and the pdf there when Y is uniform.
-fn seen_through(exported: &ExportedSampler, y: Vec2) -> (Vec2, Vec3A, f32) {
-    let (x, jacobian) = exported.tail.forward(y);
-    (x, latlong::direction(x), latlong::solid_angle_factor(x.y) / jacobian)
 }
 
 /// The picture as PNG bytes.

@@ -15,7 +15,6 @@ use plotters::{
     prelude::*,
     style::{FontStyle, register_font},
 };
-use rayon::prelude::*;
 
 const WIDTH: usize = 512;
 const HEIGHT: usize = 256;
@@ -84,10 +83,10 @@ impl Figures {
     fn of(tail: &Tail) -> Self {
         let mut random = Stream::new(1, Purpose::Test, 0);
         let light = Tail::Hierarchical(headtail_render::tail::Hierarchical::new(tail.light().clone()));
-        let logs = (0..POINTS).map(|_| {
-            let (x, _) = light.forward(random.uniform2());
-            f64::from(light.density(x)).ln() - f64::from(tail.density(x)).ln()
-        });
+        let y: Vec<Vec2> = (0..POINTS).map(|_| random.uniform2()).collect();
+        let x: Vec<Vec2> = light.forward_points(&y).into_iter().map(|(x, _)| x).collect();
+        let logs = light.inverse_points(&x).into_iter().zip(tail.inverse_points(&x));
+        let logs = logs.map(|((_, p), (_, q))| f64::from(p).ln() - f64::from(q).ln());
         let kl = logs.sum::<f64>() / POINTS as f64;
         let (jump, jump_99, torn) = neighbours(tail);
         let nanoseconds = [false, true].map(|back| lookup_time(tail, back));
@@ -98,7 +97,7 @@ impl Figures {
 /// Ratios of Jacobians, and tears, between neighbours of a grid over Y.
 fn neighbours(tail: &Tail) -> (f64, f64, f64) {
     let at = |k: usize| Vec2::new((k % SIDE) as f32 + 0.5, (k / SIDE) as f32 + 0.5) / SIDE as f32;
-    let points: Vec<(Vec2, f32)> = (0..SIDE * SIDE).into_par_iter().map(|k| tail.forward(at(k))).collect();
+    let points: Vec<(Vec2, f32)> = tail.forward_points(&(0..SIDE * SIDE).map(at).collect::<Vec<_>>());
     let (mut jumps, mut torn) = (Vec::new(), 0_usize);
     for (k, (x, jacobian)) in points.iter().enumerate() {
         let (column, row) = (k % SIDE, k / SIDE);
@@ -123,24 +122,22 @@ fn worst_cell(tail: &Tail) -> f64 {
     let mut cells = vec![0.0_f64; CELLS * CELLS];
     const EACH: usize = 64;
     for (k, cell) in cells.iter_mut().enumerate() {
-        for _ in 0..EACH {
-            let y = (Vec2::new((k % CELLS) as f32, (k / CELLS) as f32) + random.uniform2()) / CELLS as f32;
-            *cell += f64::from(tail.light_ratio(tail.forward(y).0)) / (EACH * CELLS * CELLS) as f64;
-        }
+        let corner = Vec2::new((k % CELLS) as f32, (k / CELLS) as f32);
+        let y: Vec<Vec2> = (0..EACH).map(|_| (corner + random.uniform2()) / CELLS as f32).collect();
+        let ratios = tail.forward_points(&y).into_iter().map(|(x, _)| f64::from(tail.light_ratio(x)));
+        *cell = ratios.sum::<f64>() / (EACH * CELLS * CELLS) as f64;
     }
     cells.into_iter().fold(0.0, f64::max)
 }
 
 fn lookup_time(tail: &Tail, back: bool) -> f64 {
     let mut random = Stream::new(3, Purpose::Test, 0);
-    let points: Vec<Vec2> =
-        (0..20_000).map(|_| random.uniform2()).map(|y| if back { tail.forward(y).0 } else { y }).collect();
-    let start = Instant::now();
-    let mut sum = Vec2::ZERO;
-    for &point in &points {
-        sum += if back { tail.inverse(point).0 } else { tail.forward(point).0 };
+    let mut points: Vec<Vec2> = (0..20_000).map(|_| random.uniform2()).collect();
+    if back {
+        points = tail.forward_points(&points).into_iter().map(|(x, _)| x).collect();
     }
-    std::hint::black_box(sum);
+    let start = Instant::now();
+    std::hint::black_box(if back { tail.inverse_points(&points) } else { tail.forward_points(&points) });
     start.elapsed().as_nanos() as f64 / points.len() as f64
 }
 
@@ -176,14 +173,16 @@ fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Vec<u8>> {
             let style = ("sans-serif", 17).into_font().color(&RGBColor(30, 30, 30));
             area.draw(&Text::new(title, (corner.0, corner.1 - 26), style)).map_err(failed)?;
             let pixel = |k: usize| {
-                let x = Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5)
-                    / Vec2::new(WIDTH as f32, HEIGHT as f32);
-                color(if panel == 0 { x } else { tails[panel - 1].inverse(x).0 })
+                Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
             };
-            let colors: Vec<RGBColor> = (0..WIDTH * HEIGHT).into_par_iter().map(pixel).collect();
-            for (k, color) in colors.iter().enumerate() {
+            let mut points: Vec<Vec2> = (0..WIDTH * HEIGHT).map(pixel).collect();
+            if panel > 0 {
+                points = tails[panel - 1].inverse_points(&points).into_iter().map(|(y, _)| y).collect();
+            }
+            let colors = points.into_iter().map(color);
+            for (k, color) in colors.enumerate() {
                 let place = (corner.0 + (k % WIDTH) as i32, corner.1 + (k / WIDTH) as i32);
-                area.draw_pixel(place, color).map_err(failed)?;
+                area.draw_pixel(place, &color).map_err(failed)?;
             }
         }
         area.present().map_err(failed)?;

@@ -5,20 +5,20 @@ use std::{
     sync::{Arc, atomic::AtomicBool},
 };
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use headtail_render::{
     environment::Environment,
     head::{Head, Linear},
     sampler::{
-        BrdfSampler, CompactEmitters, DirectionSampler, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler,
+        BrdfSampler, CompactEmitters, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler, Sampler,
         WithCompactEmitters,
     },
+    statistics::{Bench, Effort, Figures},
     tail::TailKind,
 };
 use headtail_train::{FitConfig, Run, TrainingLight, Viewpoints, build_target, fit, native_head};
 
 use super::{
-    measure::{Bench, Figures},
     picture::Pictures,
     regime::{Change, Regime, to_half_precision},
 };
@@ -27,7 +27,7 @@ use super::{
 pub const METHODS: [(&str, &str); 7] = [
     (MIS, "one-sample MIS of emitter and BRDF sampling: the baseline"),
     ("head", "the head alone: the plain method"),
-    ("head+mis", "the head and BRDF sampling, one half each"),
+    (HALVES, "the same head and BRDF sampling, one half each"),
     ("selection", "the same with a learned share, trained jointly"),
     ("emitters", "compact emitters on their own, the head for the rest of the light"),
     (ALL, "learned share, compact emitters, and no head that is worse than none"),
@@ -36,6 +36,8 @@ pub const METHODS: [(&str, &str); 7] = [
 
 /// The baseline.
 pub const MIS: &str = "mis";
+/// The head in a mixture that it was not trained for.
+const HALVES: &str = "head and brdf by halves";
 /// All remedies.
 const ALL: &str = "all remedies";
 /// What `headtail fit` makes without further flags, used as it says.
@@ -78,15 +80,14 @@ pub struct Laboratory<'a> {
 
 impl<'a> Laboratory<'a> {
     /// Measures every method in a regime.
-    pub fn run(regime: &'a Regime, config: FitConfig, effort: super::measure::Effort) -> Result<(Vec<Row>, Pictures)> {
+    pub fn run(regime: &'a Regime, config: FitConfig, effort: Effort) -> Result<(Vec<Row>, Pictures)> {
         let light = EnvironmentLight::new(regime.environment.clone(), TailKind::Hierarchical)?;
-        let bench = Bench::new(regime, &light, effort);
-        anyhow::ensure!(bench.lit() > 1, "{}: no shading point sees light", regime.name);
-        let pictures = Pictures::new(bench.brightest(), &regime.environment);
+        let bench = Bench::new(&regime.name, &light, effort, |index| regime.shading_point(index));
+        let brightest = bench.brightest().filter(|_| bench.lit() > 1);
+        let brightest = brightest.with_context(|| format!("{}: no shading point sees light", regime.name))?;
+        let pictures = Pictures::new(brightest, &regime.environment);
         let mut laboratory = Self { regime, bench, config, rows: Vec::new(), pictures, lights: Default::default() };
-        let emitter = EmitterSampler::new(light);
-        let mis = OneSampleMis::new(emitter, BrdfSampler::new(regime.environment.clone()));
-        laboratory.add(MIS, &mis, 0, "");
+        laboratory.add(MIS, &OneSampleMis::new(EmitterSampler::new(light), BrdfSampler), 0, "");
         laboratory.heads();
         Ok((laboratory.rows, laboratory.pictures))
     }
@@ -96,11 +97,11 @@ impl<'a> Laboratory<'a> {
         plain.head.share = false;
         match self.train(&plain) {
             Ok(trained) => {
-                let product = trained.product();
+                let product = trained.sampler();
                 self.add("head", &product, trained.skipped, "");
-                self.add("head+mis", &OneSampleMis::new(product, self.brdf()), trained.skipped, "");
+                self.add(HALVES, &OneSampleMis::new(product, BrdfSampler), trained.skipped, "");
             }
-            Err(error) => ["head", "head+mis"].into_iter().for_each(|method| self.stop(method, &error)),
+            Err(error) => ["head", HALVES].into_iter().for_each(|method| self.stop(method, &error)),
         }
         let default = self.train(&self.config);
         let selection = match &default {
@@ -132,16 +133,7 @@ impl<'a> Laboratory<'a> {
             None if method == ALL => "no compact emitter in this map: as default".to_owned(),
             None => String::new(),
         };
-        let (product, skipped) = (trained.product(), trained.skipped);
-        match (trained.head.has_selection(), trained.compact.clone()) {
-            (false, None) => self.add(method, &product, skipped, &note),
-            (true, None) => self.add(method, &OneSampleMis::new(product, self.brdf()), skipped, &note),
-            (false, Some(compact)) => self.add(method, &WithCompactEmitters::new(compact, product), skipped, &note),
-            (true, Some(compact)) => {
-                let mixture = OneSampleMis::new(product, self.brdf());
-                self.add(method, &WithCompactEmitters::new(compact, mixture), skipped, &note);
-            }
-        }
+        self.add(method, &trained.sampler(), trained.skipped, &note);
     }
 
     fn has_emitters(&self) -> bool {
@@ -149,11 +141,7 @@ impl<'a> Laboratory<'a> {
         TrainingLight::luminance_of(&config, &self.regime.environment) != self.regime.environment.luminance()
     }
 
-    fn brdf(&self) -> BrdfSampler {
-        BrdfSampler::new(self.regime.environment.clone())
-    }
-
-    fn add<S: DirectionSampler>(&mut self, method: &'static str, sampler: &S, skipped: usize, note: &str) {
+    fn add(&mut self, method: &'static str, sampler: &dyn Sampler, skipped: usize, note: &str) {
         let figures = self.bench.measure(sampler);
         self.pictures.add(method, sampler);
         let regime = self.regime.name.clone();
@@ -197,8 +185,15 @@ impl<'a> Laboratory<'a> {
 }
 
 impl Trained {
-    fn product(&self) -> ProductSampler<Head> {
-        ProductSampler::new(self.light.clone(), self.head.clone())
+    /// What its file is made to be: with compact emitters, and in a mixture with BRDF sampling where it has learned its share.
+    fn sampler(&self) -> Arc<dyn Sampler> {
+        let product = Arc::new(ProductSampler::new(self.light.clone(), self.head.clone()));
+        let rest: Arc<dyn Sampler> =
+            if self.head.has_selection() { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product };
+        match self.compact.clone() {
+            Some(compact) => Arc::new(WithCompactEmitters::new(compact, rest)),
+            None => rest,
+        }
     }
 }
 

@@ -1,6 +1,5 @@
 //! `headtail stability`: samplers in the regimes in which importance sampling is known to fail.
 
-mod measure;
 mod method;
 mod page;
 mod picture;
@@ -11,11 +10,10 @@ use std::{path::PathBuf, sync::atomic::Ordering};
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use headtail_render::file;
+use headtail_render::{file, statistics::Effort};
 use headtail_train::{Backend, GradientForm};
 
 use crate::{arguments::make_folder, backends::parse, compare::machine, progress};
-use measure::Effort;
 use method::{DEFAULT, Laboratory};
 
 /// Train and measure every sampler in the regimes in which importance sampling is known to fail, and write DIR/stability.csv and

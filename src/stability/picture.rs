@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use glam::Vec2;
+use glam::{Vec2, Vec3A};
 use headtail_render::{
     color::luminance,
     environment::Environment,
     image::encode_png_rgb8,
     latlong,
-    sampler::{DirectionSampler, ShadingPoint},
+    sampler::{AtPoint, Sampler},
+    tile::ShadingPoint,
 };
 use plotters::style::colors::colormaps::{ColorMap, ViridisRGB};
 
@@ -30,7 +31,10 @@ pub struct Pictures {
 impl Pictures {
     /// Of the target.
     pub fn new(at: ShadingPoint, environment: &Arc<Environment>) -> Self {
-        let target = each_pixel(|wi| f64::from(luminance(at.brdf_cosine(wi) * environment.radiance(wi))));
+        let directions = each_pixel();
+        let reflected = at.one().brdf_cosines(&directions).into_iter().zip(directions);
+        let target: Vec<f64> =
+            reflected.map(|(f, wi)| f64::from(luminance(f * environment.radiance(wi)))).collect();
         let solid_angle =
             |k: usize| f64::from(latlong::sin_theta((k / WIDTH) as f32 / HEIGHT as f32 + 0.5 / HEIGHT as f32));
         let pixel = 2.0 * std::f64::consts::PI.powi(2) / (WIDTH * HEIGHT) as f64;
@@ -40,9 +44,9 @@ impl Pictures {
     }
 
     /// Adds a sampler's density.
-    pub fn add<S: DirectionSampler>(&mut self, method: &'static str, sampler: &S) {
-        let prepared = sampler.prepare(&self.at);
-        self.densities.push((method, each_pixel(|wi| f64::from(sampler.pdf(&prepared, &self.at, wi)))));
+    pub fn add(&mut self, method: &'static str, sampler: &dyn Sampler) {
+        let pdfs = AtPoint::new(sampler, &self.at).pdf_many(&each_pixel());
+        self.densities.push((method, pdfs.into_iter().map(f64::from).collect()));
     }
 
     /// Names and `data:` addresses, all on the target's scale.
@@ -61,9 +65,10 @@ impl Pictures {
     }
 }
 
-fn each_pixel(value: impl Fn(glam::Vec3A) -> f64) -> Vec<f64> {
+/// The directions of the pixels' centres.
+fn each_pixel() -> Vec<Vec3A> {
     let at = |k: usize| {
         Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
     };
-    (0..WIDTH * HEIGHT).map(|k| value(latlong::direction(at(k)))).collect()
+    (0..WIDTH * HEIGHT).map(|k| latlong::direction(at(k))).collect()
 }

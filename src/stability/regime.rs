@@ -3,15 +3,15 @@
 use std::{path::Path, sync::Arc};
 
 use anyhow::Result;
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
-    brdf::{Brdf, Ggx, Lambert},
+    brdf::{Ggx, Lambert},
     environment::{Environment, built_in},
     image::Image,
     latlong,
     random::{Purpose, Stream},
-    sampler::ShadingPoint,
     tail::TailKind,
+    tile::ShadingPoint,
 };
 use headtail_train::{FitConfig, Loss, Material, Preset, Viewpoints};
 
@@ -83,11 +83,11 @@ impl Regime {
     pub fn shading_point(&self, index: u64) -> ShadingPoint {
         let mut stream = Stream::new(7, Purpose::Test, index);
         let (wo, n) = self.directions.draw(index, &mut stream);
-        let brdf = match self.material {
-            Material::Lambert => Brdf::Lambert(Lambert { albedo: Vec3A::ONE }),
-            Material::Ggx { low, high } => Brdf::Ggx(Ggx::new(low + (high - low) * stream.uniform(), Vec3A::ONE)),
+        let surface = match self.material {
+            Material::Lambert => Lambert { albedo: Vec3::ONE }.into(),
+            Material::Ggx { low, high } => Ggx::new(low + (high - low) * stream.uniform(), Vec3::ONE).into(),
         };
-        ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, brdf }
+        ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }
     }
 }
 

@@ -1,11 +1,9 @@
 //! `stability.csv`: a row for each regime and method, in full precision.
 
 use anyhow::Result;
+use headtail_render::statistics::{Figures, variance_ratio};
 
-use super::{
-    measure::{Figures, variance_ratio},
-    method::{MIS, Row},
-};
+use super::method::{MIS, Row};
 
 /// The columns of the figures, in this order.
 const COLUMNS: [&str; 22] = [
