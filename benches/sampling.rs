@@ -90,7 +90,7 @@ fn direct(side: usize) -> impl Sampler {
 }
 
 fn head(selection: bool) -> Head {
-    let config = HeadConfig { selection, ..HeadConfig::COSINE };
+    let config = HeadConfig { share: selection, ..HeadConfig::COSINE };
     let head = headtail_model::Head::new(config, 0, &Device::flex()).expect("a valid head");
     native_head(&head).expect("finite weights")
 }

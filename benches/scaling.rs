@@ -69,13 +69,7 @@ fn main() {
 }
 
 /// The fastest of three renderings.
-fn best(
-    scene: &Scene,
-    environment: &Environment,
-    estimator: &dyn Estimator,
-    width: usize,
-    spp: u32,
-) -> Rendering {
+fn best(scene: &Scene, environment: &Environment, estimator: &dyn Estimator, width: usize, spp: u32) -> Rendering {
     let camera = Camera::new(Vec3A::new(0.0, 5.0, 11.0), Vec3A::new(0.0, 0.0, 0.5), 40.0).expect("a direction");
     let view = View { scene, camera: &camera, environment, width, height: width * 3 / 4, unshadowed: false, depth: 1 };
     let once = |seed| render(view, estimator, Budget::Spp(spp), seed, &AtomicBool::new(false), &|_| {});

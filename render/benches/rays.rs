@@ -10,9 +10,10 @@ use std::{env, hint::black_box, sync::Arc, time::Instant};
 use headtail_render::{
     environment::Environment,
     random::{Purpose, Stream},
-    sampler::{DirectionSampler, EmitterSampler, EnvironmentLight, ShadingPoint},
+    sampler::EnvironmentLight,
     scene::{Bvh, Camera, Hit, Ray, Scene},
     tail::TailKind,
+    tile::{ShadingPoint, Tile},
 };
 
 const WIDTH: usize = 640;
@@ -42,10 +43,10 @@ fn camera_rays(scene: &Scene, camera: &Camera) -> (Batches, Vec<Vec<ShadingPoint
                 camera.ray(x as f32 + random.uniform(), y as f32 + random.uniform(), WIDTH, HEIGHT)
             })
             .collect();
-        let mut surfaces = Vec::new();
-        scene.intersect_batch(&rays, &mut Vec::new(), &mut surfaces);
+        let mut surfaces = Tile::default();
+        scene.intersect_batch(&rays, |k| k as u32, &mut surfaces, &mut Vec::new());
         batches.push(rays);
-        points.push(surfaces);
+        points.push((0..surfaces.len()).map(|row| surfaces.point(row)).collect());
     }
     (batches, points)
 }
@@ -60,7 +61,7 @@ fn shadow_rays(
     let mut batch = |points: &Vec<ShadingPoint>| -> Vec<Ray> {
         let mut ray = |at: &ShadingPoint| {
             let wi = direction(at, &mut random)?;
-            (at.ng.dot(wi) > 0.0).then(|| scene.leaving(at, wi))
+            (at.ng.dot(wi) > 0.0).then(|| scene.leaving(at.p, at.ng, wi))
         };
         points.iter().filter_map(&mut ray).collect()
     };
@@ -119,7 +120,6 @@ fn main() {
     let map = env::var("HEADTAIL_MAP").unwrap_or_else(|_| "studio".to_owned());
     let environment = Arc::new(Environment::open(&map).expect("the map of HEADTAIL_MAP can be read"));
     let light = EnvironmentLight::new(environment, TailKind::Hierarchical).expect("the map is lit");
-    let emitter = EmitterSampler::new(light);
     for name in scenes.split(',') {
         let mut scene = Scene::open(name).expect("the scenes of HEADTAIL_SCENES can be read");
         scene.add_ground();
@@ -128,9 +128,8 @@ fn main() {
         let bvh = Bvh::build(&triangles);
         println!("{name}: {} triangles, built in {:.2} s", triangles.len(), start.elapsed().as_secs_f64());
         let (camera, points) = camera_rays(&scene, &scene.camera());
-        let towards_map = shadow_rays(&scene, &points, |at, random| {
-            emitter.sample(&(), at, random.uniform2()).map(|sample| sample.wi)
-        });
+        let towards_map =
+            shadow_rays(&scene, &points, |_, random| Some(light.tail().forward_direction(random.uniform2()).1));
         let towards_cosine = shadow_rays(&scene, &points, |at, random| {
             // Cosine-distributed: a uniform point of the sphere that touches the plane from above.
             (at.ns + random.direction()).try_normalize()

@@ -33,8 +33,7 @@ impl Pictures {
     pub fn new(at: ShadingPoint, environment: &Arc<Environment>) -> Self {
         let directions = each_pixel();
         let reflected = at.one().brdf_cosines(&directions).into_iter().zip(directions);
-        let target: Vec<f64> =
-            reflected.map(|(f, wi)| f64::from(luminance(f * environment.radiance(wi)))).collect();
+        let target: Vec<f64> = reflected.map(|(f, wi)| f64::from(luminance(f * environment.radiance(wi)))).collect();
         let solid_angle =
             |k: usize| f64::from(latlong::sin_theta((k / WIDTH) as f32 / HEIGHT as f32 + 0.5 / HEIGHT as f32));
         let pixel = 2.0 * std::f64::consts::PI.powi(2) / (WIDTH * HEIGHT) as f64;
