@@ -459,6 +459,15 @@ fn the_same_seed_gives_the_same_picture_on_any_number_of_threads() {
 }
 
 #[test]
+fn an_instruction_set_that_is_not_there_is_refused_with_a_sentence() {
+    let here = folder();
+    let output = command(here.path(), "scenes").env("HEADTAIL_SIMD", "abacus").output().unwrap();
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.starts_with("error: HEADTAIL_SIMD: \"abacus\"") && message.lines().count() == 1, "{message}");
+}
+
+#[test]
 fn maps_are_repaired_or_refused_with_a_sentence() {
     let here = folder();
     let path = here.path();
@@ -568,6 +577,7 @@ fn values_out_of_range_are_refused() {
         (&format!("{render} --sampler mis"), "--spp"),
         (&format!("{render} --sampler mis --spp 1 --seconds 1"), "--seconds"),
         (&format!("{render} --sampler mis --spp 1 --width 0"), "--width"),
+        (&format!("{render} --sampler mis --spp 1 --height 16385"), "--height"),
         (&format!("{render} --sampler mis --spp 1 --threads 0"), "--threads"),
         (&format!("{render} --sampler mis --spp 1 --look-from 1,2"), "three numbers"),
         (&format!("{render} --sampler mis --spp 1 --look-from 1,2,3"), "--look-at"),
