@@ -204,7 +204,7 @@ fn with_half_weights(head: &Head) -> Result<Head> {
         let layers = head.layers();
         let of_part = layers.iter().filter(|(name, _)| name.starts_with(prefix));
         let round = |(name, layer): &(String, &Linear)| {
-            let (weight, bias) = (rounded(&layer.weight()), rounded(layer.bias()));
+            let (weight, bias) = (rounded(layer.weight()), rounded(layer.bias()));
             Ok(Linear::new(name, layer.inputs(), layer.outputs(), &weight, bias)?)
         };
         of_part.map(round).collect()
