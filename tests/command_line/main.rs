@@ -182,16 +182,20 @@ fn flow_tails_and_compact_emitters_are_fitted_exported_and_shown() {
         is_png(&path.join("tails.png")) && ["row-column", "hierarchical", "flow"].iter().all(|t| said.contains(t)),
         "{said}"
     );
-    let view = format!("render --scene plane --env sunset --unshadowed --spp 64 {SMALL}");
-    succeed(path, &format!("{view} --sampler mis --out mis.exr"));
+    let view = format!("render --scene plane --env sunset --unshadowed {SMALL}");
+    succeed(path, &format!("{view} --spp 64 --sampler mis --out mis.exr"));
     let expected = mean(&picture(&path.join("mis.exr")));
-    for (sampler, file) in
-        [("head+mis", "flow"), ("head+mis", "compact"), ("head", "compact"), ("ris:4:head", "compact")]
-    {
-        succeed(path, &format!("{view} --sampler {sampler}:{file}/sampler.safetensors --out other.exr"));
+    // 432 pixels. A sample of the compact emitters' mixtures has a relative deviation below 2. A flow of 20 steps hardly knows the sun: its
+    // samples weigh up to 900 (relative deviation 16, standard error of the mean 1.2 % at 4096 samples per pixel, of which five are allowed).
+    for (sampler, file, spp, tolerance) in [
+        ("head+mis", "flow", 4096, 0.06),
+        ("head+mis", "compact", 64, 0.04),
+        ("head", "compact", 64, 0.04),
+        ("ris:4:head", "compact", 64, 0.04),
+    ] {
+        succeed(path, &format!("{view} --spp {spp} --sampler {sampler}:{file}/sampler.safetensors --out other.exr"));
         let found = mean(&picture(&path.join("other.exr")));
-        // 432 pixels at 64 samples of relative deviation below 2.
-        assert!((found / expected - 1.0).abs() < 0.04, "{sampler}:{file}: {found}, mis: {expected}");
+        assert!((found / expected - 1.0).abs() < tolerance, "{sampler}:{file}: {found}, mis: {expected}");
     }
     assert!(fail(path, "bake --direct --env sunset --tail flow --out a.safetensors").contains("fit --tail flow"));
     assert!(

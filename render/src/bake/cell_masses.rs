@@ -3,7 +3,7 @@
 //! What a sample reads decides its time, as a table of the usual size does not fit into the second-level cache: one or two
 //! lines of row sums, and one line of each of the four tables around a normal.
 
-use super::table::CellGrid;
+use super::cell_grid::CellGrid;
 use crate::discrete::remap;
 
 /// Numbers in one cache line.

@@ -2,10 +2,7 @@
 
 use glam::{Vec2, Vec3A};
 
-use super::{
-    normal_grid::NormalGrid,
-    table::{BakedTable, CellGrid},
-};
+use super::{cell_grid::CellGrid, normal_grid::NormalGrid, table::BakedTable};
 use crate::{error::Result, tail::Tail};
 
 /// Points along each side of Y at which the tail is evaluated, at least.

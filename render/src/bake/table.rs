@@ -4,6 +4,7 @@ use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 
 use super::{
+    cell_grid::CellGrid,
     cell_masses::{CellMasses, FoundRow, Node},
     normal_grid::NormalGrid,
 };
@@ -15,50 +16,9 @@ use crate::{
     tile::Rows,
 };
 
-/// Most cells along one side of Y: the sums along a row are compared all at once.
-const MOST_CELLS: usize = 64;
-
 /// Share of every node's mass that is spread evenly over Y. A cell whose sampled points see no light may still hold a
 /// direction that does; without this floor its energy would be lost.
 const FLOOR: f32 = 2e-3;
-
-/// The cells of the intermediate square: `rows` along elevation, `columns` around the circle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CellGrid {
-    rows: usize,
-    columns: usize,
-}
-
-impl CellGrid {
-    /// A grid of `rows x columns` cells.
-    ///
-    /// # Errors
-    /// Both must be 1 to 64.
-    pub fn new(rows: usize, columns: usize) -> Result<Self> {
-        if !(1..=MOST_CELLS).contains(&rows) || !(1..=MOST_CELLS).contains(&columns) {
-            return Err(Error::argument("cells", format!("{rows}x{columns}: choose from 1x1 up to 64x64")));
-        }
-        Ok(Self { rows, columns })
-    }
-
-    /// Rows and columns.
-    pub fn shape(&self) -> (usize, usize) {
-        (self.rows, self.columns)
-    }
-
-    /// Number of cells.
-    pub fn cells(&self) -> usize {
-        self.rows * self.columns
-    }
-
-    /// Row and column of a point of Y.
-    #[inline(always)]
-    pub fn cell(&self, y: Vec2) -> (usize, usize) {
-        let row = ((y.y * self.rows as f32) as usize).min(self.rows - 1);
-        let column = ((y.x * self.columns as f32) as usize).min(self.columns - 1);
-        (row, column)
-    }
-}
 
 /// Piecewise constant masses over the cells of Y for every normal of a grid.
 ///
@@ -256,7 +216,7 @@ vectorized! {
         _simd, table: &'a BakedTable, count: usize, state: &'a [Lanes],
         z: [&'a [Lanes]; 2], y: [&'a mut [Lanes]; 2], q: &'a mut [Lanes],
     ) {
-        let (rows, columns) = (table.cells.rows as f32, table.cells.columns as f32);
+        let (rows, columns) = (table.cells.shape().0 as f32, table.cells.shape().1 as f32);
         let [y_u, y_v] = y;
         for strip in 0..q.len() {
             let state = &state[strip * COLUMNS..][..COLUMNS];

@@ -4,11 +4,13 @@ mod dwa;
 mod openexr;
 mod radiance;
 mod read;
+mod size;
 mod without_panic;
 mod write;
 
 pub(crate) use read::open_regular;
-pub use read::{MAX_PIXELS, read_radiance};
+pub use read::read_radiance;
+pub use size::MAX_PIXELS;
 pub(crate) use without_panic::without_panic;
 pub use write::{Attribute, AttributeValue, encode_exr, encode_png, encode_png_rgb8, write_exr, write_png};
 

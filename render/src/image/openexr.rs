@@ -18,7 +18,7 @@ use exr::meta::attribute::{ChannelList, SampleType};
 use exr::meta::header::Header;
 use exr::prelude::f16;
 
-use super::read::check_size;
+use super::size::check_size;
 use super::{Image, dwa};
 use crate::error::{Error, Result};
 

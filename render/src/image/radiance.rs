@@ -8,7 +8,7 @@ use image::ImageDecoder;
 use image::codecs::hdr::HdrDecoder;
 
 use super::Image;
-use super::read::check_size;
+use super::size::check_size;
 use crate::error::{Error, Result};
 
 /// The first bytes of every Radiance file; what program wrote it follows.

@@ -7,9 +7,6 @@ use std::path::Path;
 use super::{Image, openexr, radiance, without_panic};
 use crate::error::{Error, Result};
 
-/// The largest number of pixels that is read, 2^27: a map of 16384 x 8192, or 1.6 GB in memory.
-pub const MAX_PIXELS: usize = 1 << 27;
-
 /// Reads a Radiance (.hdr) or OpenEXR (.exr) file as linear RGB.
 ///
 /// The values are those of the file: NaN, infinite and negative ones stay, because what to do about them depends on the
@@ -63,15 +60,4 @@ pub(crate) fn open_regular(path: &Path) -> std::io::Result<(File, u64)> {
 /// compressed blocks the decoders count on well-formed data: with overflow checks on, B44 blocks of `exr` 1.74 that end too early do panic.
 fn checked(path: &Path, read: impl FnOnce() -> Result<Image>) -> Result<Image> {
     without_panic(read).unwrap_or_else(|| Err(Error::invalid(path, "pixels", "they are damaged")))
-}
-
-/// Refuses sizes that are not worth an allocation.
-pub(super) fn check_size(path: &Path, field: &str, width: usize, height: usize) -> Result<()> {
-    match width.checked_mul(height) {
-        Some(1..=MAX_PIXELS) => Ok(()),
-        _ => {
-            let reason = format!("{width} x {height} pixels; between 1 and {MAX_PIXELS} can be read");
-            Err(Error::invalid(path, field, reason))
-        }
-    }
 }

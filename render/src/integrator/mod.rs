@@ -1,6 +1,8 @@
 //! The tiled integrator of direct light and of paths.
 
 mod render;
+mod view;
 mod wavefront;
 
-pub use render::{Budget, Rendering, View, render};
+pub use render::{Budget, MAX_SIDE, Rendering, render};
+pub use view::View;

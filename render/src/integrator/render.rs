@@ -9,15 +9,11 @@ use std::{
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 
-use super::wavefront::{Pixel, TilePixels, Workspace};
-use crate::{
-    environment::Environment,
-    estimator::Estimator,
-    image::Image,
-    points::Points,
-    scene::{Camera, Scene},
-    timings::flush,
+use super::{
+    view::View,
+    wavefront::{Pixel, TilePixels, Workspace},
 };
+use crate::{estimator::Estimator, image::Image, points::Points, timings::flush};
 
 /// Edge of a tile in pixels.
 const TILE: usize = 16;
@@ -40,25 +36,6 @@ pub enum Budget {
     Spp(u32),
     /// After this much wall-clock time, at the end of the pass over all pixels that comes nearest to it.
     Time(Duration),
-}
-
-/// What to render.
-#[derive(Clone, Copy)]
-pub struct View<'a> {
-    /// The scene.
-    pub scene: &'a Scene,
-    /// The camera.
-    pub camera: &'a Camera,
-    /// The environment.
-    pub environment: &'a Environment,
-    /// Image width in pixels.
-    pub width: usize,
-    /// Image height in pixels.
-    pub height: usize,
-    /// Leave out shadow rays: the environment is seen from everywhere.
-    pub unshadowed: bool,
-    /// Surfaces that light may visit on its way to the camera: 1 is direct light, and 0 counts as 1.
-    pub depth: u32,
 }
 
 /// A finished or interrupted image.

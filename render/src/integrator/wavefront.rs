@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3A};
 
-use super::render::View;
+use super::view::View;
 use crate::{
     color::luminance,
     columns::Arena,
