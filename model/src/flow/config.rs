@@ -89,7 +89,7 @@ impl FlowConfig {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`Error::Config`] names the first field that is out of range.
+    /// [`crate::Error::Config`] names the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         within("flow.shape.bins", self.bins, 2..=128, "in 2..=128")?;
         within("flow.shape.couplings", self.couplings, 2..=64, "in 2..=64")?;

@@ -67,7 +67,7 @@ impl HeadConfig {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`Error::Config`] names the first field that is out of range.
+    /// [`crate::Error::Config`] names the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         let encoder = self.encoder.unwrap_or(EncoderConfig { hidden: 1, output: 1 });
         within("bins", self.bins, 2..=MAX_BINS, "in 2..=512")?;

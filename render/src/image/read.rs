@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read or is none, but a folder, a pipe or a device; [`Error::Invalid`], naming the field, if it is neither format, is damaged,
-/// holds no colour, or has more than [`MAX_PIXELS`] pixels. No content of a file makes this function panic
+/// holds no colour, or has more than [`super::MAX_PIXELS`] pixels. No content of a file makes this function panic
 /// (unless panics abort).
 pub fn read_radiance(path: &Path) -> Result<Image> {
     let failed = |source| Error::io(path, source);
