@@ -16,6 +16,7 @@ pub mod frame;
 pub mod head;
 pub mod image;
 pub mod integrator;
+pub mod large;
 pub mod latlong;
 pub mod one_point;
 pub mod points;

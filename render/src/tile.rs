@@ -86,25 +86,23 @@ impl Tile {
     pub fn push(&mut self, point: &ShadingPoint, key: u32) {
         assert!(self.len < MAX_POINTS, "a tile is full");
         let (strip, lane) = (self.len / LANES, self.len % LANES);
-        let grow = |column: &mut Vec<Lanes>| {
-            if column.len() <= strip {
-                column.push([0.0; LANES]);
+        if lane == 0 {
+            for column in self.vectors.as_flattened_mut().iter_mut().chain(&mut self.parameters) {
+                if column.len() <= strip {
+                    column.push([0.0; LANES]);
+                }
             }
-        };
+        }
         let vectors = [point.p, point.ng, point.ns, point.wo];
         for (columns, vector) in self.vectors.iter_mut().zip(vectors) {
             for (column, number) in columns.iter_mut().zip(vector.to_array()) {
-                grow(column);
                 column[strip][lane] = number;
             }
         }
+        // Numbers that the BRDF does not have are not read.
         let parameters = self.brdfs.get(point.surface.brdf).parameters();
-        for (k, column) in self.parameters.iter_mut().enumerate() {
-            grow(column);
-            // Numbers that the BRDF does not have are not read.
-            if k < parameters {
-                column[strip][lane] = point.surface.parameters[k];
-            }
+        for (column, number) in self.parameters.iter_mut().zip(point.surface.parameters).take(parameters) {
+            column[strip][lane] = number;
         }
         self.used = self.used.max(parameters);
         self.is_uniform = self.brdf.first().is_none_or(|&first| self.is_uniform && first == point.surface.brdf);
@@ -238,7 +236,7 @@ impl<'a> Rows<'a> {
         out
     }
 
-    /// Luminance-free reflection: `f_r max(0, n . wi)` per channel in 1/sr, zero where `wi` is below the geometric surface.
+    /// `f_r max(0, n . wi)` per channel in 1/sr, for a direction of each row; zero where `wi` is below the geometric surface.
     pub fn brdf_cosine(&self, wi: [&[Lanes]; 3], mut out: [&mut [Lanes]; 3], arena: &Arena) {
         self.by_brdf(arena, |group| {
             let [x, y, z] = &mut out;

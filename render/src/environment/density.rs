@@ -9,6 +9,7 @@ use crate::{
     columns::vectorized,
     discrete::BELOW_ONE,
     error::{Error, Result},
+    large::Large,
     simd::{LANES, Lanes},
 };
 
@@ -36,7 +37,7 @@ pub struct BilinearDensity {
 enum Nodes {
     Own(Arc<[f32]>),
     /// The fourth number of each texel.
-    OfTexels(Arc<[[f32; 4]]>),
+    OfTexels(Arc<Large<[f32; 4]>>),
 }
 
 /// The densities at the texels as one list: node `k` is `nodes[k * stride + offset]`.
@@ -98,7 +99,7 @@ impl BilinearDensity {
     }
 
     /// The same density, kept in the fourth numbers of a map's texels.
-    pub(super) fn in_texels(&self, texels: &Arc<[[f32; 4]]>) -> Self {
+    pub(super) fn in_texels(&self, texels: &Arc<Large<[f32; 4]>>) -> Self {
         Self { nodes: Nodes::OfTexels(texels.clone()), ..*self }
     }
 

@@ -19,6 +19,7 @@ use crate::{
     columns::vectorized,
     error::{Error, Result},
     image::{Image, read_radiance},
+    large::Large,
     latlong,
     simd::{LANES, Lanes},
 };
@@ -39,7 +40,7 @@ pub struct Environment {
     width: usize,
     height: usize,
     /// Radiance, and the density of the map's light over X.
-    texels: Arc<[[f32; 4]]>,
+    texels: Arc<Large<[f32; 4]>>,
     density: BilinearDensity,
     repairs: Vec<String>,
     hash: String,
@@ -105,7 +106,8 @@ impl Environment {
         let luminance: Vec<f32> = pixels.iter().map(|&texel| luminance(Vec3A::from_array(texel))).collect();
         let density = BilinearDensity::new(width, height, &luminance)?;
         let texel = |([red, green, blue], node): (&[f32; 3], f32)| [*red, *green, *blue, node];
-        let texels: Arc<[[f32; 4]]> = pixels.iter().zip(density.nodes()).map(texel).collect();
+        let texels: Vec<[f32; 4]> = pixels.iter().zip(density.nodes()).map(texel).collect();
+        let texels = Arc::new(Large::from(texels));
         let density = density.in_texels(&texels);
         Ok(Self { name: name.to_owned(), width, height, texels, density, repairs, hash })
     }

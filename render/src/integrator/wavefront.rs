@@ -69,7 +69,7 @@ impl Workspace {
                 break;
             }
             let points = points.at_bounce(bounce);
-            self.estimate(view, estimator, points, bounce, pixels);
+            self.estimate(view, estimator, points, pixels);
             if bounce + 1 < depth {
                 self.continue_paths(view, points, bounce + 1);
             }
@@ -116,14 +116,7 @@ impl Workspace {
     }
 
     /// Light estimates at the current shading points, with shadow rays.
-    fn estimate(
-        &mut self,
-        view: &View<'_>,
-        estimator: &dyn Estimator,
-        points: Points,
-        _bounce: u32,
-        pixels: &mut TilePixels<'_>,
-    ) {
+    fn estimate(&mut self, view: &View<'_>, estimator: &dyn Estimator, points: Points, pixels: &mut TilePixels<'_>) {
         let Self { arena, tiles: [tile, _], paths: [paths, _], rays, contributions, visible, .. } = self;
         contributions.clear();
         estimator.propose(&tile.rows(), &points, contributions, arena);

@@ -45,7 +45,8 @@ pub trait Sampler: Send + Sync {
         0
     }
 
-    /// Computes what depends on the shading points alone: `state` has [`Self::columns`] lanes for each strip of rows, one strip after the other.
+    /// Computes what depends on the shading points alone: `state` has [`Self::columns`] lanes for each strip of rows, one strip after the other. A
+    /// sampler that wraps others and keeps the state of several divides it at `columns() * rows.strips()`.
     fn prepare(&self, _at: &Rows<'_>, _state: &mut [Lanes], _arena: &Arena) {}
 
     /// Draws a direction for each row from a uniform point `u` of `[0, 1)^2`.

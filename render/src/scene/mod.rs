@@ -48,6 +48,8 @@ const MIN_COSINE: f32 = 1e-2;
 struct Face {
     mesh: u32,
     triangle: u32,
+    /// Unit normal on the side from which the corners are counter-clockwise.
+    normal: Vec3,
 }
 
 /// Triangles with materials under a bounding volume hierarchy, seen by a camera.
@@ -135,7 +137,9 @@ impl Scene {
                 let corners = mesh.corners(t);
                 corners.iter().for_each(|&corner| self.bounds.extend(corner));
                 triangles.push(corners);
-                self.faces.push(Face { mesh: m as u32, triangle: t as u32 });
+                let [a, b, c] = corners.map(Vec3A::from);
+                let normal = (b - a).cross(c - a).normalize().into();
+                self.faces.push(Face { mesh: m as u32, triangle: t as u32, normal });
             }
         }
         self.half_extent = 0.5 * self.bounds.extent().max_element();
@@ -218,7 +222,7 @@ impl Scene {
         let [a, b, c] = mesh.corners(triangle).map(Vec3A::from);
         let p = weights[0] * a + weights[1] * b + weights[2] * c;
         let wo = -ray.direction;
-        let wound = (b - a).cross(c - a).normalize();
+        let wound = Vec3A::from(face.normal);
         let ng = if wound.dot(wo) < 0.0 { -wound } else { wound };
         let interpolated = (!mesh.normals.is_empty())
             .then(|| (0..3).map(|k| weights[k] * Vec3A::from(mesh.normals[vertices[k]])).sum());

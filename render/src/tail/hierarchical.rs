@@ -7,6 +7,7 @@ use crate::{
     columns::vectorized,
     discrete::{BELOW_ONE, remap},
     environment::{BilinearDensity, Corners},
+    large::Large,
     simd::{LANES, Lanes},
 };
 
@@ -36,7 +37,7 @@ struct Level {
     column_bits: u32,
     row_bits: u32,
     /// In the order in which the descent numbers nodes: the children of a node are neighbours.
-    cuts: Vec<Cuts>,
+    cuts: Large<Cuts>,
 }
 
 impl Level {
@@ -48,10 +49,11 @@ impl Level {
     /// The cuts of nodes.
     #[inline(always)]
     fn load(&self, index: &[u32; LANES]) -> [Lanes; 3] {
+        let own: &[Cuts] = &self.cuts;
         let mut cuts = [[0.0; LANES]; 3];
         for k in (0..LANES).step_by(4) {
             // Four nodes at a time: four loads and a transposition instead of twelve loads.
-            let node = |lane: usize| Vec4::from_array(self.cuts[index[k + lane] as usize]);
+            let node = |lane: usize| Vec4::from_array(own[index[k + lane] as usize]);
             let nodes = Mat4::from_cols(node(0), node(1), node(2), node(3)).transpose();
             for (cuts, nodes) in cuts.iter_mut().zip([nodes.x_axis, nodes.y_axis, nodes.z_axis]) {
                 cuts[k..k + 4].copy_from_slice(&nodes.to_array());
@@ -83,7 +85,7 @@ impl Hierarchical {
             .rev()
             .map(|height| {
                 let bits = |count: usize| u32::from(count >> height > 1);
-                Level { column_bits: bits(columns), row_bits: bits(rows), cuts: Vec::new() }
+                Level { column_bits: bits(columns), row_bits: bits(rows), cuts: Large::Ordinary(Vec::new()) }
             })
             .collect();
         let mut masses = vec![vec![0.0_f64; columns * rows]];
@@ -106,13 +108,15 @@ impl Hierarchical {
             let children = 1 << (level.column_bits + level.row_bits);
             // Cells have no cuts: their rectangles are not needed.
             let mut inner = Vec::with_capacity(if masses.len() == cells { 0 } else { masses.len() });
+            let mut all = Vec::with_capacity(bounds.len());
             for (bounds, masses) in bounds.iter().zip(masses.chunks_exact(children)) {
                 let (cuts, parts) = cut(level, bounds, masses);
-                level.cuts.push(cuts);
+                all.push(cuts);
                 if inner.capacity() > 0 {
                     inner.extend(&parts[..children]);
                 }
             }
+            level.cuts = all.into();
             bounds = inner;
         }
         let top_columns = if columns > rows { u32::MAX } else { 0 };
