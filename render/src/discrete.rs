@@ -13,19 +13,25 @@ pub fn remap(at: f32, from: f32, to: f32) -> f32 {
     if inside < BELOW_ONE { inside } else { BELOW_ONE }
 }
 
+/// The last index in `0..count` whose value (non-decreasing in the index, asked for from 1 on) is at most `target`; 0 if there is none. By halving
+/// without a branch.
+#[inline(always)]
+pub fn last_at_most(count: usize, target: f32, value: impl Fn(usize) -> f32) -> usize {
+    let (mut low, mut size) = (0, count);
+    while size > 1 {
+        let half = size / 2;
+        low += if value(low + half) <= target { half } else { 0 };
+        size -= half;
+    }
+    low
+}
+
 /// Finds the cell in which a non-decreasing list of inclusive running sums (not empty, last one positive) passes the share
 /// `u` of its total: `(cell, position inside in [0, 1))`.
 #[inline(always)]
 pub fn invert_running_sums(sums: &[f32], u: f32) -> (usize, f32) {
-    let last = sums.len() - 1;
-    let target = u * sums[last];
-    // The last index whose sum is at most the target, by halving without a branch.
-    let (mut cell, mut size) = (0, sums.len());
-    while size > 1 {
-        let half = size / 2;
-        cell += if sums[cell + half - 1] <= target { half } else { 0 };
-        size -= half;
-    }
+    let target = u * sums[sums.len() - 1];
+    let cell = last_at_most(sums.len(), target, |cell| sums[cell - 1]);
     let before = if cell == 0 { 0.0 } else { sums[cell - 1] };
     (cell, remap(target, before, sums[cell]))
 }

@@ -4,7 +4,7 @@ use glam::Vec2;
 
 use super::{TailWarp, each_lane};
 use crate::{
-    discrete::{BELOW_ONE, remap},
+    discrete::{BELOW_ONE, last_at_most, remap},
     environment::{BilinearDensity, invert_linear, sample_linear},
     simd::Lanes,
 };
@@ -64,17 +64,6 @@ impl RowColumn {
         let (upper, lower) = (self.before[row * stride + column], self.before[(row + 1) * stride + column]);
         (1.0 - t) * upper + t * lower
     }
-}
-
-/// The last index in `0..count` whose value (non-decreasing in the index) is at most `target`.
-fn last_at_most(count: usize, target: f32, value: impl Fn(usize) -> f32) -> usize {
-    let (mut low, mut size) = (0, count);
-    while size > 1 {
-        let half = size / 2;
-        low += if value(low + half) <= target { half } else { 0 };
-        size -= half;
-    }
-    low
 }
 
 impl RowColumn {
