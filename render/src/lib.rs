@@ -19,6 +19,7 @@ pub mod integrator;
 pub mod large;
 pub mod latlong;
 pub mod one_point;
+pub mod patches;
 pub mod points;
 pub mod random;
 pub mod sampler;

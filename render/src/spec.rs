@@ -15,6 +15,7 @@ use crate::{
     error::{Error, Result},
     estimator::{Estimator, Ris, SingleSample, TwoSampleMis},
     export::{ExportedSampler, Intermediate},
+    patches::PatchSampler,
     sampler::{BrdfSampler, Covering, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
     tail::TailKind,
 };
@@ -41,6 +42,8 @@ pub enum Source {
     Emitter,
     /// Emitter sampling with MIS compensation, which covers a part only.
     Compensated,
+    /// Patches of sky, beside BRDF sampling where surfaces are glossy.
+    Patches,
     /// The product, tabulated at every shading point.
     Oracle,
     /// A file's sampler.
@@ -183,6 +186,7 @@ impl Source {
                 let light = light()?;
                 Arc::new(ProductSampler::new(light.clone(), Oracle::new(light.tail())))
             }
+            Self::Patches => Arc::new(OneSampleMis::new(PatchSampler::new(light()?)?, BrdfSampler)),
             Self::File(kind, file) => open(*kind, file, environment, false)?,
             Self::Mixture(source) => match &**source {
                 // The compact emitters of a file are outside of the mixture.
@@ -233,7 +237,7 @@ impl FromStr for SamplerSpec {
 
 /// The source of a part of a SPEC, which `whole` is.
 fn source_of(text: &str, whole: &str) -> Result<Source> {
-    const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, head:FILE, baked:FILE, \
+    const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, head:FILE, baked:FILE, \
                          direct:FILE, head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, oracle";
     let wrong = |reason: String| Error::argument(format!("sampler '{whole}'"), reason);
     let (name, file) = text.split_once(':').map_or((text, None), |(name, file)| (name, Some(file)));
@@ -245,6 +249,7 @@ fn source_of(text: &str, whole: &str) -> Result<Source> {
         "mis" => Source::Emitter.mixed(),
         "mis-comp" => Source::Compensated.mixed(),
         "oracle" => Source::Oracle,
+        "patches" => Source::Patches,
         _ => {
             let kind = FileKind::ALL.into_iter().find(|kind| kind.name() == base);
             let kind = kind.ok_or_else(|| wrong(KNOWN.to_owned()))?;
@@ -285,6 +290,7 @@ impl fmt::Display for Source {
             // Not a SPEC: it leaves out what is dim.
             Self::Compensated => f.write_str("compensated emitter"),
             Self::Oracle => f.write_str("oracle"),
+            Self::Patches => f.write_str("patches"),
             Self::File(kind, file) => write!(f, "{}:{}", kind.name(), file.display()),
             Self::Mixture(source) => match &**source {
                 Self::Emitter => f.write_str("mis"),
@@ -318,6 +324,8 @@ mod tests {
             "ris:16:direct:b:c",
             "oracle",
             "oracle+mis",
+            "patches",
+            "ris:4:patches",
             "mis2:direct:a",
             "ris:4:head+mis:a",
             "ris:4:mis",

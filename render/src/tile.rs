@@ -293,6 +293,21 @@ impl<'a> Rows<'a> {
         });
     }
 
+    /// Columns of [`crate::brdf::Lobes`]: diffuse, specular, f0 and alpha.
+    pub fn lobes(&self, mut out: [&mut [Lanes]; 4], arena: &Arena) {
+        self.by_brdf(arena, |group| {
+            let [diffuse, specular, f0, alpha] = &mut out;
+            match group.places {
+                None => group.brdf.lobes(&group.surfaces, [diffuse, specular, f0, alpha]),
+                Some(places) => {
+                    let mut own = arena.columns::<4>(group.strips);
+                    group.brdf.lobes(&group.surfaces, own.get_mut());
+                    scatter_all(own.get(), places, [diffuse, specular, f0, alpha]);
+                }
+            }
+        });
+    }
+
     /// Calls `work` for each BRDF that is there, with its points.
     fn by_brdf(&self, arena: &Arena, mut work: impl FnMut(Group<'_>)) {
         if self.is_empty() {

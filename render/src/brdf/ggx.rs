@@ -15,7 +15,7 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::{Vec2, Vec3};
 
-use super::{Kernel, MAX_PARAMETERS};
+use super::{Kernel, Lobes, MAX_PARAMETERS, luminance};
 use crate::{frame::Frame, simd};
 
 /// The Trowbridge-Reitz BRDF of isotropic roughness. Light that would be reflected more than once is lost, so even with `f0 = 1`
@@ -151,6 +151,11 @@ impl Kernel for Ggx {
     #[inline(always)]
     fn alpha(&self) -> f32 {
         self.alpha
+    }
+
+    #[inline(always)]
+    fn lobes(&self, _cos_o: f32) -> Lobes {
+        Lobes { diffuse: 0.0, specular: 1.0, f0: luminance(self.f0), alpha: self.alpha }
     }
 }
 

@@ -4,7 +4,7 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::{Vec2, Vec3};
 
-use super::{Kernel, MAX_PARAMETERS};
+use super::{Kernel, Lobes, MAX_PARAMETERS};
 use crate::{frame::Frame, simd};
 
 /// Lambert's BRDF, `f_r = albedo / pi`. Parameters: the albedo.
@@ -53,6 +53,12 @@ impl Kernel for Lambert {
 
     fn alpha(&self) -> f32 {
         1.0
+    }
+
+    /// A black surface is drawn for too: its pdfs are those of any other.
+    #[inline(always)]
+    fn lobes(&self, _cos_o: f32) -> Lobes {
+        Lobes { diffuse: 1.0, specular: 0.0, f0: 0.0, alpha: 1.0 }
     }
 }
 

@@ -9,7 +9,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::{Ggx, Kernel, Lambert, MAX_PARAMETERS, lobe_albedo::LobeAlbedo};
+use super::{Ggx, Kernel, Lambert, Lobes, MAX_PARAMETERS, lobe_albedo::LobeAlbedo, luminance};
 use crate::discrete::BELOW_ONE;
 
 /// Reflectance of dielectrics at normal incidence: an index of refraction of 1.5.
@@ -76,7 +76,6 @@ impl MetallicRoughness {
     /// [`LEAST_SHARE`] and 1 less that; 1 where the diffuse lobe is black.
     #[inline(always)]
     fn specular_share(&self, cos_o: f32) -> f32 {
-        let luminance = |c: Vec3| 0.2126 * c.x + 0.7152 * c.y + 0.0722 * c.z;
         let diffuse = luminance(self.diffuse.albedo) * self.left(cos_o);
         let specular = self.albedo.at(cos_o, luminance(self.specular.f0()));
         let sum = specular + diffuse;
@@ -140,6 +139,12 @@ impl Kernel for MetallicRoughness {
     #[inline(always)]
     fn alpha(&self) -> f32 {
         self.specular.alpha()
+    }
+
+    #[inline(always)]
+    fn lobes(&self, cos_o: f32) -> Lobes {
+        let diffuse = luminance(self.diffuse.albedo) * self.left(cos_o);
+        Lobes { diffuse, ..self.specular.lobes(cos_o) }
     }
 }
 

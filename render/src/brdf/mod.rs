@@ -47,6 +47,28 @@ pub trait Kernel: Copy + fmt::Debug + Send + Sync + 'static {
 
     /// The Trowbridge-Reitz width of the narrowest lobe, 1 for a diffuse surface.
     fn alpha(&self) -> f32;
+
+    /// What it is near to, for samplers that work in closed form, with `n . wo`.
+    fn lobes(&self, cos_o: f32) -> Lobes;
+}
+
+/// A BRDF as a diffuse lobe and a Trowbridge-Reitz lobe. Only their ratio matters.
+#[derive(Clone, Copy, Debug)]
+pub struct Lobes {
+    /// Luminance of the diffuse reflectance.
+    pub diffuse: f32,
+    /// Weight of the Trowbridge-Reitz lobe; 0 where there is none.
+    pub specular: f32,
+    /// Luminance of its reflectance at normal incidence.
+    pub f0: f32,
+    /// Its width.
+    pub alpha: f32,
+}
+
+/// The luminance of a reflectance per channel.
+#[inline(always)]
+fn luminance(c: Vec3) -> f32 {
+    0.2126 * c.x + 0.7152 * c.y + 0.0722 * c.z
 }
 
 /// Columns of what a BRDF knows of shading points.
@@ -77,6 +99,9 @@ pub trait Brdf: fmt::Debug + Send + Sync {
 
     /// [`Kernel::alpha`].
     fn alpha(&self, at: &Surfaces<'_>, out: &mut [Lanes]);
+
+    /// [`Kernel::lobes`]: columns of diffuse, specular, f0 and alpha.
+    fn lobes(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; 4]);
 }
 
 /// A kernel over columns.
@@ -112,6 +137,10 @@ impl<K: Kernel> Brdf for OfKernel<K> {
                 *out = K::of_parameters(&parameters.map(|column| column[lane])).alpha();
             }
         }
+    }
+
+    fn lobes(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; 4]) {
+        lobes::<K>(at, out);
     }
 }
 
@@ -204,6 +233,23 @@ vectorized! {
                 pdfs[lane] = kernel.pdf(vector(&surfaces.n, lane), vector(&surfaces.wo, lane), vector(&wi, lane));
             }
             out[strip] = pdfs;
+        }
+    }
+}
+
+vectorized! {
+    fn lobes['a, K: Kernel](_simd, at: &'a Surfaces<'a>, out: [&'a mut [Lanes]; 4]) {
+        let [diffuse, specular, f0, alpha] = out;
+        for strip in 0..alpha.len() {
+            let surfaces = Strip::<K>::load(at, strip);
+            for lane in 0..LANES {
+                let cos_o = vector(&surfaces.n, lane).dot(vector(&surfaces.wo, lane));
+                let lobes = surfaces.kernel(lane).lobes(cos_o);
+                diffuse[strip][lane] = lobes.diffuse;
+                specular[strip][lane] = lobes.specular;
+                f0[strip][lane] = lobes.f0;
+                alpha[strip][lane] = lobes.alpha;
+            }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::{Mat4, Vec2, Vec4};
 
-use super::TailWarp;
+use super::{Node, TailWarp};
 use crate::{
     columns::vectorized,
     discrete::{BELOW_ONE, remap},
@@ -130,6 +130,27 @@ impl Hierarchical {
 
     pub(super) fn grid_mut(&mut self) -> &mut BilinearDensity {
         &mut self.grid
+    }
+
+    /// The rectangle of Y that is carried to a node: left, right, top, bottom.
+    pub fn rectangle(&self, node: Node) -> [f32; 4] {
+        let ([mut left, mut right, mut top, mut bottom], mut index) = ([0.0, 1.0, 0.0, 1.0], 0);
+        for (level, bits) in self.levels.iter().zip((0..self.levels.len() as u32).rev()) {
+            let [horizontal, above, below, _] = level.cuts[index as usize];
+            let (is_lower, is_right) = (node.row >> bits & level.row_bits, node.column >> bits & level.column_bits);
+            if level.row_bits == 1 && node.height_bits <= bits {
+                if is_lower == 1 { top = horizontal } else { bottom = horizontal }
+            }
+            if level.column_bits == 1 && node.width_bits <= bits {
+                let vertical = if is_lower == 1 { below } else { above };
+                if is_right == 1 { left = vertical } else { right = vertical }
+            }
+            if node.width_bits.max(node.height_bits) > bits {
+                break;
+            }
+            index = level.child(index, is_lower, is_right);
+        }
+        [left, right, top, bottom]
     }
 
     /// Column and row of a number in the order of the descent: the inverse of [`cell_index`].

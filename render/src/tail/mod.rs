@@ -2,12 +2,14 @@
 
 mod flow;
 mod hierarchical;
+mod node;
 mod repair;
 mod row_column;
 mod warp_map;
 
 pub use flow::FlowTail;
 pub use hierarchical::Hierarchical;
+pub use node::Node;
 pub use repair::Repair;
 pub use row_column::RowColumn;
 pub use warp_map::WarpMap;

@@ -1,0 +1,149 @@
+//! The choice of patches: where a map is divided so that few rectangles describe light x cosine.
+
+use std::{cmp::Ordering, collections::BinaryHeap};
+
+use glam::{DVec3, Vec3};
+
+use super::moments::MomentMap;
+use crate::tail::{Hierarchical, Node};
+
+/// Normals for which the description is judged.
+const NORMALS: usize = 96;
+/// A node is judged by its parts this many levels below.
+const LEVELS: u32 = 8;
+/// The least side of a patch's rectangle of Y: 16 steps of f32 below 1.
+const LEAST_SIDE: f32 = 1.0 / (1 << 20) as f32;
+/// The light that falls on the normals is summed over parts this many levels below the root.
+const IRRADIANCE_LEVELS: u32 = 11;
+
+/// Chooses patches greedily.
+pub struct Choice<'a> {
+    map: &'a MomentMap<'a>,
+    tail: &'a Hierarchical,
+    normals: [[f32; NORMALS]; 3],
+    /// Light that falls on each normal.
+    irradiance: [f64; NORMALS],
+}
+
+/// A node with what is gained by dividing it.
+struct Candidate {
+    gain: f64,
+    node: Node,
+}
+
+impl PartialEq for Candidate {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Candidate {}
+
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Candidate {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.gain.total_cmp(&other.gain).then_with(|| self.node.cmp(&other.node))
+    }
+}
+
+impl<'a> Choice<'a> {
+    /// Prepares the choice for a map.
+    pub fn new(map: &'a MomentMap<'a>, tail: &'a Hierarchical) -> Self {
+        let mut normals = [[0.0; NORMALS]; 3];
+        for k in 0..NORMALS {
+            // A spiral of equal areas.
+            let z = 1.0 - (k as f64 + 0.5) / (0.5 * NORMALS as f64);
+            let turn = k as f64 * 2.399_963_229_728_653;
+            let radius = (1.0 - z * z).sqrt();
+            let n = DVec3::new(radius * turn.cos(), radius * turn.sin(), z);
+            (normals[0][k], normals[1][k], normals[2][k]) = (n.x as f32, n.y as f32, n.z as f32);
+        }
+        let mut choice = Self { map, tail, normals, irradiance: [0.0; NORMALS] };
+        choice.irradiance = choice.cosine_sums(map.root(), IRRADIANCE_LEVELS).0.map(f64::from);
+        choice
+    }
+
+    /// At most `count` nodes that tile the lit part of `start`, in the order of the tree.
+    pub fn divide(&self, start: Node, count: usize) -> Vec<Node> {
+        let candidate = |node| Candidate { gain: self.gain(node), node };
+        let mut heap = BinaryHeap::from([candidate(start)]);
+        while heap.len() < count && heap.peek().is_some_and(|best| best.gain > 0.0) {
+            let Some(Candidate { node, .. }) = heap.pop() else { break };
+            let lit = node.children().into_iter().filter(|&child| self.map.moments(child).energy > 0.0);
+            heap.extend(lit.map(candidate));
+        }
+        let chosen: Vec<Node> = heap.into_iter().map(|candidate| candidate.node).collect();
+        in_tree_order(start, &chosen)
+    }
+
+    /// What is lost when a node is one patch: the sum over normals of what the root mean square of the cosine exceeds its mean by, relative to all light that
+    /// falls on the normal. With the root mean square as mass, this is the excess of the standard deviation.
+    fn gain(&self, node: Node) -> f64 {
+        if node.is_cell() || !node.children().into_iter().all(|child| self.is_resolved(child)) {
+            return 0.0;
+        }
+        let energy = self.map.moments(node).energy;
+        let (first, second) = self.cosine_sums(node, LEVELS);
+        let mut gain = 0.0;
+        for k in 0..NORMALS {
+            let excess = (energy * f64::from(second[k])).sqrt() - f64::from(first[k]);
+            gain += excess.max(0.0) / self.irradiance[k].max(1e-9);
+        }
+        gain
+    }
+
+    /// Whether a dark node, or one whose rectangle of Y holds enough different points.
+    fn is_resolved(&self, node: Node) -> bool {
+        let [left, right, top, bottom] = self.tail.rectangle(node);
+        self.map.moments(node).energy == 0.0 || (right - left).min(bottom - top) >= LEAST_SIDE
+    }
+
+    /// For each normal the light of a node's parts, times their clamped cosine and times its square.
+    fn cosine_sums(&self, node: Node, levels: u32) -> ([f32; NORMALS], [f32; NORMALS]) {
+        let (mut first, mut second) = ([0.0; NORMALS], [0.0; NORMALS]);
+        for part in node.descendants(levels) {
+            let moments = self.map.moments(part);
+            if moments.energy > 0.0 {
+                let (w, energy): (Vec3, f32) = (moments.centroid().as_vec3(), moments.energy as f32);
+                let [x, y, z] = &self.normals;
+                for k in 0..NORMALS {
+                    let cosine = x[k] * w.x + y[k] * w.y + z[k] * w.z;
+                    let cosine = if cosine > 0.0 { cosine } else { 0.0 };
+                    first[k] += energy * cosine;
+                    second[k] += energy * cosine * cosine;
+                }
+            }
+        }
+        (first, second)
+    }
+}
+
+/// The chosen nodes, depth first.
+fn in_tree_order(start: Node, chosen: &[Node]) -> Vec<Node> {
+    let all: std::collections::HashSet<Node> = chosen.iter().copied().collect();
+    let (mut ordered, mut stack) = (Vec::with_capacity(chosen.len()), vec![start]);
+    while let Some(node) = stack.pop() {
+        if all.contains(&node) {
+            ordered.push(node);
+        } else if !node.is_cell() && ordered.len() < chosen.len() && holds(node, chosen) {
+            let [a, b] = node.children();
+            stack.extend([b, a]);
+        }
+    }
+    ordered
+}
+
+/// Whether a chosen node lies in `node`.
+fn holds(node: Node, chosen: &[Node]) -> bool {
+    chosen.iter().any(|other| {
+        other.column >> node.width_bits == node.column >> node.width_bits
+            && other.row >> node.height_bits == node.row >> node.height_bits
+            && other.width_bits <= node.width_bits
+            && other.height_bits <= node.height_bits
+    })
+}

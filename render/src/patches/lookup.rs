@@ -1,0 +1,107 @@
+//! Which patch a cell of the map belongs to.
+
+use std::collections::HashMap;
+
+use crate::tail::Node;
+
+/// Most nodes of the level at which a search begins.
+const TOP_BITS: u32 = 13;
+/// Marks the number of a patch; other numbers are nodes.
+const IS_PATCH: u16 = 1 << 15;
+
+/// A tree from cells to patches.
+#[derive(Clone, Debug)]
+pub struct Lookup {
+    /// The node, or patch, of each rectangle of the top level.
+    top: Vec<u16>,
+    /// Rectangles in a row of it.
+    width: u32,
+    /// The logarithms of their sides.
+    bits: [u32; 2],
+    nodes: Vec<Halves>,
+}
+
+/// A node: the bit of the column or row that tells its halves apart, and these.
+#[derive(Clone, Copy, Debug)]
+struct Halves {
+    is_column: bool,
+    bit: u8,
+    halves: [u16; 2],
+}
+
+impl Lookup {
+    /// The lookup of patches with their numbers (below 32768). What belongs to none is dark; it gets the number 0.
+    pub fn new(root: Node, patches: &HashMap<Node, u16>) -> Self {
+        let mut shape = root;
+        while root.width_bits + root.height_bits - shape.width_bits - shape.height_bits < TOP_BITS && !shape.is_cell() {
+            shape = shape.children()[0];
+        }
+        let width = 1 << (root.width_bits - shape.width_bits);
+        let height = 1 << (root.height_bits - shape.height_bits);
+        let mut lookup = Self {
+            top: vec![IS_PATCH; width * height],
+            width: width as u32,
+            bits: [shape.width_bits, shape.height_bits],
+            nodes: Vec::new(),
+        };
+        // Every node above a patch.
+        let mut above = std::collections::HashSet::new();
+        for patch in patches.keys() {
+            let mut node = root;
+            while node != *patch {
+                above.insert(node);
+                let [first, second] = node.children();
+                let in_second = patch.column >= second.column && patch.row >= second.row;
+                node = if in_second { second } else { first };
+            }
+        }
+        lookup.fill(root, patches, &above, shape);
+        lookup
+    }
+
+    /// Fills the top level below a node at or above it.
+    fn fill(&mut self, node: Node, patches: &HashMap<Node, u16>, above: &std::collections::HashSet<Node>, shape: Node) {
+        let at_top = (node.width_bits, node.height_bits) == (shape.width_bits, shape.height_bits);
+        if at_top || !above.contains(&node) {
+            let entry = self.entry(node, patches, above);
+            for row in node.row >> shape.height_bits..(node.row + (1 << node.height_bits)) >> shape.height_bits {
+                for column in
+                    node.column >> shape.width_bits..(node.column + (1 << node.width_bits)) >> shape.width_bits
+                {
+                    self.top[(row * self.width + column) as usize] = entry;
+                }
+            }
+        } else {
+            for half in node.children() {
+                self.fill(half, patches, above, shape);
+            }
+        }
+    }
+
+    /// The number of a node or patch, with all below it.
+    fn entry(&mut self, node: Node, patches: &HashMap<Node, u16>, above: &std::collections::HashSet<Node>) -> u16 {
+        if let Some(patch) = patches.get(&node) {
+            return IS_PATCH | patch;
+        }
+        if !above.contains(&node) {
+            return IS_PATCH;
+        }
+        let own = self.nodes.len();
+        let is_column = node.halves_columns();
+        let bit = if is_column { node.width_bits } else { node.height_bits } as u8 - 1;
+        self.nodes.push(Halves { is_column, bit, halves: [IS_PATCH; 2] });
+        self.nodes[own].halves = node.children().map(|half| self.entry(half, patches, above));
+        own as u16
+    }
+
+    /// The patch of a cell.
+    #[inline(always)]
+    pub fn patch(&self, column: u32, row: u32) -> u32 {
+        let mut at = self.top[((row >> self.bits[1]) * self.width + (column >> self.bits[0])) as usize];
+        while at & IS_PATCH == 0 {
+            let Halves { is_column, bit, halves } = self.nodes[at as usize];
+            at = halves[((if is_column { column } else { row } >> bit) & 1) as usize];
+        }
+        u32::from(at & !IS_PATCH)
+    }
+}

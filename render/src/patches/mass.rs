@@ -1,0 +1,237 @@
+//! The mass of a patch for a shading point: its light times the reflected share of it, in closed form from the patch's moments.
+
+use std::f32::consts::FRAC_1_PI;
+
+use glam::{DMat3, Vec3};
+
+use super::moments::MomentMap;
+use crate::{simd::Lanes, tail::Node};
+
+/// What a mass is computed from.
+#[derive(Clone, Copy, Debug)]
+pub struct Patch {
+    /// The share of the map's light.
+    energy: f32,
+    /// The mean direction, shorter than 1.
+    centroid: Vec3,
+    /// Three times the covariance of directions: xx, yy, zz; then twice xy, xz, yz.
+    squares: Vec3,
+    mixed: Vec3,
+    /// The largest distance of a direction from the centroid.
+    reach: f32,
+    /// The same in the metric of the spread, and what a cell adds to it.
+    mahalanobis: f32,
+    cell: f32,
+    /// The variance of directions, along all axes.
+    variance: f32,
+}
+
+/// Patches side by side, structure of arrays: energies first.
+pub type Block = [Lanes; 14];
+
+/// What a shading point reflects, in closed form: a diffuse lobe and a Trowbridge-Reitz lobe.
+#[derive(Clone, Copy, Debug)]
+pub struct Reflection {
+    /// Shading normal.
+    pub n: Vec3,
+    /// Direction to the viewer.
+    pub wo: Vec3,
+    /// Luminance of the diffuse reflectance.
+    pub diffuse: f32,
+    /// Weight of the Trowbridge-Reitz lobe.
+    pub specular: f32,
+    /// Luminance of its reflectance at normal incidence.
+    pub f0: f32,
+    /// Its width.
+    pub alpha: f32,
+}
+
+/// The least share of the upper bound of the cosine that a patch has: it bounds weights.
+const LEAF_FLOOR: f32 = 0.15;
+/// The same of a cluster.
+const CLUSTER_FLOOR: f32 = 0.02;
+/// The least share of a glossy lobe's patch that counts as visible.
+const LEAST_VISIBLE: f32 = 0.02;
+/// The least of the upper bound that the largest cosine counts as.
+const LEAST_TOP: f32 = 0.2;
+/// The least of three variances: what f32 leaves of a difference of squares.
+const LEAST_VARIANCE: f32 = 3e-7;
+/// A share of a step between points of the map, more than half of its diagonal.
+const HALF_DIAGONAL: f64 = 0.8;
+
+impl Patch {
+    /// The patch of a node that holds light.
+    pub fn new(map: &MomentMap<'_>, node: Node) -> Self {
+        let moments = map.moments(node);
+        let (s, covariance) = (moments.centroid(), moments.covariance());
+        let cell = HALF_DIAGONAL * map.step();
+        // Uniform on an interval of half width a, the cosine has a variance of a^2 / 3.
+        let spread = 3.0 * covariance;
+        let regular = spread + DMat3::from_diagonal(glam::DVec3::splat(f64::from(LEAST_VARIANCE)));
+        let inverse = regular.inverse();
+        let (mut reach, mut mahalanobis) = (0.0_f64, 0.0_f64);
+        for (_, w) in map.directions(node) {
+            let d = w - s;
+            reach = reach.max(d.length());
+            mahalanobis = mahalanobis.max(d.dot(inverse * d));
+        }
+        let diagonal = glam::DVec3::new(spread.col(0)[0], spread.col(1)[1], spread.col(2)[2]);
+        Self {
+            energy: moments.energy as f32,
+            centroid: s.as_vec3(),
+            squares: diagonal.as_vec3(),
+            mixed: 2.0 * Vec3::new(spread.col(0)[1] as f32, spread.col(0)[2] as f32, spread.col(1)[2] as f32),
+            reach: (reach + cell) as f32,
+            // Beyond f32's rounding of what it is multiplied with.
+            mahalanobis: 1.001 * mahalanobis.max(0.0).sqrt() as f32,
+            cell: cell as f32,
+            variance: (diagonal.element_sum() / 3.0) as f32,
+        }
+    }
+
+    /// Puts it into a lane of a block.
+    pub fn store(&self, block: &mut Block, lane: usize) {
+        let vectors = [self.centroid, self.squares, self.mixed].into_iter().flat_map(|vector| vector.to_array());
+        let rest = [self.reach, self.mahalanobis, self.cell, self.variance];
+        for (column, number) in block.iter_mut().zip([self.energy].into_iter().chain(vectors).chain(rest)) {
+            column[lane] = number;
+        }
+    }
+
+    /// The patch in a lane of a block.
+    #[inline(always)]
+    pub fn load(block: &Block, lane: usize) -> Self {
+        Self {
+            energy: block[0][lane],
+            centroid: Vec3::new(block[1][lane], block[2][lane], block[3][lane]),
+            squares: Vec3::new(block[4][lane], block[5][lane], block[6][lane]),
+            mixed: Vec3::new(block[7][lane], block[8][lane], block[9][lane]),
+            reach: block[10][lane],
+            mahalanobis: block[11][lane],
+            cell: block[12][lane],
+            variance: block[13][lane],
+        }
+    }
+
+    /// Three times the variance of `t . w` over the patch.
+    #[inline(always)]
+    fn spread(&self, t: Vec3) -> f32 {
+        let squares = t.x * t.x * self.squares.x + t.y * t.y * self.squares.y + t.z * t.z * self.squares.z;
+        let mixed = t.x * t.y * self.mixed.x + t.x * t.z * self.mixed.y + t.y * t.z * self.mixed.z;
+        larger(squares + mixed, 0.0)
+    }
+
+    /// The interval of cosines over the patch, as if they were uniform on it.
+    #[inline(always)]
+    fn cosines(&self, n: Vec3) -> Cosines {
+        let mean = n.dot(self.centroid);
+        let half_width = (self.spread(n) + LEAST_VARIANCE).sqrt();
+        // By the Cauchy-Schwarz inequality no direction is farther than that along n.
+        let reach = smaller(self.mahalanobis * half_width + self.cell, self.reach);
+        Cosines { mean, half_width, bound: mean + reach }
+    }
+
+    /// The mass for a diffuse surface.
+    #[inline(always)]
+    pub fn diffuse_mass<const LEAF: bool>(&self, n: Vec3) -> f32 {
+        self.energy * self.cosines(n).clamped::<LEAF>()
+    }
+
+    /// The mass for any surface.
+    #[inline(always)]
+    pub fn mass<const LEAF: bool>(&self, at: &Reflection) -> f32 {
+        let cosines = self.cosines(at.n);
+        let diffuse = at.diffuse * FRAC_1_PI * cosines.clamped::<LEAF>();
+        let glossy = self.glossy::<LEAF>(at, &cosines);
+        self.energy * (diffuse + at.specular * if cosines.bound > 0.0 { glossy } else { 0.0 })
+    }
+
+    /// The Trowbridge-Reitz lobe times cosine in the middle of the part of the patch that is above the horizon, widened by the spread
+    /// of half vectors over the patch.
+    #[inline(always)]
+    fn glossy<const LEAF: bool>(&self, at: &Reflection, cosines: &Cosines) -> f32 {
+        let (visible, cos_i) = cosines.visible();
+        let w = self.centroid + at.n * (cos_i - cosines.mean);
+        let squared_length = larger(w.dot(w), 1e-6);
+        let w = w / squared_length.sqrt();
+        let cos_o = larger(at.n.dot(at.wo), 1e-4);
+        let cos_i = smaller(larger(at.n.dot(w), 1e-4), 1.0);
+        // The squared cosine of half of the angle between both directions, and the half vector.
+        let squared_half = larger(0.5 * (1.0 + at.wo.dot(w)), 1e-3);
+        let cos_h = smaller((cos_i + cos_o) / (4.0 * squared_half).sqrt(), 1.0);
+        // Half vectors spread by half of what directions do in the plane of incidence, across it by more.
+        let across = at.wo.cross(w);
+        let across = across / larger(across.dot(across), 1e-6).sqrt();
+        let variance_across = self.spread(across) * (1.0 / 3.0);
+        let variance_along = larger(self.variance - variance_across, 0.0);
+        let own = at.alpha * at.alpha;
+        let along = smaller(own + 0.5 * variance_along, 1.0);
+        let over = smaller(own + 0.5 * variance_across / squared_half, 1.0);
+        let tilt_across = at.n.dot(across);
+        let tilt_across = tilt_across * tilt_across;
+        let tilt_along = larger(1.0 - cos_h * cos_h - tilt_across, 0.0);
+        let scaled = cos_h * cos_h + tilt_along / along + tilt_across / over;
+        let normals = FRAC_1_PI / ((along * over).sqrt() * scaled * scaled);
+        let shadowing = cos_o * scaled_length(own, cos_i) / cos_i + scaled_length(own, cos_o);
+        let x = larger(1.0 - squared_half.sqrt(), 0.0);
+        let squared = x * x;
+        let fresnel = at.f0 + (1.0 - at.f0) * (squared * squared * x);
+        let share = if LEAF { visible.sqrt() } else { visible };
+        share * fresnel * normals / (2.0 * shadowing)
+    }
+}
+
+/// Cosines over a patch.
+struct Cosines {
+    mean: f32,
+    /// Half of the width of the interval of the same variance.
+    half_width: f32,
+    /// No direction has a larger one.
+    bound: f32,
+}
+
+impl Cosines {
+    /// The clamped cosine: its root mean square for a leaf, its mean for a cluster. At least a share of its upper bound, and 0 where
+    /// that is 0.
+    #[inline(always)]
+    fn clamped<const LEAF: bool>(&self) -> f32 {
+        let Self { mean, half_width, bound } = *self;
+        let above = larger(mean + half_width, 0.0);
+        let value = if LEAF {
+            let part = above * above * above / (6.0 * half_width);
+            (if mean > half_width { mean * mean + half_width * half_width * (1.0 / 3.0) } else { part }).sqrt()
+        } else {
+            let part = above * above / (4.0 * half_width);
+            if mean > half_width { mean } else { part }
+        };
+        let floor = bound * if LEAF { LEAF_FLOOR } else { CLUSTER_FLOOR };
+        if bound > 0.0 { larger(value, floor) } else { 0.0 }
+    }
+
+    /// The share of the interval that is above the horizon, and the mean cosine there.
+    #[inline(always)]
+    fn visible(&self) -> (f32, f32) {
+        let top = larger(smaller(self.mean + self.half_width, self.bound), LEAST_TOP * self.bound);
+        let bottom = larger(self.mean - self.half_width, 0.0);
+        let share = smaller((top - bottom) / (2.0 * self.half_width), 1.0);
+        (larger(share, LEAST_VISIBLE), 0.5 * (top + bottom))
+    }
+}
+
+/// The length of a unit vector of a cosine to the normal, its tangential part scaled by `alpha`.
+#[inline(always)]
+fn scaled_length(squared_alpha: f32, cos: f32) -> f32 {
+    (cos * cos + squared_alpha * (1.0 - cos * cos)).sqrt()
+}
+
+/// The larger of two numbers, of which the first may be none.
+#[inline(always)]
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The smaller of two numbers, of which the first may be none.
+#[inline(always)]
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}

@@ -1,0 +1,168 @@
+//! Trees of patches: the square is cut in proportion to masses, in the order in which the map is, so that neighbours stay neighbours.
+
+use crate::{
+    discrete::remap,
+    simd::{LANES, Lanes},
+    tail::Node,
+};
+
+/// A node of a tree over at most 128 patches in one number, as the descent loads one for each lane: bits 0 to 6 are the place of the first patch of its second
+/// half, bit 7 says that it cuts columns, bits 8 to 15 and 16 to 23 are its halves, bit 24 says that it is a single patch.
+#[derive(Clone, Copy, Debug)]
+struct Split(u32);
+
+const CUTS_COLUMNS: u32 = 1 << 7;
+const IS_SINGLE: u32 = 1 << 24;
+
+impl Split {
+    fn new(halves_columns: bool, middle: usize, halves: [usize; 2]) -> Self {
+        Self(
+            middle as u32
+                | if halves_columns { CUTS_COLUMNS } else { 0 }
+                | (halves[0] as u32) << 8
+                | (halves[1] as u32) << 16,
+        )
+    }
+
+    /// A patch at a place; both halves are itself.
+    fn single(place: usize, own: usize) -> Self {
+        Self(place as u32 | (own as u32) << 8 | (own as u32) << 16 | IS_SINGLE)
+    }
+}
+
+/// Binary trees over patches that lie in their order, one after the other.
+#[derive(Clone, Debug, Default)]
+pub struct Forest(Vec<Split>);
+
+/// Rectangles of the square of uniform points, as the descent cuts them, with the running sums of masses at their ends.
+#[derive(Clone, Copy)]
+pub struct Cuts {
+    left: Lanes,
+    right: Lanes,
+    top: Lanes,
+    bottom: Lanes,
+}
+
+impl Cuts {
+    /// The whole square.
+    pub const SQUARE: Self = Self { left: [0.0; LANES], right: [1.0; LANES], top: [0.0; LANES], bottom: [1.0; LANES] };
+
+    /// Where points lie inside.
+    #[inline(always)]
+    pub fn inside(&self, u: &Lanes, v: &Lanes) -> [Lanes; 2] {
+        let mut inside = [[0.0; LANES]; 2];
+        for k in 0..LANES {
+            inside[0][k] = remap(u[k], self.left[k], self.right[k]);
+            inside[1][k] = remap(v[k], self.top[k], self.bottom[k]);
+        }
+        inside
+    }
+}
+
+/// The patches that were found: their places, and their masses.
+pub struct Found {
+    /// Places in the order of the tree.
+    pub place: [u32; LANES],
+    /// Masses.
+    pub mass: Lanes,
+}
+
+impl Forest {
+    /// Adds the tree over `patches` (at most 128), which tile a part of `start` and lie in its order; where it begins. Halves without a patch are left
+    /// out.
+    pub fn plant(&mut self, start: Node, patches: &[Node]) -> u32 {
+        let base = self.0.len();
+        self.add(start, patches, 0, base);
+        base as u32
+    }
+
+    /// Adds the tree over `patches`, the first of which has the place `first`; its number from `base` on.
+    fn add(&mut self, node: Node, patches: &[Node], first: usize, base: usize) -> usize {
+        let own = self.0.len() - base;
+        if patches.len() <= 1 {
+            self.0.push(Split::single(first, own));
+            return own;
+        }
+        let [upper, lower] = node.children();
+        let in_lower =
+            |patch: &Node| if node.halves_columns() { patch.column >= lower.column } else { patch.row >= lower.row };
+        let middle = patches.partition_point(|patch| !in_lower(patch));
+        match patches.split_at(middle) {
+            ([], patches) => self.add(lower, patches, first, base),
+            (patches, []) => self.add(upper, patches, first, base),
+            (above, below) => {
+                // Its halves are known once they are there.
+                self.0.push(Split::single(first, own));
+                let halves = [self.add(upper, above, first, base), self.add(lower, below, first + middle, base)];
+                self.0[base + own] = Split::new(node.halves_columns(), first + middle, halves);
+                own
+            }
+        }
+    }
+
+    /// Goes down one tree for each lane, from `roots`, and cuts rectangles in proportion to masses. `sums[(p - 1) * BY_PLACE + k * BY_LANE]` is the
+    /// sum of the masses before the place `p > 0` in lane `k`, `total` that of all.
+    #[inline(always)]
+    pub fn descend<const BY_PLACE: usize, const BY_LANE: usize>(
+        &self,
+        roots: &[u32; LANES],
+        [u, v]: [Lanes; 2],
+        (sums, total): (&[f32], Lanes),
+        mut cuts: Cuts,
+    ) -> (Found, Cuts) {
+        let (mut before, mut after, mut node) = ([0.0; LANES], total, [0_u32; LANES]);
+        loop {
+            let (mut splits, mut middle, mut all_single) = ([0_u32; LANES], [0.0; LANES], IS_SINGLE);
+            for k in 0..LANES {
+                splits[k] = self.0[(roots[k] + node[k]) as usize].0;
+                // A tree of one patch has no sum before its first place; it is not used.
+                let place = ((splits[k] & 0x7f) as usize).max(1);
+                middle[k] = sums[(place - 1) * BY_PLACE + k * BY_LANE];
+                all_single &= splits[k];
+            }
+            if all_single != 0 {
+                let mut found = Found { place: [0; LANES], mass: [0.0; LANES] };
+                for k in 0..LANES {
+                    found.place[k] = splits[k] & 0x7f;
+                    found.mass[k] = after[k] - before[k];
+                }
+                return (found, cuts);
+            }
+            for k in 0..LANES {
+                let columns = mask(splits[k] & CUTS_COLUMNS);
+                let from = select(columns, cuts.left[k], cuts.top[k]);
+                let to = select(columns, cuts.right[k], cuts.bottom[k]);
+                let at = select(columns, u[k], v[k]);
+                let mass = after[k] - before[k];
+                let mass = if mass > f32::MIN_POSITIVE { mass } else { f32::MIN_POSITIVE };
+                let cut = from + (to - from) * ((middle[k] - before[k]) / mass);
+                let is_first = u32::from(at < cut).wrapping_neg();
+                // Of a single patch both sides stay.
+                let is_single = mask(splits[k] & IS_SINGLE);
+                let keeps_lower = is_first | is_single;
+                let keeps_upper = !is_first | is_single;
+                let (lower, upper) = (select(keeps_lower, from, cut), select(keeps_upper, to, cut));
+                before[k] = select(keeps_lower, before[k], middle[k]);
+                after[k] = select(keeps_upper, after[k], middle[k]);
+                cuts.left[k] = select(columns, lower, cuts.left[k]);
+                cuts.right[k] = select(columns, upper, cuts.right[k]);
+                cuts.top[k] = select(columns, cuts.top[k], lower);
+                cuts.bottom[k] = select(columns, cuts.bottom[k], upper);
+                let halves = (splits[k] >> 8 & is_first) | (splits[k] >> 16 & !is_first);
+                node[k] = halves & 0xff;
+            }
+        }
+    }
+}
+
+/// All bits if a number of a single bit is set.
+#[inline(always)]
+fn mask(bit: u32) -> u32 {
+    u32::from(bit != 0).wrapping_neg()
+}
+
+/// `a` where a mask is set, else `b`. Of bits, as compilers make branches of choices between many numbers.
+#[inline(always)]
+fn select(mask: u32, a: f32, b: f32) -> f32 {
+    f32::from_bits((a.to_bits() & mask) | (b.to_bits() & !mask))
+}
