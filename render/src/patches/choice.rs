@@ -68,9 +68,23 @@ impl<'a> Choice<'a> {
         choice
     }
 
-    /// At most `count` nodes that tile the lit part of `start`, in the order of the tree.
+    /// At most `count` nodes that tile the lit part of `start`, in the order of the tree: so that few describe light x cosine.
     pub fn divide(&self, start: Node, count: usize) -> Vec<Node> {
-        let candidate = |node| Candidate { gain: self.gain(node), node };
+        self.divide_by(start, count, |node| self.gain(node))
+    }
+
+    /// The same, so that the largest product of energy and variance of directions is small.
+    pub fn divide_by_spread(&self, start: Node, count: usize) -> Vec<Node> {
+        let spread = |node| {
+            let moments = self.map.moments(node);
+            let covariance = moments.covariance();
+            moments.energy * (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z)
+        };
+        self.divide_by(start, count, |node| if self.is_divisible(node) { spread(node) } else { 0.0 })
+    }
+
+    fn divide_by(&self, start: Node, count: usize, gain: impl Fn(Node) -> f64) -> Vec<Node> {
+        let candidate = |node| Candidate { gain: gain(node), node };
         let mut heap = BinaryHeap::from([candidate(start)]);
         while heap.len() < count && heap.peek().is_some_and(|best| best.gain > 0.0) {
             let Some(Candidate { node, .. }) = heap.pop() else { break };
@@ -84,7 +98,7 @@ impl<'a> Choice<'a> {
     /// What is lost when a node is one patch: the sum over normals of what the root mean square of the cosine exceeds its mean by, relative to all light that
     /// falls on the normal. With the root mean square as mass, this is the excess of the standard deviation.
     fn gain(&self, node: Node) -> f64 {
-        if node.is_cell() || !node.children().into_iter().all(|child| self.is_resolved(child)) {
+        if !self.is_divisible(node) {
             return 0.0;
         }
         let energy = self.map.moments(node).energy;
@@ -95,6 +109,11 @@ impl<'a> Choice<'a> {
             gain += excess.max(0.0) / self.irradiance[k].max(1e-9);
         }
         gain
+    }
+
+    /// Whether a node has halves that can be told apart.
+    fn is_divisible(&self, node: Node) -> bool {
+        !node.is_cell() && node.children().into_iter().all(|child| self.is_resolved(child))
     }
 
     /// Whether a dark node, or one whose rectangle of Y holds enough different points.

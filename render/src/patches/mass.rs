@@ -152,26 +152,29 @@ impl Patch {
     fn glossy<const LEAF: bool>(&self, at: &Reflection, cosines: &Cosines) -> f32 {
         let (visible, cos_i) = cosines.visible();
         let w = self.centroid + at.n * (cos_i - cosines.mean);
-        let squared_length = larger(w.dot(w), 1e-6);
-        let w = w / squared_length.sqrt();
+        let w = w * (1.0 / larger(w.dot(w), 1e-6).sqrt());
         let cos_o = larger(at.n.dot(at.wo), 1e-4);
         let cos_i = smaller(larger(at.n.dot(w), 1e-4), 1.0);
-        // The squared cosine of half of the angle between both directions, and the half vector.
-        let squared_half = larger(0.5 * (1.0 + at.wo.dot(w)), 1e-3);
-        let cos_h = smaller((cos_i + cos_o) / (4.0 * squared_half).sqrt(), 1.0);
+        let cos = at.wo.dot(w);
+        // The squared cosine of half of the angle between both directions, and that of the half vector.
+        let squared_half = larger(0.5 * (1.0 + cos), 1e-3);
+        let per_half = 1.0 / squared_half;
+        let squared_cos_h = smaller((cos_i + cos_o) * (cos_i + cos_o) * (0.25 * per_half), 1.0);
         // Half vectors spread by half of what directions do in the plane of incidence, across it by more.
         let across = at.wo.cross(w);
-        let across = across / larger(across.dot(across), 1e-6).sqrt();
-        let variance_across = self.spread(across) * (1.0 / 3.0);
+        let per_squared_sine = 1.0 / larger(1.0 - cos * cos, 1e-6);
+        let variance_across = self.spread(across) * (1.0 / 3.0) * per_squared_sine;
         let variance_along = larger(self.variance - variance_across, 0.0);
         let own = at.alpha * at.alpha;
         let along = smaller(own + 0.5 * variance_along, 1.0);
-        let over = smaller(own + 0.5 * variance_across / squared_half, 1.0);
+        let over = smaller(own + 0.5 * variance_across * per_half, 1.0);
         let tilt_across = at.n.dot(across);
-        let tilt_across = tilt_across * tilt_across;
-        let tilt_along = larger(1.0 - cos_h * cos_h - tilt_across, 0.0);
-        let scaled = cos_h * cos_h + tilt_along / along + tilt_across / over;
-        let normals = FRAC_1_PI / ((along * over).sqrt() * scaled * scaled);
+        let tilt_across = tilt_across * tilt_across * per_squared_sine;
+        let tilt_along = larger(1.0 - squared_cos_h - tilt_across, 0.0);
+        // D = 1 / (pi a b (cos^2 + x^2 / a^2 + y^2 / b^2)^2), with along = a^2 and over = b^2, over a common denominator.
+        let product = along * over;
+        let scaled = squared_cos_h * product + tilt_along * over + tilt_across * along;
+        let normals = FRAC_1_PI * product * product.sqrt() / (scaled * scaled);
         let shadowing = cos_o * scaled_length(own, cos_i) / cos_i + scaled_length(own, cos_o);
         let x = larger(1.0 - squared_half.sqrt(), 0.0);
         let squared = x * x;

@@ -92,9 +92,18 @@ impl Part<'_> {
         prepared(self.own, &at, arena, |state| {
             self.own.sample(&at, state, numbers.get(), Draws { wi: [x, y, z], pdf }, arena);
         });
-        timed(Stage::Pdf, || {
-            prepared(self.other, &at, arena, |state| self.other.pdf(&at, state, [x, y, z], other, arena));
-        });
+        // The pdf of a sampler that has no share counts nothing.
+        if self
+            .places
+            .iter()
+            .all(|&place| (self.to)(shares[place as usize]) - (self.from)(shares[place as usize]) == 1.0)
+        {
+            other.as_flattened_mut().fill(0.0);
+        } else {
+            timed(Stage::Pdf, || {
+                prepared(self.other, &at, arena, |state| self.other.pdf(&at, state, [x, y, z], other, arena));
+            });
+        }
         let all = pdf.as_flattened_mut().iter_mut().zip(other.as_flattened()).zip(self.places);
         for ((pdf, other), &place) in all {
             let share = shares[place as usize];

@@ -85,7 +85,7 @@ fn for_all_glossy(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> 
 fn glossy_directions_are_drawn_with_the_claimed_density() {
     for_all_glossy(3, |world, case, point, tests| {
         // The others have densities that do not depend on the BRDF; the quadrature of this test is made for wide lobes.
-        let glossy = matches!(case.name, "oracle" | "cosine" | "mis");
+        let glossy = matches!(case.name, "oracle" | "cosine" | "mis" | "patches" | "patches and cosine");
         if !glossy || point.at.lobe_width() < 0.1 {
             return Ok(());
         }

@@ -10,6 +10,7 @@ use headtail_render::{
     head::{Condition, Head, Linear, Mode},
     image::Image,
     latlong,
+    patches::PatchSampler,
     random::{Purpose, Stream},
     sampler::*,
     tail::{Tail, TailKind, WarpMap},
@@ -96,6 +97,11 @@ impl World {
         product("autoregressive, K = 32, encoder", composed(&light, random_head(Mode::Autoregressive, 32, &[16, 12])));
         let head = ProductSampler::new(light.clone(), random_head(Mode::Coupled, 4, &[]));
         add("head and cosine", Box::new(OneSampleMis::new(head, BrdfSampler)), true, false);
+        if kind == TailKind::Hierarchical {
+            let patches = || PatchSampler::new(light.clone()).unwrap();
+            add("patches", Box::new(patches()), true, true);
+            add("patches and cosine", Box::new(OneSampleMis::new(patches(), BrdfSampler)), true, false);
+        }
         // A smooth tail that has nothing to do with the light (and hardly ever draws a sun), and compact emitters where there are any.
         if environment.name() != "sunset" {
             let flow = EnvironmentLight::with_tail(environment.clone(), Arc::new(swirl(environment)));
