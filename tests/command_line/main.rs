@@ -260,7 +260,7 @@ fn both_budgets_render_a_picture_of_the_size_asked_for() {
     for (budget, name) in [("--spp 3", "samples"), ("--seconds 0.2", "time")] {
         let view = "render --scene temple --env window --sampler mis --width 31 --height 17";
         let said = succeed(path, &format!("{view} {budget} --out out/{name}.exr"));
-        assert!(said.contains(" spp in ") && said.contains(&format!("{name}.png written")), "{said}");
+        assert!(said.contains(" spp of sobol points in ") && said.contains(&format!("{name}.png written")), "{said}");
         let image = picture(&path.join("out").join(name).with_extension("exr"));
         assert_eq!((image.width, image.height), (31, 17));
         assert!(image.pixels.iter().flatten().all(|value| value.is_finite() && *value >= 0.0));
@@ -378,7 +378,7 @@ fn compare_writes_the_table_the_page_and_the_images() {
     assert!(said.trim_end().ends_with("report.html"), "{said}");
 
     let mut reader = csv::Reader::from_path(path.join("results/results.csv")).unwrap();
-    let columns = "scene,env,sampler,budget,run,spp,rays_per_sample,seconds,mse,relmse,relmse_trimmed,ttuv,mean_luminance,max_weight,seed,version";
+    let columns = "scene,env,sampler,budget,run,spp,rays_per_sample,seconds,mse,relmse,relmse_trimmed,ttuv,mean_luminance,max_weight,seed,version,points";
     assert_eq!(reader.headers().unwrap().iter().collect::<Vec<_>>().join(","), columns);
     let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
     assert_eq!(rows.len(), 3 * 3 * (2 + 1));
