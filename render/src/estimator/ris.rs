@@ -8,7 +8,7 @@ use crate::{
     discrete::remap,
     environment::Environment,
     error::{Error, Result},
-    points::{Dimension, Points},
+    points::{Dimension, MAX_CANDIDATES, Points},
     sampler::{Covering, Draws, Sampler, prepared},
     simd::{LANES, Lanes},
     tile::Rows,
@@ -88,7 +88,7 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
         candidates: u32,
         environment: Arc<Environment>,
     ) -> Result<Self> {
-        if !(1..=4096).contains(&candidates) {
+        if !(1..=MAX_CANDIDATES).contains(&candidates) {
             return Err(Error::argument("ris", format!("{candidates} candidates: choose 1 to 4096")));
         }
         Ok(Self { first, second, candidates, environment })

@@ -38,6 +38,9 @@ pub enum Dimension {
     Path,
 }
 
+/// Most candidates of a technique.
+pub const MAX_CANDIDATES: u32 = 4096;
+
 /// Sequences for one bounce of a path.
 const PER_BOUNCE: u32 = 1 << 16;
 
@@ -58,6 +61,9 @@ struct Address {
 
 impl Dimension {
     fn address(self, bounce: u32) -> Address {
+        if let Self::Candidate { index, of, .. } = self {
+            assert!(index < of && of <= MAX_CANDIDATES, "candidate {index} of {of}");
+        }
         let (sequence, column) = match self {
             Self::Light(0) => (PRIMARY, 0),
             // Only the first surface is seen by the camera.
@@ -108,7 +114,11 @@ impl Points {
         Self { bounce, ..self }
     }
 
-    /// `N` (at most 4) uniform numbers in `[0, 1)` for each row, keyed by the rows' keys.
+    /// `N` uniform numbers in `[0, 1)` for each row, keyed by the rows' keys: at most 4 for light, 2 for cameras. Keys are places of pixels on
+    /// Morton's curve.
+    ///
+    /// # Panics
+    /// If a candidate is none of `of`, or one of more than [`MAX_CANDIDATES`].
     pub fn draw<const N: usize>(&self, dimension: Dimension, rows: &Rows<'_>, out: [&mut [Lanes]; N]) {
         self.draw_keyed(dimension, rows.len(), |place| rows.key(place), out);
     }
@@ -146,15 +156,13 @@ impl Points {
         if sequence != PRIMARY {
             point = owen::shuffle(point, self.order(sequence, round, SOBOL));
         }
-        let numbers = std::array::from_fn(|k| match column + k {
-            dimension if dimension < sobol::DIMENSIONS => owen::before_seed(sobol::reversed(point, dimension)),
-            _ => 0,
-        });
+        let numbers = std::array::from_fn(|dimension| owen::before_seed(sobol::reversed(point, dimension)));
         scrambled([round, sequence, SOBOL], self.seed, numbers, column, columns);
     }
 
     fn draw_zsobol(&self, log2_samples: u32, address: Address, columns: Columns<'_>) {
         let Address { sequence, column, index, of } = address;
+        let log2_samples = log2_samples.min(PointSet::MAX_LOG2_SAMPLES);
         let (round, sample) = (self.sample >> log2_samples, self.sample & ((1 << log2_samples) - 1));
         let plan = zsobol::Plan::new(log2_samples + of.next_power_of_two().ilog2());
         let order = self.order(sequence, round, ZSOBOL);
@@ -192,13 +200,13 @@ vectorized! {
 
 vectorized! {
     /// Numbers that all keys share (see [`owen::before_seed`]), scrambled by the words `from..` of each key and `others`.
-    fn scrambled['a](_simd, others: [u32; 3], seed: u64, numbers: [u32; 4], from: usize, columns: Columns<'a>) {
+    fn scrambled['a](_simd, others: [u32; 3], seed: u64, numbers: [u32; sobol::DIMENSIONS], from: usize, columns: Columns<'a>) {
         let mut columns = columns;
         for strip in 0..columns[0].as_ref().map_or(0, |column| column.len()) {
             let keys = columns[0].as_ref().map_or([0; LANES], |column| column[strip].map(f32::to_bits));
             let words = philox([keys, [others[0]; LANES], [others[1]; LANES], [others[2]; LANES]], seed);
-            for ((column, word), number) in columns.iter_mut().flatten().zip(from..).zip(numbers) {
-                column[strip] = owen::scramble([number; LANES], words[word & 3]);
+            for (column, dimension) in columns.iter_mut().flatten().zip(from..) {
+                column[strip] = owen::scramble([numbers[dimension & 3]; LANES], words[dimension & 3]);
             }
         }
     }
@@ -224,66 +232,16 @@ vectorized! {
             }
             let words = philox([blocks, [others[0]; LANES], [others[1]; LANES], [others[2]; LANES]], seed);
             let indices = plan.indices(keys, point, order);
-            for (column, word) in columns.iter_mut().flatten().zip(from..) {
-                let numbers = sobol::reversed_lanes(indices, word);
-                column[strip] = owen::scramble(numbers, words[word & 3]);
+            for (column, dimension) in columns.iter_mut().flatten().zip(from..) {
+                let mut numbers = sobol::reversed_lanes(indices, plan.index_digits(), dimension & 3);
+                for lane in 0..LANES {
+                    numbers[lane] = owen::before_seed(numbers[lane]);
+                }
+                column[strip] = owen::scramble(numbers, words[dimension & 3]);
             }
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn numbers(seed: u64, key: u32, sample: u32, dimension: Dimension, bounce: u32) -> [f32; 4] {
-        let mut out = [[[0.0; LANES]; 1]; 4];
-        let [a, b, c, d] = &mut out;
-        Points::new(PointSet::Independent, seed).at_sample(sample).at_bounce(bounce).draw_keyed(
-            dimension,
-            1,
-            |_| key,
-            [a, b, c, d],
-        );
-        out.map(|column| column[0][0])
-    }
-
-    #[test]
-    fn every_part_of_the_address_counts() {
-        let all = [
-            numbers(1, 0, 0, Dimension::Camera, 0),
-            numbers(2, 0, 0, Dimension::Camera, 0),
-            numbers(1 << 40, 0, 0, Dimension::Camera, 0),
-            numbers(1, 1, 0, Dimension::Camera, 0),
-            numbers(1, 0, 1, Dimension::Camera, 0),
-            numbers(1, 0, 0, Dimension::Path, 0),
-            numbers(1, 0, 0, Dimension::Light(0), 0),
-            numbers(1, 0, 0, Dimension::Light(1), 0),
-            numbers(1, 0, 0, Dimension::Camera, 1),
-        ];
-        for (k, a) in all.iter().enumerate() {
-            assert!(all[..k].iter().all(|b| a.iter().zip(b).all(|(a, b)| a != b)));
-        }
-    }
-
-    #[test]
-    fn numbers_are_uniform_and_their_pairs_too() {
-        const SIDE: usize = 16;
-        let mut counts = [[0.0_f64; SIDE * SIDE]; 3];
-        let samples = 200_000;
-        for k in 0..samples {
-            let n = numbers(7, k % 1000, k / 1000, Dimension::Light(0), 0);
-            assert!(n.iter().all(|x| (0.0..1.0).contains(x)));
-            for (pair, counts) in counts.iter_mut().enumerate() {
-                let [i, j] = [n[pair], n[pair + 1]].map(|x| (x * SIDE as f32) as usize);
-                counts[i * SIDE + j] += 1.0;
-            }
-        }
-        let expected = f64::from(samples) / (SIDE * SIDE) as f64;
-        for counts in counts {
-            let statistic: f64 = counts.iter().map(|count| (count - expected).powi(2) / expected).sum();
-            // 255 degrees of freedom: mean 255, standard deviation 22.6; five of them, for three tests.
-            assert!((statistic - 255.0).abs() < 113.0, "{statistic}");
-        }
-    }
-}
+mod tests;

@@ -30,10 +30,10 @@ pub(super) fn shuffle(index: u32, seed: u32) -> u32 {
 
 /// Scrambles numbers by a seed for each lane, from [`before_seed`] to uniform numbers of 24 bits in `[0, 1)`.
 #[inline(always)]
-pub(super) fn scramble(x: [u32; LANES], seeds: [u32; LANES]) -> Lanes {
+pub(super) fn scramble(before_seed: [u32; LANES], seeds: [u32; LANES]) -> Lanes {
     let mut bits = [0; LANES];
     for lane in 0..LANES {
-        bits[lane] = with_seed(x[lane], seeds[lane]).reverse_bits();
+        bits[lane] = with_seed(before_seed[lane], seeds[lane]).reverse_bits();
     }
     unit(bits)
 }

@@ -3,16 +3,14 @@
 //!
 //! Every number is kept with its bits reversed, the first binary digit in bit 0: so [`super::owen`] wants them.
 
-use super::owen::before_seed;
 use crate::simd::LANES;
 
 /// Dimensions of the sequence.
-pub(super) const DIMENSIONS: usize = 6;
+pub(super) const DIMENSIONS: usize = 4;
 
 /// Of each dimension after the first, the primitive polynomial of Joe and Kuo's table `new-joe-kuo-6`: degree, inner coefficients, and the
 /// initial direction numbers, as many as the degree.
-const POLYNOMIALS: [(usize, u32, [u32; 4]); DIMENSIONS - 1] =
-    [(1, 0, [1, 0, 0, 0]), (2, 1, [1, 3, 0, 0]), (3, 1, [1, 3, 1, 0]), (3, 2, [1, 1, 1, 0]), (4, 1, [1, 1, 3, 3])];
+const POLYNOMIALS: [(usize, u32, [u32; 3]); DIMENSIONS - 1] = [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
 
 /// Columns of the generator matrices, `[dimension][binary digit of the index]`, reversed.
 pub(super) const COLUMNS: [[u32; 32]; DIMENSIONS] = columns();
@@ -34,7 +32,7 @@ const fn columns() -> [[u32; 32]; DIMENSIONS] {
 }
 
 /// The recurrence of Joe and Kuo's equation 2, for direction numbers as binary fractions `v_k = m_k / 2^k`.
-const fn columns_of((degree, coefficients, initial): (usize, u32, [u32; 4])) -> [u32; 32] {
+const fn columns_of((degree, coefficients, initial): (usize, u32, [u32; 3])) -> [u32; 32] {
     let mut v = [0_u32; 32];
     let mut k = 0;
     while k < 32 {
@@ -69,40 +67,69 @@ pub(super) fn reversed(index: u32, dimension: usize) -> u32 {
     sum
 }
 
-/// A dimension of the point of each lane, reversed and ready for the seed of a scrambling.
+/// A dimension of the point of each lane, reversed; indices have `digits` binary digits at most.
 #[inline(always)]
-pub(super) fn reversed_lanes(indices: [u32; LANES], dimension: usize) -> [u32; LANES] {
-    let mut sums = [0; LANES];
-    for (digit, column) in COLUMNS[dimension].iter().enumerate() {
-        for lane in 0..LANES {
-            sums[lane] ^= column & (indices[lane] >> digit & 1).wrapping_neg();
+pub(super) fn reversed_lanes(indices: [u32; LANES], digits: u32, dimension: usize) -> [u32; LANES] {
+    match dimension {
+        0 => indices,
+        1 => pascal(indices),
+        _ => {
+            let mut sums = [0; LANES];
+            for (digit, column) in COLUMNS[dimension].iter().enumerate().take(digits as usize) {
+                for lane in 0..LANES {
+                    sums[lane] ^= column & (indices[lane] >> digit & 1).wrapping_neg();
+                }
+            }
+            sums
         }
     }
-    for lane in 0..LANES {
-        sums[lane] = before_seed(sums[lane]);
+}
+
+/// The second dimension, whose matrix is Pascal's triangle modulo 2: a product of five sparse ones.
+#[inline(always)]
+fn pascal(mut indices: [u32; LANES]) -> [u32; LANES] {
+    const STEPS: [(u32, u32); 5] =
+        [(1, 0xaaaa_aaaa), (2, 0xcccc_cccc), (4, 0xf0f0_f0f0), (8, 0xff00_ff00), (16, 0xffff_0000)];
+    for (shift, mask) in STEPS {
+        for lane in 0..LANES {
+            indices[lane] ^= (indices[lane] & mask) >> shift;
+        }
     }
-    sums
+    indices
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Rows of `scipy.stats.qmc.Sobol(6, scramble=False, bits=32)` times 2^32. That library goes through the points in the order of Gray's
+    /// Rows of `scipy.stats.qmc.Sobol(4, scramble=False, bits=32)` times 2^32. That library goes through the points in the order of Gray's
     /// code: its row `n` is point `n ^ (n >> 1)`.
     #[test]
     fn points_are_those_of_a_library() {
         let rows: [(u32, [u32; DIMENSIONS]); 6] = [
-            (0, [0; 6]),
-            (1, [2_147_483_648; 6]),
-            (2, [3_221_225_472, 1_073_741_824, 1_073_741_824, 1_073_741_824, 3_221_225_472, 3_221_225_472]),
-            (5, [3_758_096_384, 3_758_096_384, 536_870_912, 1_610_612_736, 3_758_096_384, 2_684_354_560]),
-            (19, [1_476_395_008, 3_087_007_744, 3_087_007_744, 1_744_830_464, 134_217_728, 3_087_007_744]),
-            (1_000_003, [1_187_450_880, 2_413_424_640, 334_991_360, 1_796_354_048, 3_773_812_736, 2_341_023_744]),
+            (0, [0; 4]),
+            (1, [2_147_483_648; 4]),
+            (2, [3_221_225_472, 1_073_741_824, 1_073_741_824, 1_073_741_824]),
+            (5, [3_758_096_384, 3_758_096_384, 536_870_912, 1_610_612_736]),
+            (19, [1_476_395_008, 3_087_007_744, 3_087_007_744, 1_744_830_464]),
+            (1_000_003, [1_187_450_880, 2_413_424_640, 334_991_360, 1_796_354_048]),
         ];
         for (row, expected) in rows {
             let found = std::array::from_fn(|k| reversed(row ^ (row >> 1), k).reverse_bits());
             assert_eq!(found, expected, "row {row}");
+        }
+    }
+
+    #[test]
+    fn lanes_have_the_same_points() {
+        let mut index = 1_u32;
+        for digits in 1..=32 {
+            index = index.wrapping_mul(0x2c1b_3c6d).wrapping_add(0x297a_2d39);
+            let indices = std::array::from_fn(|lane| (index ^ (lane as u32) << digits / 2) >> (32 - digits));
+            for dimension in 0..DIMENSIONS {
+                let expected = indices.map(|index| reversed(index, dimension));
+                assert_eq!(reversed_lanes(indices, digits, dimension), expected, "{digits} digits, {dimension}");
+            }
         }
     }
 }

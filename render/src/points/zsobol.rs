@@ -8,8 +8,8 @@
 
 use crate::simd::LANES;
 
-/// Levels of squares in a block: 256 pixels along a side.
-const LEVELS: u32 = 8;
+/// Levels of squares in a block: 64 pixels along a side.
+const LEVELS: u32 = 6;
 
 /// How the points of a pixel's sample are found.
 #[derive(Clone, Copy, Debug)]
@@ -30,6 +30,12 @@ impl Plan {
     #[inline(always)]
     pub fn block(self, key: u32) -> u32 {
         key >> (2 * self.levels)
+    }
+
+    /// Binary digits of an index.
+    #[inline(always)]
+    pub fn index_digits(self) -> u32 {
+        2 * self.levels + self.digits
     }
 
     /// Indices in the sequences of the pixels' blocks of point `point` of each pixel's set. `seed` is that of the orders.
