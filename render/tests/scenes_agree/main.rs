@@ -1,6 +1,7 @@
 //! Every sampler renders the same picture as every other, a white furnace is white, and threads change nothing.
 
 mod budgets;
+mod points;
 mod tails_and_emitters;
 
 use std::{
@@ -11,6 +12,7 @@ use std::{
 use glam::{Vec2, Vec3A};
 use headtail_render::{
     bake::{BakedTable, CellGrid, CellPoints, NormalGrid, direct_bake},
+    color::luminance,
     environment::{Environment, built_in},
     estimator::Estimator,
     export::{ExportedSampler, Intermediate, TrainingSummary},
@@ -22,7 +24,7 @@ use headtail_render::{
     sampler::EnvironmentLight,
     scene::{Material, MaterialSpec, Ray, Scene, TexturedMetallicRoughness, built_in_names},
     spec::{FileKind, SamplerSpec},
-    statistics::{Moments, compare_images, sidak},
+    statistics::{Moments, TTest, compare_images, sidak},
     tail::{Tail, TailKind},
 };
 use rayon::prelude::*;
