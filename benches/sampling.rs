@@ -136,6 +136,21 @@ fn compact_emitters_and_head(bencher: Bencher, normals: Normals) {
     bench(bencher, normals, &WithCompactEmitters::new(compact, product));
 }
 
+/// Two numbers of each point.
+#[divan::bench(args = ["independent", "sobol", "zsobol:16"])]
+fn points(bencher: Bencher, set: &str) {
+    let (tiles, arena) = (tiles(Normals::Coherent), Arena::default());
+    let points = Points::new(set.parse().expect("a kind of points"), 1);
+    bencher.counter(ItemsCount::new(TILES * TILE)).bench_local(|| {
+        for tile in black_box(&tiles) {
+            let rows = tile.rows();
+            let mut columns = arena.columns::<2>(rows.strips());
+            points.draw(Dimension::Light(0), &rows, columns.get_mut());
+            black_box(columns.get());
+        }
+    });
+}
+
 /// Candidates, their light and BRDF, and the survivor.
 #[divan::bench(name = "ris:4", args = NORMALS)]
 fn ris(bencher: Bencher, normals: Normals) {

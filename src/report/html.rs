@@ -11,7 +11,7 @@ use super::gallery::{Gallery, Panel, Picture};
 use super::number::{amount, duration, ends, escape, html, html_digits, html_uncertainty, times};
 use super::picture::{self, ErrorScale};
 use super::reading;
-use super::summary::{BudgetKind, Group, Measure, Summary};
+use super::summary::{BudgetKind, Group, Measure, Summary, in_order};
 use super::{Comparison, State};
 
 /// What the sampler of that name is; under shadows the density of least variance is another one.
@@ -469,7 +469,7 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
             times(100.0 * measured / comparison.measured.len() as f64)
         )
     };
-    let points = super::summary::in_order(comparison.rows.iter().map(|row| row.points.as_str()));
+    let points = in_order(comparison.rows.iter().map(|row| row.points.as_str()));
     let independent = points.iter().all(|points| points == "independent");
     let facts = [
         ("Machine", escape(&comparison.machine)),

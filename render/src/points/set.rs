@@ -9,9 +9,9 @@ use crate::error::{Error, Result};
 pub enum PointSet {
     /// Sobol's sequence with an Owen scrambling for each pixel. Any number of samples, best at powers of two.
     Sobol,
-    /// One such sequence for a block of pixels along a curve through them, so that neighbours share the square (Ahmed and Wonka 2020,
-    /// "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels"). The error of a pixel is that of `Sobol`,
-    /// its sum over neighbours is smaller. Pixels are not independent of each other.
+    /// One such sequence for a block of pixels along a curve through them, so that neighbours share the square (Ahmed and Wonka
+    /// 2020, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels"). The error of a
+    /// pixel is that of `Sobol`, its sum over neighbours is smaller. Pixels are not independent of each other.
     ZSobol {
         /// Logarithm to base 2 of the planned samples per pixel; samples beyond come from fresh sets. At most [`Self::MAX_LOG2_SAMPLES`].
         log2_samples: u32,

@@ -125,7 +125,7 @@ mod tests {
         let mut index = 1_u32;
         for digits in 1..=32 {
             index = index.wrapping_mul(0x2c1b_3c6d).wrapping_add(0x297a_2d39);
-            let indices = std::array::from_fn(|lane| (index ^ (lane as u32) << digits / 2) >> (32 - digits));
+            let indices = std::array::from_fn(|lane| (index ^ ((lane as u32) << (digits / 2))) >> (32 - digits));
             for dimension in 0..DIMENSIONS {
                 let expected = indices.map(|index| reversed(index, dimension));
                 assert_eq!(reversed_lanes(indices, digits, dimension), expected, "{digits} digits, {dimension}");

@@ -98,12 +98,15 @@ fn correlation(pairs: impl Iterator<Item = (f32, f32)>) -> (f64, f64) {
     (12.0 * sum / count, 1.0 / f64::sqrt(count))
 }
 
+/// Two numbers of a seed.
+type PairOfSeed<'a> = dyn Fn(u64) -> (f32, f32) + 'a;
+
 #[test]
 fn pixels_and_dimensions_are_not_correlated() {
     let light = |set, seed, key| numbers(set, seed, key, 3, Dimension::Light(0), 0);
     let of = |set, seed, dimension, bounce| numbers(set, seed, 5, 3, dimension, bounce);
     for set in SETS {
-        let pairs: [(&str, &dyn Fn(u64) -> (f32, f32)); 7] = [
+        let pairs: [(&str, &PairOfSeed<'_>); 7] = [
             // For `ZSobol`, pixels of two blocks.
             ("pixels", &|seed| (light(set, seed, 70)[0], light(set, seed, 70 + (1 << 12))[0])),
             ("seeds", &|seed| (light(set, seed, 7)[1], light(set, seed + 1, 7)[1])),

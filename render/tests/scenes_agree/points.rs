@@ -54,7 +54,8 @@ fn the_error_of_sobol_points_falls_faster_than_that_of_independent_ones() {
         let [independent, sobol, zsobol] = [PointSet::Independent, PointSet::Sobol, PointSet::zsobol(256)].map(slope);
         // Of one over N. The errors of 3,000 numbers are known to some 3 % each, their ratio's exponent to 0.01; heavy tails make it 0.03.
         assert!((independent + 1.0).abs() < 0.1, "{sampler}: {independent}");
-        // Measured: brdf -1.70, emitter -1.73, mis -1.84, mis2 -1.66, ris:4 -1.47 under `sobol`, and -1.62, -1.83, -1.76, -1.67, -1.42 under `zsobol`.
+        // Measured: brdf -1.70, emitter -1.73, mis -1.84, mis2 -1.66, ris:4 -1.47 under `sobol`,
+        // and -1.62, -1.83, -1.76, -1.67, -1.42 under `zsobol`.
         assert!(sobol < -1.3 && zsobol < -1.3, "{sampler}: {sobol}, {zsobol}");
     }
 }
