@@ -12,7 +12,7 @@ use headtail_render::{
     brdf::Ggx,
     columns::{Arena, Columns},
     head::Head,
-    points::{Dimension, Points},
+    points::{Dimension, PointSet, Points},
     random::{Purpose, Stream},
     sampler::IntermediateDensity,
     tile::{Rows, ShadingPoint, Tile},
@@ -59,7 +59,7 @@ fn bench(
     head.prepare(&rows, state.get_mut()[0], &arena);
     let mut columns = arena.columns::<5>(rows.strips());
     let [u, v, ..] = columns.get_mut();
-    Points::new(1, 0).draw(Dimension::Light(0), &rows, [u, v]);
+    Points::new(PointSet::Sobol, 1).draw(Dimension::Light(0), &rows, [u, v]);
     bencher.counter(ItemsCount::new(SAMPLES)).bench_local(|| {
         work(&head, black_box(&rows), &mut state, &mut columns, &arena);
         black_box(columns.get());

@@ -21,7 +21,7 @@ use headtail_render::{
     environment::{Environment, built_in, without_compact_emitters},
     estimator::{Contributions, Estimator, Ris},
     head::Head,
-    points::{Dimension, Points},
+    points::{Dimension, PointSet, Points},
     random::{Purpose, Stream},
     sampler::{
         BrdfSampler, CompactEmitters, Covering, Draws, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler,
@@ -74,7 +74,7 @@ fn bench(bencher: Bencher, normals: Normals, sampler: &dyn Sampler) {
             let rows = tile.rows();
             let mut columns = arena.columns::<6>(rows.strips());
             let [u, v, x, y, z, pdf] = columns.get_mut();
-            Points::new(1, 0).draw(Dimension::Light(0), &rows, [&mut *u, &mut *v]);
+            Points::new(PointSet::Sobol, 1).draw(Dimension::Light(0), &rows, [&mut *u, &mut *v]);
             prepared(sampler, &rows, &arena, |state| {
                 sampler.sample(&rows, state, [u, v], Draws { wi: [x, y, z], pdf }, &arena);
             });
@@ -136,6 +136,21 @@ fn compact_emitters_and_head(bencher: Bencher, normals: Normals) {
     bench(bencher, normals, &WithCompactEmitters::new(compact, product));
 }
 
+/// Two numbers of each point.
+#[divan::bench(args = ["independent", "sobol", "zsobol:16"])]
+fn points(bencher: Bencher, set: &str) {
+    let (tiles, arena) = (tiles(Normals::Coherent), Arena::default());
+    let points = Points::new(set.parse().expect("a kind of points"), 1);
+    bencher.counter(ItemsCount::new(TILES * TILE)).bench_local(|| {
+        for tile in black_box(&tiles) {
+            let rows = tile.rows();
+            let mut columns = arena.columns::<2>(rows.strips());
+            points.draw(Dimension::Light(0), &rows, columns.get_mut());
+            black_box(columns.get());
+        }
+    });
+}
+
 /// Candidates, their light and BRDF, and the survivor.
 #[divan::bench(name = "ris:4", args = NORMALS)]
 fn ris(bencher: Bencher, normals: Normals) {
@@ -146,7 +161,7 @@ fn ris(bencher: Bencher, normals: Normals) {
     bencher.counter(ItemsCount::new(TILES * TILE)).bench_local(|| {
         for tile in black_box(&tiles) {
             out.clear();
-            ris.propose(&tile.rows(), &Points::new(1, 0), &mut out, &arena);
+            ris.propose(&tile.rows(), &Points::new(PointSet::Sobol, 1), &mut out, &arena);
             black_box(&out);
         }
     });

@@ -16,6 +16,7 @@ use headtail_render::{
     environment::{Environment, built_in},
     estimator::Estimator,
     integrator::{Budget, Rendering, View, render},
+    points::{PointSet, Points},
     scene::{Camera, Material, Mesh, Scene},
     spec::SamplerSpec,
 };
@@ -72,7 +73,8 @@ fn main() {
 fn best(scene: &Scene, environment: &Environment, estimator: &dyn Estimator, width: usize, spp: u32) -> Rendering {
     let camera = Camera::new(Vec3A::new(0.0, 5.0, 11.0), Vec3A::new(0.0, 0.0, 0.5), 40.0).expect("a direction");
     let view = View { scene, camera: &camera, environment, width, height: width * 3 / 4, unshadowed: false, depth: 1 };
-    let once = |seed| render(view, estimator, Budget::Spp(spp), seed, &AtomicBool::new(false), &|_| {});
+    let points = |seed| Points::new(PointSet::Sobol, seed);
+    let once = |seed| render(view, estimator, Budget::Spp(spp), points(seed), &AtomicBool::new(false), &|_| {});
     (0..3).map(once).min_by(|a, b| a.seconds.total_cmp(&b.seconds)).expect("three renderings")
 }
 

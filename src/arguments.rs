@@ -9,6 +9,7 @@ use headtail_render::{
     environment::Environment,
     export::ExportedSampler,
     integrator::{Budget, View},
+    points::{PointSet, Points},
     scene::{Camera, MaterialSpec, Scene},
     spec::{FileKind, SamplerSpec, Source},
     tail::TailKind,
@@ -38,6 +39,10 @@ pub struct ViewArguments {
     /// Surfaces that light may visit on its way to the camera: 1 is direct light alone.
     #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "unshadowed", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub depth: u32,
+    /// The points that samples are taken at: sobol (an Owen-scrambled sequence for each pixel), zsobol (one that neighbouring pixels share, for a
+    /// finer grain; with :N in sets of N samples, else in sets that the budget fits into) or independent (random).
+    #[arg(long, value_name = "POINTS", default_value = "sobol")]
+    pub points: PointsArgument,
     /// Threads to render with. Default: all cores.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
@@ -109,6 +114,41 @@ impl FromStr for Grid {
     }
 }
 
+/// The points of renderings, as the command line names them.
+#[derive(Clone, Copy, Debug)]
+pub enum PointsArgument {
+    /// Those of one name.
+    Named(PointSet),
+    /// Sets along a curve through the pixels that a budget fits into.
+    Zsobol,
+}
+
+impl PointsArgument {
+    /// Samples in a set of `zsobol` where the budget does not say how many there will be.
+    const SET: u32 = 16;
+
+    /// The points for a budget.
+    pub fn for_budget(self, budget: Budget) -> PointSet {
+        match (self, budget) {
+            (Self::Named(set), _) => set,
+            (Self::Zsobol, Budget::Spp(spp)) => PointSet::zsobol(spp),
+            (Self::Zsobol, Budget::Time(_)) => PointSet::zsobol(Self::SET),
+        }
+    }
+}
+
+impl FromStr for PointsArgument {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match (text, text.parse()) {
+            ("zsobol", _) => Ok(Self::Zsobol),
+            (_, Ok(set)) => Ok(Self::Named(set)),
+            _ => Err("choose sobol, zsobol, zsobol:N with a power of two up to 1048576, or independent".into()),
+        }
+    }
+}
+
 /// The kind of tail warp, as the command line names it.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 pub enum TailArgument {
@@ -141,6 +181,7 @@ pub struct OpenedView {
     height: usize,
     unshadowed: bool,
     depth: u32,
+    points: PointsArgument,
 }
 
 impl ViewArguments {
@@ -170,6 +211,7 @@ impl ViewArguments {
             height: self.camera.height as usize,
             unshadowed: self.unshadowed,
             depth: self.depth,
+            points: self.points,
         })
     }
 }
@@ -186,6 +228,11 @@ impl OpenedView {
             unshadowed: self.unshadowed,
             depth: self.depth,
         }
+    }
+
+    /// The points of a rendering with a budget.
+    pub fn points(&self, budget: Budget, seed: u64) -> Points {
+        Points::new(self.points.for_budget(budget), seed)
     }
 
     /// The scene's name, with the material that it was given, and whether it is without shadows.

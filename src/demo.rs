@@ -11,7 +11,7 @@ use headtail_render::{
 use headtail_train::{FitConfig, TrainingLight, exported_sampler};
 
 use crate::{
-    arguments::{CameraArguments, TailArgument, ViewArguments, make_folder, open_environment},
+    arguments::{CameraArguments, PointsArgument, TailArgument, ViewArguments, make_folder, open_environment},
     bake, compare, fit, progress,
 };
 
@@ -27,6 +27,9 @@ pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a map.
     #[arg(long, value_name = "NAME|FILE", default_value = "studio")]
     env: String,
+    /// The points that samples are taken at: sobol, zsobol, zsobol:N or independent.
+    #[arg(long, value_name = "POINTS", default_value = "sobol")]
+    points: PointsArgument,
 }
 
 /// Runs every step and says what it does.
@@ -66,6 +69,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         material: None,
         unshadowed: false,
         depth: 1,
+        points: arguments.points,
         threads: None,
     };
     let samplers = vec![

@@ -9,6 +9,7 @@ use headtail_render::{
     estimator::Estimator,
     image::{Attribute, Image, write_exr, write_png},
     integrator::{self, Budget, Rendering, View},
+    points::Points,
     spec::SamplerSpec,
     timings::Timings,
 };
@@ -77,7 +78,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.timings {
         Timings::start();
     }
-    let rendering = integrator::render(opened.view(), &*estimator, budget, arguments.seed, &stop, &show);
+    let points = opened.points(budget, arguments.seed);
+    let rendering = integrator::render(opened.view(), &*estimator, budget, points, &stop, &show);
     bar.finish_and_clear();
 
     let image = rendering.composite();
@@ -86,8 +88,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let png = arguments.out.with_extension("png");
     write_png(&png, &image, exposure(&rendering) + arguments.exposure)?;
     println!(
-        "{sampler}: {} spp in {:.2} s, {:.2} shadow rays per sample, largest weight {:.3}",
-        rendering.spp, rendering.seconds, rendering.rays_per_sample, rendering.max_weight
+        "{sampler}: {} spp of {} points in {:.2} s, {:.2} shadow rays per sample, largest weight {:.3}",
+        rendering.spp, rendering.points, rendering.seconds, rendering.rays_per_sample, rendering.max_weight
     );
     if arguments.timings {
         let threads = rayon::current_num_threads();
@@ -102,6 +104,7 @@ pub fn attributes(sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attrib
     vec![
         Attribute::new("sampler", sampler),
         Attribute::new("spp", rendering.spp as i32),
+        Attribute::new("points", rendering.points.to_string()),
         // OpenEXR has no 64-bit integers.
         Attribute::new("seed", seed.to_string()),
         Attribute::new("seconds", rendering.seconds),
@@ -121,6 +124,6 @@ pub fn exposure(rendering: &Rendering) -> f32 {
 }
 
 /// Renders without a progress bar, and to the end.
-pub fn quietly(view: View<'_>, estimator: &dyn Estimator, budget: Budget, seed: u64) -> Rendering {
-    integrator::render(view, estimator, budget, seed, &std::sync::atomic::AtomicBool::new(false), &|_| {})
+pub fn quietly(view: View<'_>, estimator: &dyn Estimator, budget: Budget, points: Points) -> Rendering {
+    integrator::render(view, estimator, budget, points, &std::sync::atomic::AtomicBool::new(false), &|_| {})
 }

@@ -9,6 +9,7 @@ use headtail_render::{
     estimator::Ris,
     image::write_png,
     integrator::{Budget, View},
+    points::{PointSet, Points},
     sampler::{BrdfSampler, Covering, EnvironmentLight, ProductSampler},
     scene::{Scene, built_in_names},
     tail::TailKind,
@@ -69,7 +70,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let (width, height) = (arguments.width as usize, (arguments.width * 3 / 4) as usize);
         let (camera, environment) = (&scene.camera(), &*environment);
         let view = View { scene, camera, environment, width, height, unshadowed: false, depth: arguments.depth };
-        let rendering = quietly(view, &estimator, Budget::Spp(arguments.spp), 1);
+        let rendering = quietly(view, &estimator, Budget::Spp(arguments.spp), Points::new(PointSet::Sobol, 1));
         write_png(&folder.join(scene.name()).with_extension("png"), &rendering.composite(), exposure(&rendering))?;
         bar.inc(1);
     }

@@ -6,7 +6,7 @@ use headtail_render::{
     color::luminance,
     columns::Arena,
     estimator::{Contributions, Estimator},
-    points::Points,
+    points::{PointSet, Points},
     random::{Purpose, Stream},
     sampler::{AtPoint, EnvironmentLight, Sampler},
     statistics::{Quadrature, QuadratureShape, Term},
@@ -94,7 +94,7 @@ pub fn measure_by_draws(conditions: Conditions, estimator: &dyn Estimator) -> Qu
             // Copies of the point, whose keys tell their random numbers apart.
             let (tile, arena, mut drawn) = (Tile::of(&vec![at; draws]), Arena::default(), Contributions::default());
             let seed = 8 + run + (index << 8);
-            estimator.propose(&tile.rows(), &Points::new(seed, 0), &mut drawn, &arena);
+            estimator.propose(&tile.rows(), &Points::new(PointSet::Independent, seed), &mut drawn, &arena);
             let (mut first, mut second) = (0.0_f64, 0.0_f64);
             // One contribution for each draw at most.
             for &radiance in drawn.radiance() {

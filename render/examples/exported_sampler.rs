@@ -8,7 +8,7 @@ use headtail_render::brdf::Lambert;
 use headtail_render::columns::Arena;
 use headtail_render::environment::Environment;
 use headtail_render::export::ExportedSampler;
-use headtail_render::points::{Dimension, Points};
+use headtail_render::points::{Dimension, PointSet, Points};
 use headtail_render::sampler::{Draws, Sampler, prepared};
 use headtail_render::tile::{ShadingPoint, Tile};
 
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut sum = Vec3A::ZERO;
     for sample in 0..16 {
         let [u, v, x, y, z, pdf, red, green, blue] = columns.get_mut();
-        Points::new(0, sample).draw(Dimension::Light(0), &rows, [&mut *u, &mut *v]); // or numbers of your own
+        Points::new(PointSet::Sobol, 0).at_sample(sample).draw(Dimension::Light(0), &rows, [&mut *u, &mut *v]); // or numbers of your own
         prepared(&sampler, &rows, &arena, |state| {
             let out = Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf };
             sampler.sample(&rows, state, [u, v], out, &arena);

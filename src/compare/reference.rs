@@ -11,6 +11,7 @@ use headtail_render::{
     estimator::{Estimator, Ris, SingleSample},
     image::{Image, read_radiance, write_exr},
     integrator::{Budget, Rendering, render},
+    points::{PointSet, Points},
     sampler::{BrdfSampler, Covering, EnvironmentLight, ProductSampler},
     tail::TailKind,
 };
@@ -24,6 +25,9 @@ use crate::{
 
 /// Part of every name in a cache; to be raised when the renderer changes what its images converge to.
 const CACHE_VERSION: u32 = 1;
+
+/// The points of references, whatever those of the runs are: the error of `sobol` is the smallest.
+const POINTS: PointSet = PointSet::Sobol;
 
 /// The reference of a comparison.
 pub struct Reference {
@@ -58,8 +62,10 @@ impl Reference {
             let (image, coverage) = (read_sized(&image, size)?, read_sized(&coverage, size)?);
             let coverage: Vec<f32> = coverage.pixels.iter().map(|pixel| pixel[0]).collect();
             write_exr(&copy, &image, &[])?;
-            let note =
-                format!("Rendered before at {} samples per pixel, and found in the cache.", arguments.reference_spp);
+            let note = format!(
+                "Rendered before at {} samples per pixel ({POINTS} points), and found in the cache.",
+                arguments.reference_spp
+            );
             return Ok(Self { image, covered: covered(&coverage), note });
         }
         let (rendering, by) = converged(arguments, opened, arguments.reference_spp, stop)?;
@@ -72,7 +78,7 @@ impl Reference {
             write_exr(&coverage_file, &coverage, &[])?;
             write_exr(&image_file, &image, &attributes(by, &rendering, seed(arguments)))?;
         }
-        let note = format!("Rendered with {by} at {} samples per pixel.", rendering.spp);
+        let note = format!("Rendered with {by} at {} samples per pixel ({POINTS} points).", rendering.spp);
         Ok(Self { image, covered: covered(&rendering.coverage), note })
     }
 }
@@ -97,7 +103,8 @@ fn converged<'a>(
     };
     let bar = progress::bar(1000, "reference");
     let show = |spent: f64| bar.set_position((1000.0 * spent) as u64);
-    let rendering = render(opened.view(), &*estimator, Budget::Spp(spp), seed(arguments), stop, &show);
+    let points = Points::new(POINTS, seed(arguments));
+    let rendering = render(opened.view(), &*estimator, Budget::Spp(spp), points, stop, &show);
     bar.finish_and_clear();
     if stop.load(Ordering::Relaxed) {
         bail!(Interrupted::new("while the reference was rendered; no run is done"));
@@ -118,7 +125,7 @@ fn covered(coverage: &[f32]) -> Vec<bool> {
 fn key(arguments: &Arguments, opened: &OpenedView) -> String {
     let view = opened.view();
     let content = format!(
-        "{CACHE_VERSION} {} {} {:?} {} x {} {} {} {} {}",
+        "{CACHE_VERSION} {POINTS} {} {} {:?} {} x {} {} {} {} {}",
         view.scene.content_hash(),
         view.environment.hash(),
         view.camera,

@@ -11,6 +11,7 @@ use headtail_render::{
     color::luminance,
     image::{Image, write_exr},
     integrator::{Budget, Rendering, render},
+    points::Points,
     statistics::{ErrorMetrics, RELATIVE_EPSILON, ttuv},
 };
 use indicatif::ProgressBar;
@@ -64,20 +65,22 @@ impl<'a> Work<'a> {
         let bar = progress::bar((budgets.len() * entries.len()) as u64 * u64::from(runs), "comparing");
         let mut taken: Vec<Vec<Budget>> = Vec::new();
         for run in 0..runs {
-            for (index, (name, budget)) in budgets.iter().enumerate() {
+            for (index, (name, asked)) in budgets.iter().enumerate() {
                 if run == 0 {
                     let calibrated: Option<Vec<Budget>> =
-                        entries.iter().map(|entry| self.calibrated(entry, *budget, seed, &bar)).collect();
+                        entries.iter().map(|entry| self.calibrated(entry, *asked, seed, &bar)).collect();
                     let Some(calibrated) = calibrated else { return Ok(()) };
                     taken.push(calibrated);
                 }
-                for (entry, &budget) in entries.iter().zip(&taken[index]) {
+                for (entry, &taken) in entries.iter().zip(&taken[index]) {
                     if self.stop.load(Ordering::Relaxed) {
                         bar.finish_and_clear();
                         return Ok(());
                     }
                     bar.set_message(format!("{} {name}", entry.label));
-                    self.run(entry, name, budget, run, seed + u64::from(run))?;
+                    // In a budget of time, the number of samples depends on the machine, and points should not.
+                    let points = self.opened.points(*asked, seed + u64::from(run));
+                    self.run(entry, name, taken, run, points)?;
                     bar.inc(1);
                 }
             }
@@ -96,15 +99,15 @@ impl<'a> Work<'a> {
     }
 
     /// One run: the picture, its row in the table, and all that is written of it.
-    fn run(&mut self, entry: &Entry, budget_name: &str, budget: Budget, run: u32, seed: u64) -> Result<()> {
-        let rendering = quietly(self.opened.view(), &*entry.estimator, budget, seed);
-        let row = self.row(entry, budget_name, run, seed, &rendering)?;
+    fn run(&mut self, entry: &Entry, budget_name: &str, budget: Budget, run: u32, points: Points) -> Result<()> {
+        let rendering = quietly(self.opened.view(), &*entry.estimator, budget, points);
+        let row = self.row(entry, budget_name, run, points.seed(), &rendering)?;
         self.comparison.rows.push(row);
         self.report.update_table(&self.comparison)?;
         if run == 0 {
             let image = rendering.composite();
             let stem = format!("{}_{budget_name}", file_name(&entry.label));
-            let attributes = attributes(&entry.label, &rendering, seed);
+            let attributes = attributes(&entry.label, &rendering, points.seed());
             write_exr(&self.folder.join(format!("{stem}.exr")), &image, &attributes)?;
             let errors = error_image(&image, &self.comparison.reference, &self.comparison.measured);
             write_exr(&self.folder.join(format!("{stem}_error.exr")), &errors, &attributes)?;
@@ -135,6 +138,7 @@ impl<'a> Work<'a> {
             max_weight: f64::from(rendering.max_weight),
             seed,
             version: self.comparison.version.clone(),
+            points: rendering.points.to_string(),
         })
     }
 
@@ -146,13 +150,14 @@ impl<'a> Work<'a> {
         let Budget::Time(limit) = budget else { return Some(budget) };
         bar.set_message(format!("{}: samples that fit into {} s", entry.label, limit.as_secs_f64()));
         let seconds = limit.as_secs_f64();
+        let points = self.opened.points(budget, seed);
         let mut trial = Budget::Time(Duration::from_secs_f64(0.25 * seconds));
         // A long rendering is faster per sample than a short one: passes are longer.
         for _ in 0..2 {
             if self.stop.load(Ordering::Relaxed) {
                 return None;
             }
-            let rendering = render(self.opened.view(), &*entry.estimator, trial, seed, self.stop, &|_| {});
+            let rendering = render(self.opened.view(), &*entry.estimator, trial, points, self.stop, &|_| {});
             let spp = f64::from(rendering.spp) * seconds / rendering.seconds;
             trial = Budget::Spp((spp.round() as u32).max(1));
         }

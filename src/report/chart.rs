@@ -339,8 +339,9 @@ const EQUAL_TIMES: f64 = 0.05;
 
 /// The two comparisons that the bars show: at equal samples, and at equal time.
 ///
-/// Where times are not equal, the ratio of MSE x time stands in for that of MSE: it is what the ratio at equal time would
-/// be, since MSE falls inversely with time. So it does without a budget of time, at the largest budget of samples.
+/// Where times are not equal, the ratio of MSE x time stands in for that of MSE. With independent samples, whose MSE falls inversely with time, it is
+/// what the ratio at equal time would be; with Sobol points, whose MSE falls faster, it gives too little to the quicker sampler. So it does
+/// without a budget of time, at the largest budget of samples.
 pub fn comparisons(summary: &Summary) -> Vec<(String, String, Measure)> {
     let mut comparisons = Vec::new();
     let samples = summary.largest(BudgetKind::Samples);

@@ -6,7 +6,7 @@ use super::Row;
 use super::summary::Summary;
 
 /// The columns, in this order.
-const COLUMNS: [&str; 16] = [
+const COLUMNS: [&str; 17] = [
     "scene",
     "env",
     "sampler",
@@ -23,7 +23,11 @@ const COLUMNS: [&str; 16] = [
     "max_weight",
     "seed",
     "version",
+    "points",
 ];
+
+/// The points of runs from before there was a column for them.
+const OLD_POINTS: &str = "independent";
 
 /// The bytes of the file: for each sampler at each budget its runs, then the row of means, whose `run` is `mean`.
 pub fn encode(rows: &[Row], summary: &Summary) -> Result<Vec<u8>> {
@@ -38,10 +42,12 @@ pub fn encode(rows: &[Row], summary: &Summary) -> Result<Vec<u8>> {
     Ok(writer.into_inner()?)
 }
 
-/// The runs in the bytes of such a file; rows of means are left out.
+/// The runs in the bytes of such a file, whose column of points may be missing; rows of means are left out.
 pub fn decode(bytes: &[u8]) -> Result<Vec<Row>> {
     let mut reader = csv::Reader::from_reader(bytes);
-    ensure!(reader.headers()?.iter().eq(COLUMNS), "the columns are not those of results.csv: {}", COLUMNS.join(","));
+    let headers = reader.headers()?;
+    let known = headers.iter().eq(COLUMNS) || headers.iter().eq(COLUMNS[..16].iter().copied());
+    ensure!(known, "the columns are not those of results.csv: {}", COLUMNS.join(","));
     let mut rows = Vec::new();
     for (index, record) in reader.records().enumerate() {
         let record = record?;
@@ -68,13 +74,14 @@ pub fn decode(bytes: &[u8]) -> Result<Vec<Row>> {
             max_weight: number(13)?,
             seed: record[14].parse().with_context(|| format!("row {}: seed is not a number", index + 1))?,
             version: record[15].to_owned(),
+            points: record.get(16).unwrap_or(OLD_POINTS).to_owned(),
         });
     }
     Ok(rows)
 }
 
 /// Floats are the shortest decimals that read back to the same bits.
-fn record(row: &Row) -> [String; 16] {
+fn record(row: &Row) -> [String; 17] {
     let run = row.run.map_or("mean".to_owned(), |run| run.to_string());
     [
         row.scene.clone(),
@@ -93,6 +100,7 @@ fn record(row: &Row) -> [String; 16] {
         row.max_weight.to_string(),
         row.seed.to_string(),
         row.version.clone(),
+        row.points.clone(),
     ]
 }
 
@@ -109,7 +117,7 @@ mod tests {
         let text = String::from_utf8(bytes.clone()).unwrap();
         assert!(text.starts_with(
             "scene,env,sampler,budget,run,spp,rays_per_sample,seconds,mse,relmse,relmse_trimmed,ttuv,mean_luminance,\
-             max_weight,seed,version\n"
+             max_weight,seed,version,points\n"
         ));
         let mut reader = csv::Reader::from_reader(bytes.as_slice());
         let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
@@ -143,6 +151,15 @@ mod tests {
         let mse = comparison_mse(&text);
         assert!(damaged(&mse, "much").contains("row 1: mse is not a number"), "{}", damaged(&mse, "much"));
         assert!(decode(b"").is_err() && decode(&text.as_bytes()[..text.len() / 2]).is_err());
+    }
+
+    #[test]
+    fn a_file_without_points_had_independent_ones() {
+        let rows = [synthetic::row("mis", "4spp", 0), synthetic::row("mis", "4spp", 1)];
+        let text = String::from_utf8(encode(&rows, &Summary::of(&rows).unwrap()).unwrap()).unwrap();
+        let old: String = text.lines().map(|line| line.rsplit_once(',').unwrap().0.to_owned() + "\n").collect();
+        let expected = rows.map(|row| Row { points: "independent".into(), ..row });
+        assert_eq!(decode(old.as_bytes()).unwrap(), expected);
     }
 
     /// The MSE of the first run, as it is written.

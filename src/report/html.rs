@@ -11,7 +11,7 @@ use super::gallery::{Gallery, Panel, Picture};
 use super::number::{amount, duration, ends, escape, html, html_digits, html_uncertainty, times};
 use super::picture::{self, ErrorScale};
 use super::reading;
-use super::summary::{BudgetKind, Group, Measure, Summary};
+use super::summary::{BudgetKind, Group, Measure, Summary, in_order};
 use super::{Comparison, State};
 
 /// What the sampler of that name is; under shadows the density of least variance is another one.
@@ -469,9 +469,12 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
             times(100.0 * measured / comparison.measured.len() as f64)
         )
     };
+    let points = in_order(comparison.rows.iter().map(|row| row.points.as_str()));
+    let independent = points.iter().all(|points| points == "independent");
     let facts = [
         ("Machine", escape(&comparison.machine)),
         ("Reference", escape(&comparison.reference_note)),
+        ("Points", escape(&points.join(", "))),
         (
             "Runs",
             "Runs of a sampler differ only in their seed. Images are those of the first run; all other numbers are means \
@@ -497,7 +500,8 @@ fn method(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
         (
             "Time",
             format!(
-                "Rendering only. TTUV is MSE \u{d7} time: its ratio is the ratio of the times to the same error.{}",
+                "Rendering only. TTUV is MSE \u{d7} time: its ratio is the ratio of the times to the same error{}.{}",
+                if independent { "" } else { " only where MSE falls inversely with time; with these points it falls faster, in favour of the slower sampler" },
                 if timed { " At a budget of time, a sampler takes the samples that fit into it." } else { "" }
             ),
         ),

@@ -120,6 +120,8 @@ pub struct Row {
     pub seed: u64,
     /// The version of headtail.
     pub version: String,
+    /// The points that samples were taken at.
+    pub points: String,
 }
 
 /// A rendering that the page shows.

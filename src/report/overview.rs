@@ -9,7 +9,7 @@ use super::Row;
 use super::chart::pareto::{Place, front, scatter};
 use super::html;
 use super::number::{ends, escape, times};
-use super::summary::{Budget, Measure, Summary};
+use super::summary::{Budget, Measure, Summary, in_order};
 
 /// A comparison at the budget that is shown.
 struct Scene {
@@ -46,7 +46,9 @@ impl Scene {
     fn of(rows: &[Row]) -> Result<Self> {
         let summary = Summary::of(rows)?;
         let budget = summary.shown_first().clone();
-        Ok(Self { title: format!("{} under {}", rows[0].scene, rows[0].env), summary, budget })
+        let shown = rows.iter().filter(|row| row.budget == budget.name).map(|row| row.points.as_str());
+        let points = in_order(shown).join(", ");
+        Ok(Self { title: format!("{} under {}, {points} points", rows[0].scene, rows[0].env), summary, budget })
     }
 
     /// Time and error of a sampler over those of the baseline.
@@ -170,6 +172,7 @@ mod tests {
             ),
             "{page}"
         );
+        assert!(page.contains("<b>ball under sky, sobol points</b>"), "{page}");
         let over_all = &page[..page.find("Each comparison").unwrap()];
         assert!(!over_all.contains("ris:4") && page.contains("ris:4"));
         assert!(page.matches("<svg").count() == 6 && !page.contains("http:") && !page.contains("https:"));

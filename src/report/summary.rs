@@ -279,7 +279,7 @@ fn without_folders(sampler: &str, parts: usize) -> String {
 }
 
 /// The distinct names in order of appearance.
-fn in_order<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
+pub(super) fn in_order<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     let mut distinct: Vec<String> = Vec::new();
     for name in names {
         if !distinct.iter().any(|known| known == name) {

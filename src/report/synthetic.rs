@@ -27,6 +27,7 @@ pub fn row(sampler: &str, budget: &str, run: u32) -> Row {
         max_weight: 7.5,
         seed: 1000 + u64::from(run),
         version: "0.1.0".into(),
+        points: "sobol".into(),
     }
 }
 

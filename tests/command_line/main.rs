@@ -260,7 +260,7 @@ fn both_budgets_render_a_picture_of_the_size_asked_for() {
     for (budget, name) in [("--spp 3", "samples"), ("--seconds 0.2", "time")] {
         let view = "render --scene temple --env window --sampler mis --width 31 --height 17";
         let said = succeed(path, &format!("{view} {budget} --out out/{name}.exr"));
-        assert!(said.contains(" spp in ") && said.contains(&format!("{name}.png written")), "{said}");
+        assert!(said.contains(" spp of sobol points in ") && said.contains(&format!("{name}.png written")), "{said}");
         let image = picture(&path.join("out").join(name).with_extension("exr"));
         assert_eq!((image.width, image.height), (31, 17));
         assert!(image.pixels.iter().flatten().all(|value| value.is_finite() && *value >= 0.0));
@@ -378,7 +378,7 @@ fn compare_writes_the_table_the_page_and_the_images() {
     assert!(said.trim_end().ends_with("report.html"), "{said}");
 
     let mut reader = csv::Reader::from_path(path.join("results/results.csv")).unwrap();
-    let columns = "scene,env,sampler,budget,run,spp,rays_per_sample,seconds,mse,relmse,relmse_trimmed,ttuv,mean_luminance,max_weight,seed,version";
+    let columns = "scene,env,sampler,budget,run,spp,rays_per_sample,seconds,mse,relmse,relmse_trimmed,ttuv,mean_luminance,max_weight,seed,version,points";
     assert_eq!(reader.headers().unwrap().iter().collect::<Vec<_>>().join(","), columns);
     let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
     assert_eq!(rows.len(), 3 * 3 * (2 + 1));
@@ -641,4 +641,52 @@ fn a_file_that_cannot_be_written_is_an_error() {
     assert!(fail(here.path(), &format!("{render} --out taken.exr")).starts_with("taken.exr"));
     assert_eq!(names(here.path()), ["file", "taken.exr"]);
     assert_eq!(fs::read_to_string(here.path().join("file")).unwrap(), "in the way");
+}
+
+#[test]
+fn points_are_chosen_and_recorded() {
+    let here = folder();
+    let path = here.path();
+    let render = |points: &str, options: &str| {
+        let said = succeed(
+            path,
+            &format!("render --scene plane --env studio --sampler mis {SMALL} {options} --out {points}.exr"),
+        );
+        (picture(&path.join(format!("{points}.exr"))).pixels, said)
+    };
+    let default = render("default", "--spp 4").0;
+    let named = ["sobol", "zsobol", "independent"].map(|points| render(points, &format!("--spp 4 --points {points}")));
+    let spoken = ["sobol", "zsobol:4", "independent"];
+    for ((_, said), points) in named.iter().zip(spoken) {
+        assert!(said.contains(&format!(" 4 spp of {points} points in ")), "{said}");
+    }
+    assert_eq!(default, named[0].0);
+    assert!(named[0].0 != named[1].0 && named[1].0 != named[2].0 && named[2].0 != named[0].0);
+    // The plan is all that a budget decides: three of four samples are planned as four.
+    let planned = render("planned", "--spp 3 --points zsobol:4").0;
+    assert_eq!(planned, render("resolved", "--spp 3 --points zsobol").0);
+    assert!(render("timed", "--seconds 0.01 --points zsobol").1.contains(" spp of zsobol:16 points in "));
+
+    let compare =
+        format!("compare --scene plane --env studio --samplers mis,emitter --runs 1 --reference-spp 8 {SMALL}");
+    succeed(path, &format!("{compare} --spp 1,6 --seconds 0.01 --points zsobol --out results"));
+    let mut reader = csv::Reader::from_path(path.join("results/results.csv")).unwrap();
+    let points: Vec<(String, String)> =
+        reader.records().map(Result::unwrap).map(|row| (row[3].to_owned(), row[16].to_owned())).collect();
+    assert_eq!(points.len(), 3 * 2 * 2);
+    for (budget, points) in points {
+        assert_eq!(
+            points,
+            ["zsobol:1", "zsobol:8", "zsobol:16"][["1spp", "6spp", "0.01s"].iter().position(|b| *b == budget).unwrap()]
+        );
+    }
+    let page = fs::read_to_string(path.join("results/report.html")).unwrap();
+    assert!(page.contains("zsobol:1, zsobol:8, zsobol:16"));
+    for wrong in ["halton", "zsobol:3", "zsobol:0", "zsobol:4294967296", "Sobol"] {
+        let message = refuse(
+            path,
+            &format!("render --scene plane --env studio --sampler mis --spp 1 --points {wrong} --out x.exr"),
+        );
+        assert!(message.contains("--points") && message.contains("sobol, zsobol"), "{message}");
+    }
 }

@@ -146,7 +146,7 @@ class Headtail:
 
     def render(self, spp, seed):
         """(linear image, seconds, shadow rays per light estimate)"""
-        command = self.command + ["--sampler", self.sampler, "--spp", str(spp), "--seed", str(seed)]
+        command = self.command + ["--sampler", self.sampler, "--spp", str(spp), "--seed", str(seed), "--points", "independent"]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode != 0:
             sys.exit(f"headtail: {done.stderr.strip()}")

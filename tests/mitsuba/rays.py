@@ -47,7 +47,7 @@ def of_headtail(command, pixels, spp, coverage, threads):
     """The same of `headtail render` with cosine sampling, from its timings; camera rays with what they hit or miss."""
     best = [0.0, 0.0]
     for _ in range(REPEATS):
-        done = subprocess.run(command + ["--spp", str(spp), "--sampler", "cosine", "--timings"], capture_output=True, text=True, check=True)
+        done = subprocess.run(command + ["--spp", str(spp), "--sampler", "cosine", "--points", "independent", "--timings"], capture_output=True, text=True, check=True)
         camera, shadow = (float(re.search(name + r" +([0-9.]+) s", done.stdout)[1]) for name in ("camera rays", "shadow rays"))
         per_hit = float(re.search(r"([0-9.]+) shadow rays", done.stdout)[1])
         rates = pixels * spp * threads / camera / 1e6, pixels * spp * coverage * per_hit * threads / shadow / 1e6

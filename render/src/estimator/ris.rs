@@ -5,9 +5,10 @@ use std::sync::Arc;
 use super::{Contributions, Estimator, contribute, integrand};
 use crate::{
     columns::Arena,
+    discrete::remap,
     environment::Environment,
     error::{Error, Result},
-    points::{Dimension, Points},
+    points::{Dimension, MAX_CANDIDATES, Points},
     sampler::{Covering, Draws, Sampler, prepared},
     simd::{LANES, Lanes},
     tile::Rows,
@@ -28,10 +29,14 @@ pub struct Ris<A, B> {
 }
 
 /// What is kept of the candidates so far: the sum of weights, the survivor's direction and its target.
+///
+/// `random` decides whether a candidate takes the survivor's place, and what is left of it decides on the next: one uniform number, independent
+/// of all candidates, draws the survivor. Numbers of a sequence, one for each candidate, would be biased: they depend on each other.
 struct Reservoirs<'a> {
     total: &'a mut [Lanes],
     wi: [&'a mut [Lanes]; 3],
     target: &'a mut [Lanes],
+    random: &'a mut [Lanes],
 }
 
 /// One candidate of each row.
@@ -40,8 +45,6 @@ struct Candidates<'a> {
     target: &'a [Lanes],
     /// The sum of both techniques' draws times their pdfs: the denominator of the balance heuristic.
     density: &'a [Lanes],
-    /// The number by which it survives.
-    survives: &'a [Lanes],
 }
 
 impl Reservoirs<'_> {
@@ -58,7 +61,11 @@ impl Reservoirs<'_> {
                 let weight = target / candidates.density[strip][lane];
                 let counts = (target > 0.0) & (weight > 0.0);
                 let total = self.total[strip][lane] + if counts { weight } else { 0.0 };
-                let chosen = counts & (candidates.survives[strip][lane] * total < weight);
+                let random = &mut self.random[strip][lane];
+                let at = *random * total;
+                let chosen = counts & (at < weight);
+                let (from, to) = if chosen { (0.0, weight) } else { (weight, total) };
+                *random = if counts { remap(at, from, to) } else { *random };
                 self.total[strip][lane] = total;
                 let kept = &mut self.target[strip][lane];
                 *kept = if chosen { target } else { *kept };
@@ -81,7 +88,7 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
         candidates: u32,
         environment: Arc<Environment>,
     ) -> Result<Self> {
-        if !(1..=4096).contains(&candidates) {
+        if !(1..=MAX_CANDIDATES).contains(&candidates) {
             return Err(Error::argument("ris", format!("{candidates} candidates: choose 1 to 4096")));
         }
         Ok(Self { first, second, candidates, environment })
@@ -100,9 +107,15 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
         let (first, second): ((&dyn Sampler, _), (&dyn Sampler, _)) =
             ((&self.first, states[0]), (&self.second, states[1]));
         let (own, other) = if of_first { (first, second) } else { (second, first) };
-        let mut columns = arena.columns::<10>(at.strips());
-        let [u, v, survives, x, y, z, own_pdf, target, green, blue] = columns.get_mut();
-        points.draw(Dimension::Light(index), at, [&mut *u, &mut *v, &mut *survives]);
+        let mut columns = arena.columns::<9>(at.strips());
+        let [u, v, x, y, z, own_pdf, target, green, blue] = columns.get_mut();
+        let (technique, of) =
+            if of_first { (0, self.candidates - self.candidates / 2) } else { (1, self.candidates / 2) };
+        let dimension = Dimension::Candidate { technique, index: index / 2, of };
+        match index {
+            0 => points.draw(dimension, at, [&mut *u, &mut *v, &mut *reservoirs.random]),
+            _ => points.draw(dimension, at, [&mut *u, &mut *v]),
+        }
         own.0.sample(at, own.1, [u, v], Draws { wi: [x, y, z], pdf: own_pdf }, arena);
         integrand(at, &self.environment, [x, y, z], [target, green, blue], arena);
         for strip in 0..at.strips() {
@@ -120,18 +133,18 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
         for (density, other) in density.as_flattened_mut().iter_mut().zip(others.as_flattened()) {
             *density = own_count * *density + other_count * other;
         }
-        let [_, _, survives, x, y, z, density, target, ..] = columns.get();
-        reservoirs.add(&Candidates { wi: [x, y, z], target, density, survives });
+        let [_, _, x, y, z, density, target, ..] = columns.get();
+        reservoirs.add(&Candidates { wi: [x, y, z], target, density });
     }
 }
 
 impl<A: Sampler, B: Sampler> Estimator for Ris<A, B> {
     fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena) {
-        let mut columns = arena.columns::<5>(at.strips());
-        let [total, x, y, z, target] = columns.get_mut();
+        let mut columns = arena.columns::<6>(at.strips());
+        let [total, x, y, z, target, random] = columns.get_mut();
         timed(Stage::Sampling, || {
             let mut reservoirs =
-                Reservoirs { total: &mut *total, wi: [&mut *x, &mut *y, &mut *z], target: &mut *target };
+                Reservoirs { total: &mut *total, wi: [&mut *x, &mut *y, &mut *z], target: &mut *target, random };
             reservoirs.clear();
             prepared(&self.first, at, arena, |first| {
                 prepared(&self.second, at, arena, |second| {

@@ -13,7 +13,12 @@ use super::{
     view::View,
     wavefront::{Pixel, TilePixels, Workspace},
 };
-use crate::{estimator::Estimator, image::Image, points::Points, timings::flush};
+use crate::{
+    estimator::Estimator,
+    image::Image,
+    points::{PointSet, Points},
+    timings::flush,
+};
 
 /// Edge of a tile in pixels.
 const TILE: usize = 16;
@@ -49,6 +54,8 @@ pub struct Rendering {
     pub coverage: Vec<f32>,
     /// Samples per pixel that were taken.
     pub spp: u32,
+    /// The points that they were taken at.
+    pub points: PointSet,
     /// Wall-clock seconds.
     pub seconds: f64,
     /// Shadow rays over light estimates.
@@ -67,8 +74,8 @@ impl Rendering {
 
 /// Renders until the budget is spent or `stop` is set; an interrupted image holds the passes that were finished (at least one).
 ///
-/// `progress` is called after every pass with the share of the budget that is spent. Same seed and same number of samples: same
-/// bytes, on any number of threads and whatever the budget was given in.
+/// `progress` is called after every pass with the share of the budget that is spent. Same `points` (their kind and seed) and same number of
+/// samples: same bytes, on any number of threads and whatever the budget was given in.
 ///
 /// # Panics
 /// If a side is longer than [`MAX_SIDE`].
@@ -76,7 +83,7 @@ pub fn render(
     view: View<'_>,
     estimator: &dyn Estimator,
     budget: Budget,
-    seed: u64,
+    points: Points,
     stop: &AtomicBool,
     progress: &dyn Fn(f64),
 ) -> Rendering {
@@ -93,7 +100,7 @@ pub fn render(
             Budget::Spp(total) => pass.min(total - spp),
             Budget::Time(_) => pass,
         };
-        film.add(&view, estimator, seed, spp..spp + count);
+        film.add(&view, estimator, points, spp..spp + count);
         spp += count;
         let spent = match budget {
             Budget::Spp(total) => f64::from(spp) / f64::from(total),
@@ -109,7 +116,7 @@ pub fn render(
             break;
         }
     }
-    film.resolve(spp, start.elapsed().as_secs_f64())
+    film.resolve(points.set(), spp, start.elapsed().as_secs_f64())
 }
 
 /// The sums of all pixels, tile after tile: each sum is made in the order of the samples, so that it does not depend on passes.
@@ -141,7 +148,7 @@ impl Film {
     }
 
     /// Adds samples to every pixel, tiles in parallel.
-    fn add(&mut self, view: &View<'_>, estimator: &dyn Estimator, seed: u64, samples: std::ops::Range<u32>) {
+    fn add(&mut self, view: &View<'_>, estimator: &dyn Estimator, points: Points, samples: std::ops::Range<u32>) {
         thread_local! {
             static WORKSPACE: RefCell<Workspace> = RefCell::default();
         }
@@ -156,14 +163,14 @@ impl Film {
         tiles.into_par_iter().for_each(|mut pixels| {
             WORKSPACE.with_borrow_mut(|workspace| {
                 for sample in samples.clone() {
-                    workspace.sample(view, estimator, Points::new(seed, sample), &mut pixels);
+                    workspace.sample(view, estimator, points.at_sample(sample), &mut pixels);
                 }
             });
             flush();
         });
     }
 
-    fn resolve(&self, spp: u32, seconds: f64) -> Rendering {
+    fn resolve(&self, points: PointSet, spp: u32, seconds: f64) -> Rendering {
         let mut pixels = vec![Pixel::default(); self.width * self.height];
         for (&(x, y), sum) in self.places.iter().zip(&self.sums) {
             pixels[usize::from(y) * self.width + usize::from(x)] = *sum;
@@ -179,6 +186,7 @@ impl Film {
             background: image(|pixel| pixel.background),
             coverage: pixels.iter().map(|pixel| pixel.estimates as f32 / spp as f32).collect(),
             spp,
+            points,
             seconds,
             rays_per_sample: rays as f64 / estimates.max(1) as f64,
             max_weight: pixels.iter().map(|pixel| pixel.max_weight).fold(0.0, f32::max),

@@ -7,7 +7,7 @@ use crate::{
     color::luminance,
     columns::Arena,
     estimator::{Contributions, Estimator},
-    points::{Dimension, Points},
+    points::{Dimension, Points, morton},
     scene::Ray,
     simd::{LANES, Lanes},
     tile::Tile,
@@ -82,7 +82,7 @@ impl Workspace {
         let strips = pixels.places.len().div_ceil(LANES);
         let key = |place: usize| {
             let (x, y) = pixels.places[place];
-            u32::from(y) * view.width as u32 + u32::from(x)
+            morton(x, y)
         };
         let mut jitter = arena.columns::<2>(strips);
         points.draw_keyed(Dimension::Camera, pixels.places.len(), key, jitter.get_mut());

@@ -10,7 +10,7 @@ use crate::{
     color::luminance,
     columns::Arena,
     environment::Environment,
-    points::{Dimension, Points},
+    points::{Dimension, PointSet, Points},
     random::{Purpose, Stream},
     sampler::{AtPoint, Direction, Draws, EnvironmentLight, Sampler, prepared},
     tile::{ShadingPoint, Tile},
@@ -208,7 +208,11 @@ impl Bench {
         let once = |repeat: u32| {
             let mut columns = arena.columns::<6>(rows.strips());
             let [u, v, x, y, z, pdf] = columns.get_mut();
-            Points::new(19, repeat).draw(Dimension::Light(0), &rows, [&mut *u, &mut *v]);
+            Points::new(PointSet::Independent, 19).at_sample(repeat).draw(
+                Dimension::Light(0),
+                &rows,
+                [&mut *u, &mut *v],
+            );
             prepared(sampler, &rows, &arena, |state| {
                 sampler.sample(&rows, state, [u, v], Draws { wi: [x, y, z], pdf }, &arena);
             });

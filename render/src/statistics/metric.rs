@@ -62,8 +62,9 @@ impl ErrorMetrics {
     }
 }
 
-/// Time to unit variance: `mse * seconds`. Both halve and double together under Monte Carlo, so the product stays the same
-/// at every budget, and its ratio between two samplers is the ratio of the times they take to the same error.
+/// Time to unit variance: `mse * seconds`. With independent samples, the error falls as time grows: the product stays the same at every
+/// budget, and its ratio between two samplers is the ratio of the times they take to the same error. With Sobol points the error falls faster, and
+/// the product is comparable at about equal times alone.
 pub fn ttuv(mse: f64, seconds: f64) -> f64 {
     mse * seconds
 }

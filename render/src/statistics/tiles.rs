@@ -65,7 +65,7 @@ impl fmt::Display for TileTest {
 /// pixels have mean zero.
 ///
 /// Texture and shading cancel in the difference, so only noise is left as variance; pixels must be independent, i.e. the
-/// reconstruction filter a box. `tile` is the least width and height of a tile in pixels; 16 is a good choice.
+/// reconstruction filter a box, and the points not `zsobol`. `tile` is the least width and height of a tile in pixels; 16 is a good choice.
 /// `significance` is the chance that equal samplers are told apart, 0.01 say.
 ///
 /// # Errors

@@ -8,7 +8,7 @@ use headtail_render::{
     estimator::{Contributions, Estimator, Ris, TwoSampleMis},
     latlong,
     one_point::OnePoint,
-    points::Points,
+    points::{PointSet, Points},
     random::{Purpose, Stream},
     sampler::{AtPoint, BrdfSampler, Covering, Direction, EmitterSampler, Sampler},
     statistics::{ChiSquareReport, Moments, SphereChiSquare, TTest, sidak},
@@ -204,7 +204,8 @@ pub fn estimates(estimator: &dyn Estimator, at: &ShadingPoint, samples: usize, s
     let mut estimates = Vec::with_capacity(samples + COPIES);
     for sample in 0..samples.div_ceil(COPIES) {
         contributions.clear();
-        estimator.propose(&tile.rows(), &Points::new(seed, sample as u32), &mut contributions, &arena);
+        let points = Points::new(PointSet::Independent, seed).at_sample(sample as u32);
+        estimator.propose(&tile.rows(), &points, &mut contributions, &arena);
         let mut sums = [0.0; COPIES];
         for (&place, &radiance) in contributions.places().iter().zip(contributions.radiance()) {
             sums[usize::from(place)] += f64::from(luminance(radiance));

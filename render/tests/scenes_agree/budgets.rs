@@ -13,7 +13,7 @@ fn pictures_do_not_depend_on_threads() {
     let environment = Arc::new(built_in("studio").unwrap());
     let scene = Scene::built_in("dishes").unwrap();
     let direct = exported(folder.path(), &environment).pop().unwrap();
-    let setting = Setting { scene, environment, unshadowed: false, depth: 1 };
+    let setting = Setting { scene, environment, unshadowed: false, depth: 1, points: PointSet::Sobol };
     for sampler in [direct, SamplerSpec::ris(4)] {
         let with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -37,6 +37,7 @@ fn an_interrupted_rendering_holds_the_finished_passes() {
         environment: Arc::new(built_in("overcast").unwrap()),
         unshadowed: false,
         depth: 1,
+        points: PointSet::Sobol,
     };
     let (stop, passes) = (AtomicBool::new(false), AtomicUsize::new(0));
     let after_two = |share: f64| {
@@ -62,6 +63,7 @@ fn a_budget_of_no_samples_ends() {
         environment: Arc::new(built_in("overcast").unwrap()),
         unshadowed: true,
         depth: 1,
+        points: PointSet::Sobol,
     };
     let rendering = setting.render(&SamplerSpec::mis(), 0, 1);
     assert_eq!(rendering.spp, 1);
@@ -85,12 +87,14 @@ fn time_and_samples_as_budgets_give_the_same_picture() {
     let environment = Arc::new(built_in("window").unwrap());
     let direct = exported(folder.path(), &environment).pop().unwrap();
     let scene = Scene::built_in("dishes").unwrap();
-    for (sampler, depth) in [(direct, 1), (SamplerSpec::ris(4), 1), ("mis2".parse().unwrap(), 4)] {
+    let samplers = [(direct, 1), (SamplerSpec::ris(4), 1), ("mis2".parse().unwrap(), 4)];
+    for ((sampler, depth), set) in samplers.into_iter().zip([PointSet::Sobol, PointSet::zsobol(4), PointSet::Sobol]) {
+        let points = Points::new(set, 3);
         let estimator = sampler.build(&environment).unwrap();
         for (width, height) in SIZES {
             let (camera, environment) = (scene.camera(), &*environment);
             let view = View { scene: &scene, camera: &camera, environment, width, height, unshadowed: false, depth };
-            let render = |budget| render(view, &*estimator, budget, 3, &AtomicBool::new(false), &|_| {});
+            let render = |budget| render(view, &*estimator, budget, points, &AtomicBool::new(false), &|_| {});
             // More time where the machine is busy: one pass alone shows nothing.
             let limits = (0..8).map(|k| Duration::from_millis(50 << k));
             let timed = limits.map(|limit| render(Budget::Time(limit))).find(|timed| timed.spp > 1);
@@ -107,14 +111,20 @@ fn time_and_samples_as_budgets_give_the_same_picture() {
 fn images_of_any_size_do_not_depend_on_threads() {
     let environment = Arc::new(built_in("window").unwrap());
     let scene = Scene::built_in("temple").unwrap();
-    for (sampler, depth) in [("mis", 1), ("ris:5", 3), ("brdf", 4)] {
+    for (sampler, depth, set) in [
+        ("mis", 1, PointSet::zsobol(16)),
+        ("ris:5", 3, PointSet::Sobol),
+        ("ris:5", 3, PointSet::zsobol(16)),
+        ("brdf", 4, PointSet::Independent),
+    ] {
+        let points = Points::new(set, 3);
         let estimator = sampler.parse::<SamplerSpec>().unwrap().build(&environment).unwrap();
         for (width, height) in SIZES {
             let (camera, environment) = (scene.camera(), &*environment);
             let view = View { scene: &scene, camera: &camera, environment, width, height, unshadowed: false, depth };
             let with = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                pool.install(|| render(view, &*estimator, Budget::Spp(18), 3, &AtomicBool::new(false), &|_| {}))
+                pool.install(|| render(view, &*estimator, Budget::Spp(18), points, &AtomicBool::new(false), &|_| {}))
             };
             let one = all_bits(&with(1));
             for threads in [2, 3] {
@@ -133,7 +143,14 @@ fn no_pixel_is_left_out_at_any_size() {
     for (width, height) in SIZES {
         let (camera, environment) = (scene.camera(), &*environment);
         let view = View { scene: &scene, camera: &camera, environment, width, height, unshadowed: false, depth: 1 };
-        let rendering = render(view, &*estimator, Budget::Spp(4), 3, &AtomicBool::new(false), &|_| {});
+        let rendering = render(
+            view,
+            &*estimator,
+            Budget::Spp(4),
+            Points::new(PointSet::Sobol, 3),
+            &AtomicBool::new(false),
+            &|_| {},
+        );
         // No direction of this map is black, and neither is the plane under it.
         let black = rendering.composite().pixels.iter().filter(|pixel| pixel.iter().all(|&value| value <= 0.0)).count();
         assert_eq!(black, 0, "{width} x {height}");

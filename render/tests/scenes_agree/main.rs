@@ -1,6 +1,7 @@
 //! Every sampler renders the same picture as every other, a white furnace is white, and threads change nothing.
 
 mod budgets;
+mod points;
 mod tails_and_emitters;
 
 use std::{
@@ -11,17 +12,19 @@ use std::{
 use glam::{Vec2, Vec3A};
 use headtail_render::{
     bake::{BakedTable, CellGrid, CellPoints, NormalGrid, direct_bake},
+    color::luminance,
     environment::{Environment, built_in},
     estimator::Estimator,
     export::{ExportedSampler, Intermediate, TrainingSummary},
     head::{Condition, Head, Linear, Mode},
     image::Image,
     integrator::{Budget, Rendering, View, render},
+    points::{PointSet, Points},
     random::{Purpose, Stream},
     sampler::EnvironmentLight,
     scene::{Material, MaterialSpec, Ray, Scene, TexturedMetallicRoughness, built_in_names},
     spec::{FileKind, SamplerSpec},
-    statistics::{Moments, compare_images, sidak},
+    statistics::{Moments, TTest, compare_images, sidak},
     tail::{Tail, TailKind},
 };
 use rayon::prelude::*;
@@ -35,6 +38,7 @@ struct Setting {
     environment: Arc<Environment>,
     unshadowed: bool,
     depth: u32,
+    points: PointSet,
 }
 
 impl Setting {
@@ -65,7 +69,7 @@ impl Setting {
         let (scene, environment) = (&self.scene, &*self.environment);
         let view =
             View { scene, camera: &camera, environment, width: WIDTH, height: HEIGHT, unshadowed, depth: self.depth };
-        render(view, estimator, Budget::Spp(spp), seed, stop, progress)
+        render(view, estimator, Budget::Spp(spp), Points::new(self.points, seed), stop, progress)
     }
 }
 
@@ -160,7 +164,8 @@ fn a_white_furnace_is_white() {
             "sphere" => 1e-4,
             _ => 0.02,
         };
-        let setting = Setting { scene, environment: environment.clone(), unshadowed: true, depth: 1 };
+        let setting =
+            Setting { scene, environment: environment.clone(), unshadowed: true, depth: 1, points: PointSet::Sobol };
         let spp = 16;
 
         let cosine = setting.render(&SamplerSpec::brdf(), spp, 1).composite();
@@ -204,7 +209,13 @@ fn all_samplers_render_the_same_picture() {
         let environment = Arc::new(built_in(map).unwrap());
         for name in built_in_names() {
             let scene = Scene::built_in(name).unwrap();
-            let setting = Setting { scene, environment: environment.clone(), unshadowed: false, depth: 1 };
+            let setting = Setting {
+                scene,
+                environment: environment.clone(),
+                unshadowed: false,
+                depth: 1,
+                points: PointSet::Sobol,
+            };
             let mut tested: Vec<(SamplerSpec, u32)> =
                 samplers(folder.path(), &environment).into_iter().map(|sampler| (sampler, 32)).collect();
             // Under a sun, cosine sampling has half of its mean in one sample of 1e5: the normal approximation of the test does
@@ -278,7 +289,8 @@ fn glossy_surfaces_in_a_white_furnace_show_their_albedo() {
     for (name, material) in materials {
         let scene = plane().with_material(material);
         let truth = furnace(&scene);
-        let setting = Setting { scene, environment: environment.clone(), unshadowed: true, depth: 1 };
+        let setting =
+            Setting { scene, environment: environment.clone(), unshadowed: true, depth: 1, points: PointSet::Sobol };
         for sampler in &tested {
             let spp = if *sampler == SamplerSpec::oracle() { 1 } else { 16 };
             let image = setting.render(sampler, spp, 2).composite();
@@ -301,7 +313,8 @@ fn all_samplers_render_the_same_glossy_picture() {
         let scene = Scene::built_in("dishes").unwrap();
         let bounds = scene.bounds();
         let scene = scene.with_material(material.parse::<MaterialSpec>().unwrap().material(&bounds));
-        let setting = Setting { scene, environment: environment.clone(), unshadowed: false, depth: 1 };
+        let setting =
+            Setting { scene, environment: environment.clone(), unshadowed: false, depth: 1, points: PointSet::Sobol };
         let mut tested: Vec<(SamplerSpec, u32)> =
             samplers(folder.path(), &environment).into_iter().map(|sampler| (sampler, 48)).collect();
         tested.push((SamplerSpec::brdf(), 64));
@@ -325,7 +338,13 @@ fn all_samplers_render_the_same_glossy_picture() {
 fn paths_of_every_sampler_have_the_same_mean_and_white_crockery_is_white_in_a_furnace() {
     let folder = tempfile::tempdir().unwrap();
     let environment = Arc::new(built_in("window").unwrap());
-    let setting = Setting { scene: Scene::built_in("dishes").unwrap(), environment, unshadowed: false, depth: 4 };
+    let setting = Setting {
+        scene: Scene::built_in("dishes").unwrap(),
+        environment,
+        unshadowed: false,
+        depth: 4,
+        points: PointSet::Sobol,
+    };
     let images: Vec<(String, Image)> = samplers(folder.path(), &setting.environment)
         .iter()
         .enumerate()
@@ -344,7 +363,13 @@ fn paths_of_every_sampler_have_the_same_mean_and_white_crockery_is_white_in_a_fu
     let environment = Arc::new(Environment::from_image("white", white).unwrap());
     let scene = || Scene::built_in("dishes").unwrap().with_material(Material::diffuse(Vec3A::ONE));
     let mean = |depth: u32| {
-        let setting = Setting { scene: scene(), environment: environment.clone(), unshadowed: false, depth };
+        let setting = Setting {
+            scene: scene(),
+            environment: environment.clone(),
+            unshadowed: false,
+            depth,
+            points: PointSet::Sobol,
+        };
         let image = setting.render(&SamplerSpec::brdf(), 64, 3).composite();
         let values: Vec<f64> = image.pixels.iter().map(|pixel| f64::from(pixel[1])).collect();
         let moments = Moments::of(&values).unwrap();
@@ -364,6 +389,7 @@ fn a_sampler_of_other_energy_is_told_apart() {
         environment: Arc::new(built_in("window").unwrap()),
         unshadowed: false,
         depth: 1,
+        points: PointSet::Sobol,
     };
     let significance = sidak(SIGNIFICANCE, 8 * 45);
     let a = setting.render(&SamplerSpec::ris(4), 32, 1).surfaces;

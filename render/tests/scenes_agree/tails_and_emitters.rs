@@ -121,7 +121,7 @@ fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
 impl Setting {
     fn shadowed(scene: &str, environment: &Arc<Environment>) -> Self {
         let scene = Scene::built_in(scene).unwrap();
-        Self { scene, environment: environment.clone(), unshadowed: false, depth: 1 }
+        Self { scene, environment: environment.clone(), unshadowed: false, depth: 1, points: super::PointSet::Sobol }
     }
 
     fn picture(&self, estimator: &dyn Estimator, seed: u64) -> Image {

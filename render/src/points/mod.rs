@@ -1,0 +1,247 @@
+//! The points of the unit square (and cube) that a rendering consumes: for a pixel, a sample and a dimension always the same.
+//!
+//! A number is a function of (points, seed, pixel, sample, dimension), so that results depend neither on threads nor on tiles nor on passes.
+
+mod owen;
+mod philox;
+mod set;
+mod sobol;
+mod zsobol;
+
+pub use set::PointSet;
+pub(crate) use zsobol::morton;
+
+use crate::{
+    columns::vectorized,
+    simd::{LANES, Lanes},
+    tile::Rows,
+};
+use philox::philox;
+
+/// What a group of up to four numbers is drawn for: the map of all dimensions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dimension {
+    /// Direction `k` of a light estimate: 0, and for two-sample MIS 1.
+    Light(u32),
+    /// The direction of a candidate of RIS: one sequence for each technique. The third number of its very first draws the survivor.
+    Candidate {
+        /// The technique, 0 or 1.
+        technique: u32,
+        /// Which of the technique's candidates it is.
+        index: u32,
+        /// How many the technique has.
+        of: u32,
+    },
+    /// The place in the pixel that a camera ray goes through.
+    Camera,
+    /// The direction in which a path goes on, and a third number for Russian roulette.
+    Path,
+}
+
+/// Most candidates of a technique.
+pub const MAX_CANDIDATES: u32 = 4096;
+
+/// Sequences for one bounce of a path.
+const PER_BOUNCE: u32 = 1 << 16;
+
+/// The first of a bounce, which is drawn from without a shuffle: light and camera are stratified together.
+const PRIMARY: u32 = 0;
+
+/// Where the numbers of a group come from.
+#[derive(Clone, Copy, Debug)]
+struct Address {
+    /// The sequence, which has a scrambling of its own.
+    sequence: u32,
+    /// The first of its dimensions.
+    column: usize,
+    /// The point: number `index` of the `of` that each sample takes from the sequence.
+    index: u32,
+    of: u32,
+}
+
+impl Dimension {
+    fn address(self, bounce: u32) -> Address {
+        if let Self::Candidate { index, of, .. } = self {
+            assert!(index < of && of <= MAX_CANDIDATES, "candidate {index} of {of}");
+        }
+        let (sequence, column) = match self {
+            Self::Light(0) => (PRIMARY, 0),
+            // Only the first surface is seen by the camera.
+            Self::Camera => (PRIMARY, 2),
+            Self::Path => (1, 0),
+            Self::Candidate { technique, .. } => (2 + technique, 0),
+            Self::Light(direction) => (4 + direction, 0),
+        };
+        let (index, of) = if let Self::Candidate { index, of, .. } = self { (index, of) } else { (0, 1) };
+        Address { sequence: bounce * PER_BOUNCE + sequence, column, index, of }
+    }
+}
+
+/// The numbers of one sample of each pixel, at one bounce of its path.
+#[derive(Clone, Copy, Debug)]
+pub struct Points {
+    set: PointSet,
+    seed: u64,
+    sample: u32,
+    bounce: u32,
+}
+
+impl Points {
+    /// The numbers of the first sample of every pixel, at the first surface. Those of different seeds are independent.
+    pub fn new(set: PointSet, seed: u64) -> Self {
+        Self { set, seed, sample: 0, bounce: 0 }
+    }
+
+    /// The kind of points.
+    pub fn set(&self) -> PointSet {
+        self.set
+    }
+
+    /// The seed.
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// The same for another sample of every pixel.
+    #[must_use]
+    pub fn at_sample(self, sample: u32) -> Self {
+        Self { sample, ..self }
+    }
+
+    /// The same sample at a later surface of its path; the first is 0.
+    #[must_use]
+    pub fn at_bounce(self, bounce: u32) -> Self {
+        Self { bounce, ..self }
+    }
+
+    /// `N` uniform numbers in `[0, 1)` for each row, keyed by the rows' keys: at most 4 for light, 2 for cameras. Keys are places of pixels on
+    /// Morton's curve.
+    ///
+    /// # Panics
+    /// If a candidate is none of `of`, or one of more than [`MAX_CANDIDATES`].
+    pub fn draw<const N: usize>(&self, dimension: Dimension, rows: &Rows<'_>, out: [&mut [Lanes]; N]) {
+        self.draw_keyed(dimension, rows.len(), |place| rows.key(place), out);
+    }
+
+    /// [`Self::draw`] for `count` keys.
+    pub fn draw_keyed<const N: usize>(
+        &self,
+        dimension: Dimension,
+        count: usize,
+        key: impl Fn(usize) -> u32,
+        out: [&mut [Lanes]; N],
+    ) {
+        const { assert!(0 < N && N <= 4) };
+        for (place, bits) in out[0].as_flattened_mut().iter_mut().enumerate() {
+            // Lanes without a row have any key.
+            *bits = f32::from_bits(if place < count { key(place) } else { 0 });
+        }
+        let mut columns = out.into_iter();
+        let columns = std::array::from_fn(|_| columns.next());
+        let address = dimension.address(self.bounce);
+        match self.set {
+            PointSet::Independent => {
+                let counter = [self.sample, address.sequence, address.index];
+                independent(counter, self.seed, address.column, columns);
+            }
+            PointSet::Sobol => self.draw_sobol(address, columns),
+            PointSet::ZSobol { log2_samples } => self.draw_zsobol(log2_samples, address, columns),
+        }
+    }
+
+    fn draw_sobol(&self, Address { sequence, column, index, of }: Address, columns: Columns<'_>) {
+        // Past 2^32 points of a sequence another scrambling begins.
+        let point = u64::from(self.sample) * u64::from(of) + u64::from(index);
+        let (round, mut point) = ((point >> 32) as u32, point as u32);
+        if sequence != PRIMARY {
+            point = owen::shuffle(point, self.order(sequence, round, SOBOL));
+        }
+        let numbers = std::array::from_fn(|dimension| owen::before_seed(sobol::reversed(point, dimension)));
+        scrambled([round, sequence, SOBOL], self.seed, numbers, column, columns);
+    }
+
+    fn draw_zsobol(&self, log2_samples: u32, address: Address, columns: Columns<'_>) {
+        let Address { sequence, column, index, of } = address;
+        let log2_samples = log2_samples.min(PointSet::MAX_LOG2_SAMPLES);
+        let (round, sample) = (self.sample >> log2_samples, self.sample & ((1 << log2_samples) - 1));
+        let plan = zsobol::Plan::new(log2_samples + of.next_power_of_two().ilog2());
+        let order = self.order(sequence, round, ZSOBOL);
+        ordered((plan, sample * of + index, order), [round, sequence, ZSOBOL], self.seed, column, columns);
+    }
+
+    /// A random number for a sequence as a whole.
+    fn order(&self, sequence: u32, round: u32, kind: u32) -> u32 {
+        philox([[round], [sequence], [0], [kind | ORDER]], self.seed)[0][0]
+    }
+}
+
+/// Up to four columns to be filled.
+type Columns<'a> = [Option<&'a mut [Lanes]>; 4];
+
+// What words are for, in the last part of their counter: independent numbers have their candidate there, which is below 2^29.
+const SOBOL: u32 = 1 << 31;
+const ZSOBOL: u32 = 1 << 30;
+const ORDER: u32 = 1 << 29;
+
+vectorized! {
+    /// Words `from..` of each key and `others`, as numbers in `[0, 1)`.
+    /// The keys are the bits of the first column, which is overwritten.
+    fn independent['a](_simd, others: [u32; 3], seed: u64, from: usize, columns: Columns<'a>) {
+        let mut columns = columns;
+        for strip in 0..columns[0].as_ref().map_or(0, |column| column.len()) {
+            let keys = columns[0].as_ref().map_or([0; LANES], |column| column[strip].map(f32::to_bits));
+            let words = philox([keys, [others[0]; LANES], [others[1]; LANES], [others[2]; LANES]], seed);
+            for (column, word) in columns.iter_mut().flatten().zip(from..) {
+                column[strip] = owen::unit(words[word & 3]);
+            }
+        }
+    }
+}
+
+vectorized! {
+    /// Numbers that all keys share (see [`owen::before_seed`]), scrambled by the words `from..` of each key and `others`.
+    fn scrambled['a](_simd, others: [u32; 3], seed: u64, numbers: [u32; sobol::DIMENSIONS], from: usize, columns: Columns<'a>) {
+        let mut columns = columns;
+        for strip in 0..columns[0].as_ref().map_or(0, |column| column.len()) {
+            let keys = columns[0].as_ref().map_or([0; LANES], |column| column[strip].map(f32::to_bits));
+            let words = philox([keys, [others[0]; LANES], [others[1]; LANES], [others[2]; LANES]], seed);
+            for (column, dimension) in columns.iter_mut().flatten().zip(from..) {
+                column[strip] = owen::scramble([numbers[dimension & 3]; LANES], words[dimension & 3]);
+            }
+        }
+    }
+}
+
+vectorized! {
+    /// Point `order.1` of each key's set in a `Plan` with the seed of its order, scrambled by the words `from..` of the key's block and `others`.
+    fn ordered['a](
+        _simd,
+        order: (zsobol::Plan, u32, u32),
+        others: [u32; 3],
+        seed: u64,
+        from: usize,
+        columns: Columns<'a>,
+    ) {
+        let mut columns = columns;
+        let (plan, point, order) = order;
+        for strip in 0..columns[0].as_ref().map_or(0, |column| column.len()) {
+            let keys = columns[0].as_ref().map_or([0; LANES], |column| column[strip].map(f32::to_bits));
+            let mut blocks = [0; LANES];
+            for lane in 0..LANES {
+                blocks[lane] = plan.block(keys[lane]);
+            }
+            let words = philox([blocks, [others[0]; LANES], [others[1]; LANES], [others[2]; LANES]], seed);
+            let indices = plan.indices(keys, point, order);
+            for (column, dimension) in columns.iter_mut().flatten().zip(from..) {
+                let mut numbers = sobol::reversed_lanes(indices, plan.index_digits(), dimension & 3);
+                for lane in 0..LANES {
+                    numbers[lane] = owen::before_seed(numbers[lane]);
+                }
+                column[strip] = owen::scramble(numbers, words[dimension & 3]);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

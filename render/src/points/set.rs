@@ -1,0 +1,101 @@
+//! Which points a rendering takes.
+
+use std::{fmt, str::FromStr};
+
+use crate::error::{Error, Result};
+
+/// A kind of points in the unit square (and cube). Estimates are unbiased with each; renderings of different seeds are independent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PointSet {
+    /// Sobol's sequence with an Owen scrambling for each pixel. Any number of samples, best at powers of two.
+    Sobol,
+    /// One such sequence for a block of pixels along a curve through them, so that neighbours share the square (Ahmed and Wonka
+    /// 2020, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels"). The error of a
+    /// pixel is that of `Sobol`, its sum over neighbours is smaller. Pixels are not independent of each other.
+    ZSobol {
+        /// Logarithm to base 2 of the planned samples per pixel; samples beyond come from fresh sets. At most [`Self::MAX_LOG2_SAMPLES`].
+        log2_samples: u32,
+    },
+    /// Independent numbers.
+    Independent,
+}
+
+impl PointSet {
+    /// Most planned samples are two to this power.
+    pub const MAX_LOG2_SAMPLES: u32 = 20;
+
+    /// `ZSobol` for a number of samples per pixel: sets of the next power of two, as far as there are such.
+    pub fn zsobol(samples: u32) -> Self {
+        let samples = samples.clamp(1, 1 << Self::MAX_LOG2_SAMPLES);
+        Self::ZSobol { log2_samples: samples.next_power_of_two().ilog2() }
+    }
+}
+
+/// `sobol`, `independent`, or `zsobol:N` with the planned samples.
+impl fmt::Display for PointSet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Sobol => f.write_str("sobol"),
+            Self::ZSobol { log2_samples } => write!(f, "zsobol:{}", 1_u64 << log2_samples),
+            Self::Independent => f.write_str("independent"),
+        }
+    }
+}
+
+impl FromStr for PointSet {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let most = 1_u32 << Self::MAX_LOG2_SAMPLES;
+        match (text, text.strip_prefix("zsobol:").map(str::parse)) {
+            ("sobol", _) => Ok(Self::Sobol),
+            ("independent", _) => Ok(Self::Independent),
+            (_, Some(Ok(samples))) if u32::is_power_of_two(samples) && samples <= most => Ok(Self::zsobol(samples)),
+            _ => Err(Error::argument(
+                text,
+                format!(
+                    "no points are called so: choose sobol, independent, or zsobol:N with a power of two up to {most}"
+                ),
+            )),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_comes_back_and_mistakes_are_named() {
+        for log2_samples in 0..=PointSet::MAX_LOG2_SAMPLES {
+            let set = PointSet::ZSobol { log2_samples };
+            assert_eq!(set.to_string().parse::<PointSet>().unwrap(), set);
+        }
+        for text in ["sobol", "independent"] {
+            assert_eq!(text.parse::<PointSet>().unwrap().to_string(), text);
+        }
+        for text in [
+            "",
+            "Sobol",
+            "zsobol",
+            "zsobol:",
+            "zsobol:0",
+            "zsobol:3",
+            "zsobol:-4",
+            "zsobol:2097152",
+            "zsobol:4294967296",
+        ] {
+            assert!(text.parse::<PointSet>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn planned_samples_are_the_next_power_of_two() {
+        let planned = |samples| PointSet::zsobol(samples).to_string();
+        let expected = [(0, "1"), (1, "1"), (2, "2"), (3, "4"), (16, "16"), (17, "32"), (u32::MAX >> 1, "1048576")];
+        for (samples, text) in expected {
+            assert_eq!(planned(samples), format!("zsobol:{text}"));
+        }
+        assert_eq!(planned(u32::MAX), "zsobol:1048576");
+    }
+}
