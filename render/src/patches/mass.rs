@@ -137,13 +137,15 @@ impl Patch {
         self.energy * self.cosines(n).clamped::<LEAF>()
     }
 
-    /// The mass for any surface.
+    /// The mass for any surface; that of a surface without a lobe is [`Self::diffuse_mass`].
     #[inline(always)]
     pub fn mass<const LEAF: bool>(&self, at: &Reflection) -> f32 {
         let cosines = self.cosines(at.n);
-        let diffuse = at.diffuse * FRAC_1_PI * cosines.clamped::<LEAF>();
+        let diffuse = cosines.clamped::<LEAF>();
         let glossy = self.glossy::<LEAF>(at, &cosines);
-        self.energy * (diffuse + at.specular * if cosines.bound > 0.0 { glossy } else { 0.0 })
+        let glossy = if cosines.bound > 0.0 { glossy } else { 0.0 };
+        let both = at.diffuse * FRAC_1_PI * diffuse + at.specular * glossy;
+        self.energy * if at.specular > 0.0 { both } else { diffuse }
     }
 
     /// The Trowbridge-Reitz lobe times cosine in the middle of the part of the patch that is above the horizon, widened by the spread
