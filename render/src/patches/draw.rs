@@ -53,8 +53,15 @@ vectorized! {
             let mut sum = [0.0; LANES];
             for (patch, out) in patches.clusters.iter().zip(&mut *sums) {
                 if is_glossy {
+                    // Points of a strip are neighbours: a patch is often below the horizon of all.
+                    let mut rises = false;
                     for k in 0..LANES {
-                        sum[k] += patch.mass::<false>(&reflection(&n, &wo, lobes, k));
+                        rises |= patch.rises(Vec3::new(n[0][k], n[1][k], n[2][k]));
+                    }
+                    if rises {
+                        for k in 0..LANES {
+                            sum[k] += patch.mass::<false>(&reflection(&n, &wo, lobes, k));
+                        }
                     }
                 } else {
                     for k in 0..LANES {

@@ -131,6 +131,12 @@ impl Patch {
         Cosines { mean, half_width, bound: mean + reach }
     }
 
+    /// Whether any direction may be above the horizon of a normal.
+    #[inline(always)]
+    pub fn rises(&self, n: Vec3) -> bool {
+        self.cosines(n).bound > 0.0
+    }
+
     /// The mass for a diffuse surface.
     #[inline(always)]
     pub fn diffuse_mass<const LEAF: bool>(&self, n: Vec3) -> f32 {
@@ -157,14 +163,14 @@ impl Patch {
         let w = w * (1.0 / larger(w.dot(w), 1e-6).sqrt());
         let cos_o = larger(at.n.dot(at.wo), 1e-4);
         let cos_i = smaller(larger(at.n.dot(w), 1e-4), 1.0);
-        let cos = at.wo.dot(w);
-        // The squared cosine of half of the angle between both directions, and that of the half vector.
+        let cos = smaller(at.wo.dot(w), 1.0 - 1e-6);
+        // The squared cosine of half of the angle between both directions; one over it, and over the squared sine of the whole.
         let squared_half = larger(0.5 * (1.0 + cos), 1e-3);
-        let per_half = 1.0 / squared_half;
+        let both = 1.0 / (squared_half * (1.0 - cos));
+        let (per_half, per_squared_sine) = ((1.0 - cos) * both, 0.5 * both);
         let squared_cos_h = smaller((cos_i + cos_o) * (cos_i + cos_o) * (0.25 * per_half), 1.0);
         // Half vectors spread by half of what directions do in the plane of incidence, across it by more.
         let across = at.wo.cross(w);
-        let per_squared_sine = 1.0 / larger(1.0 - cos * cos, 1e-6);
         let variance_across = self.spread(across) * (1.0 / 3.0) * per_squared_sine;
         let variance_along = larger(self.variance - variance_across, 0.0);
         let own = at.alpha * at.alpha;
@@ -176,13 +182,16 @@ impl Patch {
         // D = 1 / (pi a b (cos^2 + x^2 / a^2 + y^2 / b^2)^2), with along = a^2 and over = b^2, over a common denominator.
         let product = along * over;
         let scaled = squared_cos_h * product + tilt_along * over + tilt_across * along;
-        let normals = FRAC_1_PI * product * product.sqrt() / (scaled * scaled);
-        let shadowing = cos_o * scaled_length(own, cos_i) / cos_i + scaled_length(own, cos_o);
-        let x = larger(1.0 - squared_half.sqrt(), 0.0);
-        let squared = x * x;
-        let fresnel = at.f0 + (1.0 - at.f0) * (squared * squared * x);
+        // Smith's shadowing as Hammon (2017) has it without roots: G2 / (4 n.wi n.wo) = 1 / (2 mix(2 n.wi n.wo, n.wi + n.wo, alpha)).
+        let (smooth, rough) = (2.0 * cos_i * cos_o, cos_i + cos_o);
+        let shadowing = 2.0 * (smooth + at.alpha * (rough - smooth));
+        // (1 - cos)^5 is near to (1 - cos^2)^12.
+        let x = 1.0 - squared_half;
+        let fourth = (x * x) * (x * x);
+        let fresnel = at.f0 + (1.0 - at.f0) * (fourth * fourth * fourth);
         let share = if LEAF { visible.sqrt() } else { visible };
-        share * fresnel * normals / (2.0 * shadowing)
+        let lobe = FRAC_1_PI * product * product.sqrt() * cos_i / (scaled * scaled * shadowing);
+        share * fresnel * lobe
     }
 }
 
@@ -221,12 +230,6 @@ impl Cosines {
         let share = smaller((top - bottom) / (2.0 * self.half_width), 1.0);
         (larger(share, LEAST_VISIBLE), 0.5 * (top + bottom))
     }
-}
-
-/// The length of a unit vector of a cosine to the normal, its tangential part scaled by `alpha`.
-#[inline(always)]
-fn scaled_length(squared_alpha: f32, cos: f32) -> f32 {
-    (cos * cos + squared_alpha * (1.0 - cos * cos)).sqrt()
 }
 
 /// The larger of two numbers, of which the first may be none.
