@@ -26,8 +26,9 @@ const INSET: f32 = 4e-3;
 /// By how much the box of such points is widened: the density at an edge of a texel is at most twice its mean, so less than two
 /// insets of the texel's image lie beyond.
 const WIDENING: f32 = 2.0 * 2.0 * INSET;
-/// No weight of the light times the cosine over the density exceeds its mean by more than this, where [`CellDirections::raise`] can help it.
-pub(super) const LARGEST_WEIGHT: f32 = 11.0;
+/// The largest weight over its mean that masses are raised for. The documented bound is 12: masses are rounded, and the light that is seen is
+/// known at some normals only.
+const LARGEST_WEIGHT: f32 = 11.0;
 /// The largest share of the highest cosine in a cell that a mass is raised to.
 const LARGEST_SHARE: f32 = 0.5;
 /// How often masses are raised to what the sum of raised masses asks for.
@@ -81,9 +82,9 @@ impl CellDirections {
     pub fn new(tail: &Tail, cells: CellGrid) -> Self {
         let split = Split::of(tail);
         let mut groups: Vec<Group> =
-            (0..split.rows).into_par_iter().flat_map_iter(|row| split.groups_of_row(tail, cells, row)).collect();
+            (0..BLOCK_ROWS).into_par_iter().flat_map_iter(|band| split.groups_of_band(tail, cells, band)).collect();
         groups.extend(groups_of_y(tail, cells, &split));
-        groups.par_sort_unstable_by_key(|group| group.key);
+        groups.par_sort_by_key(|group| group.key);
         merge(&mut groups);
         let caps: Vec<(Vec3A, f32, f32)> = (0..2 * BLOCK_ROWS * BLOCK_ROWS).map(|block| split.cap(block)).collect();
         let mut of_cells = vec![0.0; cells.cells()];
@@ -129,14 +130,18 @@ impl CellDirections {
         }
     }
 
-    /// Raises masses `[nodes, rows, columns]` so that no direction has a large weight, whatever the normal.
+    /// Raises masses `[nodes, rows, columns]` so that no direction has a weight (light x cosine over pdf) of more than 12 times its mean,
+    /// whatever the normal of a Lambert surface.
     ///
-    /// The mean of a node's masses is to be the mean over Y of the cosine to its normal, or more. At a normal `n` between nodes of weights w the
-    /// interpolated masses are M, their mean is S, and the light seen is C, so a direction has the weight `cos S / (C M)` over the mean. Let a
-    /// mass be at least a share of the highest cosine in its cell. The cosine is convex in the normal: where n is along
-    /// N = sum of w times node, M is at least that share of |N| cos. As n is only near N, the highest cosine is
-    /// taken over all normals as near as that. So no weight exceeds `S / (C |N| share)`, and the share at a node is chosen from the normals that it
-    /// serves to make this 11; but it is at most 1/2, as where next to no light is seen, a table for it would be one for nothing else.
+    /// The mean of a node's masses is to be the mean over Y of the cosine to its normal, or more. At a normal n between nodes of weights w let the
+    /// interpolated mass of a cell be M, the mean of M over cells S, and the mean of the cosine C: a direction has the weight `cos S / C M` over the
+    /// mean. Let every mass be a share of the highest cosine in its cell, or more. As the cosine is convex in the normal, M is at least that
+    /// share of |N| cos if n is along N, the sum of w times the nodes' normals. It is only near N, so the highest cosine is taken over all
+    /// normals that near. Then no weight exceeds `S / (C |N| share)`, and the share of a node is the least that makes this 11 at the normals
+    /// that it serves.
+    ///
+    /// It is 1/2 at most. Normals ask for more that see next to no light, where the highest cosines over all cells have a mean of more than 5 C: no table
+    /// of so few cells could bound their weights by much less.
     pub fn raise(&self, normals: NormalGrid, masses: &mut [f32]) {
         let count = self.cells.cells();
         let mut highest = vec![0.0; masses.len()];
@@ -258,7 +263,7 @@ fn groups_of_y(tail: &Tail, cells: CellGrid, split: &Split) -> Vec<Group> {
             (mass > 0.0).then(|| Group::of(cells, y, x, mass))
         };
         let mut groups: Vec<Group> = y.iter().zip(warped).filter_map(group).collect();
-        groups.sort_unstable_by_key(|group| group.key);
+        groups.sort_by_key(|group| group.key);
         merge(&mut groups);
         groups
     };
@@ -311,8 +316,19 @@ impl Split {
         (centre, cos, sin)
     }
 
+    /// The groups of the rows of cells in one of as many bands as there are rows of blocks: rows of the same blocks, few groups.
+    fn groups_of_band(&self, tail: &Tail, cells: CellGrid, band: usize) -> Vec<Group> {
+        let mut groups = Vec::new();
+        for row in band * self.rows / BLOCK_ROWS..(band + 1) * self.rows / BLOCK_ROWS {
+            self.push_row(tail, cells, row, &mut groups);
+            groups.sort_by_key(|group| group.key);
+            merge(&mut groups);
+        }
+        groups
+    }
+
     /// The groups of a row of cells of the density: their centres, and every cell of Y that they reach.
-    fn groups_of_row(&self, tail: &Tail, cells: CellGrid, row: usize) -> Vec<Group> {
+    fn push_row(&self, tail: &Tail, cells: CellGrid, row: usize, groups: &mut Vec<Group>) {
         const PLACES: [Vec2; 5] = [
             Vec2::splat(0.5),
             Vec2::new(INSET, INSET),
@@ -321,7 +337,6 @@ impl Split {
             Vec2::new(1.0 - INSET, 1.0 - INSET),
         ];
         let size = Vec2::new(self.across as f32, self.down as f32);
-        let mut groups = Vec::new();
         for down in 0..self.down {
             let mut x = Vec::with_capacity(PLACES.len() * self.columns * self.across);
             for across in 0..self.columns * self.across {
@@ -336,12 +351,9 @@ impl Split {
             let places =
                 x.chunks_exact(PLACES.len()).zip(y.chunks_exact(PLACES.len())).zip(excess.chunks_exact(PLACES.len()));
             for ((x, y), excess) in places {
-                self.push(cells, x[0], y, excess.iter().fold(1.0, |a, &b| a.max(b)), &mut groups);
+                self.push(cells, x[0], y, excess.iter().fold(1.0, |a, &b| a.max(b)), groups);
             }
         }
-        groups.sort_unstable_by_key(|group| group.key);
-        merge(&mut groups);
-        groups
     }
 
     /// One rectangle, by its centre and the places where its centre and corners come from.
