@@ -1,6 +1,6 @@
 //! Variance and KL of every sampler without shadows: `cargo bench --bench quality -- [--material MATERIAL] [--ablation] [MAP ...]`.
 //!
-//! **Lambert** (the default): for 100 random normals the relative variance of one sample is integrated over 250 x 250 points of the
+//! **Lambert** (the default): for 100 random normals the relative variance of one sample is integrated over 250 x 250 jittered points of the
 //! intermediate square, where the emitter's density is constant, so that a sun costs no more points than a sky, and over 512 x 1024 points
 //! of the map, so that no dark part is stepped over; the balance heuristic joins them.
 //! Resampled samplers have no pdf: theirs is measured from 8,000 draws per normal.

@@ -53,11 +53,11 @@ impl Conditions {
     }
 }
 
-/// One quadrature for a diffuse surface (the centres of 250 x 250 cells of Y and of 512 x 1024 cells of X), two independent ones for a glossy
+/// One quadrature for a diffuse surface (a jittered point in each of 250 x 250 cells of Y and of 512 x 1024 cells of X), two independent ones for a glossy
 /// one (a jittered point in each of 160 x 160 cells of Y and of 128 x 256 cells of X, and 112 x 112 BRDF samples).
 pub fn quadratures(conditions: Conditions, light: &EnvironmentLight) -> Vec<Quadrature> {
     let shapes = match conditions.material {
-        Material::Lambert => vec![QuadratureShape { strata: 250, map_rows: 512, brdf_strata: 0, seed: None }],
+        Material::Lambert => vec![QuadratureShape { strata: 250, map_rows: 512, brdf_strata: 0, seed: Some(1) }],
         Material::Ggx { .. } => {
             let shape = |seed| QuadratureShape { strata: 160, map_rows: 128, brdf_strata: 112, seed: Some(seed) };
             [0, 1].map(shape).to_vec()

@@ -64,8 +64,8 @@ pub(super) struct CellMasses {
 }
 
 impl CellMasses {
-    /// The tables of `masses` `[tables, rows, columns]`, all positive. A row is rounded to 1/65535 of the largest row of its
-    /// table, a cell to 1/65535 of its row, and neither to nothing.
+    /// The tables of `masses` `[tables, rows, columns]`, all positive. A row is rounded up to 1/65535 of the largest row of its
+    /// table, a cell to 1/65535 of its row.
     pub fn new(cells: CellGrid, masses: &[f64]) -> Self {
         let (rows, columns) = cells.shape();
         let tables = masses.len() / cells.cells();
@@ -98,14 +98,12 @@ impl CellMasses {
             let at = self.row_start(self.nodes.len(), row);
             let numbers = &mut self.numbers[at..][..self.stride];
             let whole = row_mass(masses);
-            numbers[0] = (whole / largest * f64::from(WHOLE)).round().max(1.0) as u16;
-            let (mut exact, mut before) = (0.0, 0);
-            for (column, mass) in masses[..columns - 1].iter().enumerate() {
-                exact += mass / whole * f64::from(WHOLE);
-                // Each of the cells to come needs a step too.
-                let sum = (exact.round() as u16).clamp(before + 1, WHOLE - (columns - 1 - column) as u16);
-                numbers[column + 1] = sum;
-                before = sum;
+            // Up, so that no row counts for less.
+            numbers[0] = (whole / largest * f64::from(WHOLE)).ceil().max(1.0) as u16;
+            let mut sum = 0;
+            for (number, steps) in numbers[1..].iter_mut().zip(steps_of(masses)) {
+                sum += steps;
+                *number = sum;
             }
             // At most 64 x 65535, which is less than 2^24.
             factors += u32::from(numbers[0]);
@@ -210,6 +208,26 @@ impl CellMasses {
         let mask = |set: bool| u16::from(set).wrapping_neg();
         Ends { column, without_before: mask(column != 0), last: mask(column + 1 == self.cells.shape().1) }
     }
+}
+
+/// The masses of a row in steps of 1/65535 of it.
+///
+/// All are rounded up, a small one too: where its directions are worth much, a step less would make their weights large. What that is too much is taken
+/// from the largest cells, of which one at least has 1024 steps.
+fn steps_of(masses: &[f64]) -> Vec<u16> {
+    /// Cells of less steps are left alone.
+    const LARGE: u16 = 512;
+    let unit = f64::from(WHOLE) / masses.iter().sum::<f64>();
+    let mut steps: Vec<u16> =
+        masses.iter().map(|mass| (mass * unit).ceil().clamp(1.0, f64::from(WHOLE)) as u16).collect();
+    let mut largest: Vec<usize> = (0..masses.len()).filter(|&cell| steps[cell] >= LARGE).collect();
+    largest.sort_by(|&a, &b| masses[b].total_cmp(&masses[a]));
+    // At most one step for each cell, and one for the rounding of the sum.
+    let excess = steps.iter().map(|&steps| usize::from(steps)).sum::<usize>().saturating_sub(usize::from(WHOLE));
+    for &cell in largest.iter().cycle().take(excess) {
+        steps[cell] -= 1;
+    }
+    steps
 }
 
 /// Whole lanes.
