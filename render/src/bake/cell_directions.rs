@@ -26,8 +26,8 @@ const INSET: f32 = 4e-3;
 /// By how much the box of such points is widened: the density at an edge of a texel is at most twice its mean, so less than two
 /// insets of the texel's image lie beyond.
 const WIDENING: f32 = 2.0 * 2.0 * INSET;
-/// The largest weight over its mean that masses are raised for. The documented bound is 12: masses are rounded, and the light that is seen is
-/// known at some normals only.
+/// The largest weight over its mean that masses are raised for. The documented bound is 12: the light that is seen is known at some normals
+/// only, and what it is over the density at some points of a texel.
 const LARGEST_WEIGHT: f32 = 11.0;
 /// The largest share of the highest cosine in a cell that a mass is raised to.
 const LARGEST_SHARE: f32 = 0.5;
