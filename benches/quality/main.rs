@@ -1,16 +1,18 @@
 //! Variance and KL of every sampler without shadows: `cargo bench --bench quality -- [--material MATERIAL] [--ablation] [MAP ...]`.
 //!
-//! **Lambert** (the default): for 100 random normals the relative variance of one sample is integrated over 250 x 250 points of the
-//! intermediate square: through an exact tail the emitter's density is constant there, so a sun costs no more points than a sky.
+//! **Lambert** (the default): for 100 random normals the relative variance of one sample is integrated over 250 x 250 jittered points of the
+//! intermediate square, where the emitter's density is constant, so that a sun costs no more points than a sky, and over 512 x 1024 points
+//! of the map, so that no dark part is stepped over; the balance heuristic joins them.
 //! Resampled samplers have no pdf: theirs is measured from 8,000 draws per normal.
 //!
 //! **`ggx:alpha=0.4`, `ggx:alpha=0.2..0.8`**: 60 random conditions (view direction, normal and width as in training). A lobe may
-//! fall between points of Y, so the integrals are over 160 x 160 jittered points of Y and 112 x 112 stratified BRDF samples, joined by
+//! fall between points of Y, so the integrals are over 160 x 160 jittered points of Y, 128 x 256 of the map and 112 x 112 stratified BRDF samples, joined by
 //! the balance heuristic. Everything is measured twice with other points (resampled samplers: twice 4,000 draws), the tables
 //! give the mean, and a last one half the relative difference: the error. `direct` is the table of a Lambert surface.
 //!
 //! A head is trained for each map with the fast preset of the material. Prints mean relative variance of one-sample MIS over
-//! that of the sampler (at one shadow ray each; higher is better), and KL(product || sampler) in nats. With `--ablation` the
+//! that of the sampler (at one shadow ray each; higher is better), KL(product || sampler) in nats, and the largest weight over its mean that
+//! any point of the quadratures has. With `--ablation` the
 //! samplers are variants of the model, see `ablation.rs`. Without maps it takes the built-in environments.
 
 mod ablation;
@@ -52,6 +54,7 @@ fn main() -> Fallible<()> {
     let ratio = |qualities: &Qualities, k: usize| qualities[0].1.relative_variance / qualities[k].1.relative_variance;
     print_table("relative variance of mis over that of the sampler", &results, ratio, ablation);
     print_table("KL(product || sampler) in nats", &results, |qualities, k| qualities[k].1.kl, ablation);
+    print_table("largest weight over its mean", &results, |qualities, k| qualities[k].1.largest_weight, ablation);
     if material != Material::Lambert {
         let error = |qualities: &Qualities, k: usize| 100.0 * qualities[k].1.error;
         print_table("relative error of the variances, percent", &results, error, ablation);

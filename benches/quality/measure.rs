@@ -21,6 +21,8 @@ pub struct Quality {
     pub relative_variance: f64,
     /// NaN where the sampler has no pdf.
     pub kl: f64,
+    /// The largest weight over its mean, at any condition and point of the quadrature; NaN where the sampler has no pdf.
+    pub largest_weight: f64,
     /// Relative error of the variance: half the difference between two independent measurements, if there are two.
     pub error: f64,
 }
@@ -51,13 +53,14 @@ impl Conditions {
     }
 }
 
-/// One quadrature for a diffuse surface (the centres of 250 x 250 cells of Y), two independent ones for a glossy one (a jittered
-/// point in each of 160 x 160 cells, and 112 x 112 BRDF samples).
+/// One quadrature for a diffuse surface (a jittered point in each of 250 x 250 cells of Y and of 512 x 1024 cells of X), two independent ones for a glossy
+/// one (a jittered point in each of 160 x 160 cells of Y and of 128 x 256 cells of X, and 112 x 112 BRDF samples).
 pub fn quadratures(conditions: Conditions, light: &EnvironmentLight) -> Vec<Quadrature> {
     let shapes = match conditions.material {
-        Material::Lambert => vec![QuadratureShape { strata: 250, brdf_strata: 0, seed: None }],
+        Material::Lambert => vec![QuadratureShape { strata: 250, map_rows: 512, brdf_strata: 0, seed: Some(1) }],
         Material::Ggx { .. } => {
-            [0, 1].map(|seed| QuadratureShape { strata: 160, brdf_strata: 112, seed: Some(seed) }).to_vec()
+            let shape = |seed| QuadratureShape { strata: 160, map_rows: 128, brdf_strata: 112, seed: Some(seed) };
+            [0, 1].map(shape).to_vec()
         }
     };
     shapes.into_iter().map(|shape| Quadrature::new(light, shape)).collect()
@@ -72,15 +75,16 @@ pub fn measure(conditions: Conditions, quadratures: &[Quadrature], sampler: &dyn
             terms.retain(|term| term.f > 0.0);
             let wi: Vec<Vec3A> = terms.iter().map(|term| term.wi).collect();
             let pdfs = AtPoint::new(sampler, &at).pdf_many(&wi);
-            let (mut first, mut second, mut logs) = (0.0_f64, 0.0_f64, 0.0_f64);
+            let (mut first, mut second, mut logs, mut largest) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
             for (Term { f, weight, .. }, pdf) in terms.into_iter().zip(pdfs) {
                 let pdf = f64::from(pdf);
                 first += weight * f;
                 second += weight * f * f / pdf;
                 logs += weight * f * (f / pdf).ln();
+                largest = largest.max(f / pdf);
             }
             // A condition that sees no light has no variance to speak of.
-            (first > 0.0).then(|| (second / (first * first) - 1.0, logs / first - first.ln()))
+            (first > 0.0).then(|| [second / (first * first) - 1.0, logs / first - first.ln(), largest / first])
         }))
     }))
 }
@@ -102,23 +106,26 @@ pub fn measure_by_draws(conditions: Conditions, estimator: &dyn Estimator) -> Qu
                 first += value;
                 second += value * value;
             }
-            (first > 0.0).then(|| (second * draws as f64 / (first * first) - 1.0, f64::NAN))
+            (first > 0.0).then(|| [second * draws as f64 / (first * first) - 1.0, f64::NAN, f64::NAN])
         }))
     }))
 }
 
-fn mean(values: impl ParallelIterator<Item = Option<(f64, f64)>>) -> (f64, f64) {
+/// Mean variance and KL, and the largest weight of all.
+fn mean(values: impl ParallelIterator<Item = Option<[f64; 3]>>) -> [f64; 3] {
     let values: Vec<_> = values.flatten().collect();
+    let of = |figure: usize| values.iter().map(move |value| value[figure]);
     let n = values.len() as f64;
-    let (variance, kl) = values.iter().fold((0.0, 0.0), |(a, b), (variance, kl)| (a + variance, b + kl));
-    (variance / n, kl / n)
+    let largest = of(2).fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
+    [of(0).sum::<f64>() / n, of(1).sum::<f64>() / n, largest]
 }
 
 /// The mean of one or two measurements.
-fn both(measurements: impl Iterator<Item = (f64, f64)>) -> Quality {
-    let all: Vec<(f64, f64)> = measurements.collect();
-    let ((first, first_kl), (last, last_kl)) = (all[0], all[all.len() - 1]);
+fn both(measurements: impl Iterator<Item = [f64; 3]>) -> Quality {
+    let all: Vec<[f64; 3]> = measurements.collect();
+    let ([first, first_kl, first_largest], [last, last_kl, last_largest]) = (all[0], all[all.len() - 1]);
     let relative_variance = 0.5 * (first + last);
     let error = if all.len() == 1 { f64::NAN } else { 0.5 * (first - last).abs() / relative_variance };
-    Quality { relative_variance, kl: 0.5 * (first_kl + last_kl), error }
+    let largest_weight = if first_largest > last_largest { first_largest } else { last_largest };
+    Quality { relative_variance, kl: 0.5 * (first_kl + last_kl), largest_weight, error }
 }

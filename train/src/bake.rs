@@ -4,10 +4,11 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3A};
 use headtail_render::{
-    bake::{BakedTable, CellGrid, CellPoints, NormalGrid},
+    bake::{BakedTable, CellDirections, CellGrid, CellPoints, NormalGrid},
     head::{Condition, Head},
     tail::Tail,
 };
+use rayon::prelude::*;
 
 use crate::{Error, Result};
 
@@ -19,6 +20,8 @@ const POINTS: usize = 3;
 /// A cell holds the root mean square of the density over it. A normal's table is weighted by the light that the normal sees,
 /// the mean of `max(0, n . t(y))` over Y: between two normals the one that sees more light then counts for more, as in the
 /// target itself.
+///
+/// Where a direction would have a large weight, the mass of its cell is raised ([`CellDirections::raise`]).
 ///
 /// A head that has learned its share beside BRDF sampling is tabulated in that mixture, which is what it was trained for: the table is to
 /// be used alone.
@@ -33,7 +36,9 @@ pub fn learned_bake(head: &Head, tail: &Tail, normals: NormalGrid, cells: CellGr
     let positions: Vec<_> = points.positions().flatten().copied().collect();
     let cosine = head.has_selection().then(|| PulledBackCosine::new(tail, &positions));
     let points_of_cell = positions.len() / cells.cells();
-    Ok(BakedTable::fill(normals, cells, |normal, masses| {
+    let mut masses = vec![0.0; normals.nodes() * cells.cells()];
+    masses.par_chunks_exact_mut(cells.cells()).enumerate().for_each(|(node, masses)| {
+        let normal = normals.normal(node);
         let head = head.at(&normal.to_array()).expect("its condition is the normal");
         let densities: Vec<f32> = head.invert(&positions).into_iter().map(|(_, density)| density).collect();
         for (mass, densities) in masses.iter_mut().zip(densities.chunks_exact(points_of_cell)) {
@@ -56,7 +61,9 @@ pub fn learned_bake(head: &Head, tail: &Tail, normals: NormalGrid, cells: CellGr
         for mass in masses {
             *mass *= light / count;
         }
-    })?)
+    });
+    CellDirections::new(tail, cells).raise(normals, &mut masses);
+    Ok(BakedTable::new(normals, cells, masses)?)
 }
 
 /// The density over Y of cosine sampling at fixed points.

@@ -27,13 +27,19 @@ pub(super) struct Node {
     pub rows: f32,
 }
 
-/// A row in which a target was found.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct FoundRow {
-    pub node: usize,
-    pub index: usize,
-    /// Position inside, in `[0, 1)`.
-    pub below: f32,
+/// Four tables and what a unit of each one's mass counts for: its weight times its scale.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Blend {
+    pub nodes: [usize; 4],
+    pub weights: [f32; 4],
+}
+
+/// The sum of four tables' numbers, each times its weight. In this order everywhere, so that equal numbers have equal sums.
+#[inline(always)]
+fn weighted_sum(weights: [f32; 4], numbers: [f32; 4]) -> f32 {
+    let near = weights[0] * numbers[0] + weights[1] * numbers[1];
+    let far = weights[2] * numbers[2] + weights[3] * numbers[3];
+    near + far
 }
 
 /// Masses of the cells of many tables over the same grid of cells.
@@ -58,8 +64,8 @@ pub(super) struct CellMasses {
 }
 
 impl CellMasses {
-    /// The tables of `masses` `[tables, rows, columns]`, all positive. A row is rounded to 1/65535 of the largest row of its
-    /// table, a cell to 1/65535 of its row, and neither to nothing.
+    /// The tables of `masses` `[tables, rows, columns]`, all positive. A row is rounded up to 1/65535 of the largest row of its
+    /// table, a cell to 1/65535 of its row.
     pub fn new(cells: CellGrid, masses: &[f64]) -> Self {
         let (rows, columns) = cells.shape();
         let tables = masses.len() / cells.cells();
@@ -92,14 +98,12 @@ impl CellMasses {
             let at = self.row_start(self.nodes.len(), row);
             let numbers = &mut self.numbers[at..][..self.stride];
             let whole = row_mass(masses);
-            numbers[0] = (whole / largest * f64::from(WHOLE)).round().max(1.0) as u16;
-            let (mut exact, mut before) = (0.0, 0);
-            for (column, mass) in masses[..columns - 1].iter().enumerate() {
-                exact += mass / whole * f64::from(WHOLE);
-                // Each of the cells to come needs a step too.
-                let sum = (exact.round() as u16).clamp(before + 1, WHOLE - (columns - 1 - column) as u16);
-                numbers[column + 1] = sum;
-                before = sum;
+            // Up, so that no row counts for less.
+            numbers[0] = (whole / largest * f64::from(WHOLE)).ceil().max(1.0) as u16;
+            let mut sum = 0;
+            for (number, steps) in numbers[1..].iter_mut().zip(steps_of(masses)) {
+                sum += steps;
+                *number = sum;
             }
             // At most 64 x 65535, which is less than 2^24.
             factors += u32::from(numbers[0]);
@@ -124,91 +128,174 @@ impl CellMasses {
         self.start + (node * self.cells.shape().0 + row) * self.stride
     }
 
-    /// The row in which the running sum of a table's factors passes `target`.
+    /// The row in which the weighted sum of the tables' running sums of factors passes `target`, and the position inside in
+    /// `[0, 1)`.
     ///
     /// All sums are compared rather than bisected: no branch to predict, no load that waits for another, and whole SIMD lanes.
+    /// Products and sums of rounded numbers never decrease where the numbers do not, so the weighted sums grow along the rows.
     #[inline(always)]
-    pub fn search_row(&self, node: usize, target: f32) -> FoundRow {
-        let sums = &self.row_sums[node * self.padded_rows..][..self.padded_rows];
-        let mut passed = [0_u32; LANES];
-        let (chunks, _) = sums.as_chunks::<LANES>();
-        for chunk in chunks {
-            for (passed, &sum) in passed.iter_mut().zip(chunk) {
-                *passed += u32::from(sum <= target);
+    pub fn search_row(&self, Blend { nodes, weights }: &Blend, target: f32) -> (usize, f32) {
+        let [a, b, c, d] = nodes;
+        let padded = self.padded_rows;
+        let (a, b) = (&self.row_sums[a * padded..][..padded], &self.row_sums[b * padded..][..padded]);
+        let (c, d) = (&self.row_sums[c * padded..][..padded], &self.row_sums[d * padded..][..padded]);
+        let mut passed = [0_i32; LANES];
+        for (((a, b), c), d) in chunks(a).iter().zip(chunks(b)).zip(chunks(c)).zip(chunks(d)) {
+            for k in 0..LANES {
+                // Padding, infinite or, with a weight of 0, not a number, is not passed.
+                passed[k] += i32::from(weighted_sum(*weights, [a[k], b[k], c[k], d[k]]) <= target);
             }
         }
-        // The total is not passed but by rounding.
         let mut index = 0;
         for passed in passed {
             index += passed as usize;
         }
+        // The total is not passed but by rounding.
         let index = index.min(self.cells.shape().0 - 1);
-        let before = if index == 0 { 0.0 } else { sums[index - 1] };
-        FoundRow { node, index, below: remap(target, before, sums[index]) }
+        let before = index.max(1) - 1;
+        let before_sum = weighted_sum(*weights, [a[before], b[before], c[before], d[before]]);
+        let sum = weighted_sum(*weights, [a[index], b[index], c[index], d[index]]);
+        (index, remap(target, if index == 0 { 0.0 } else { before_sum }, sum))
     }
 
-    /// The column of a row at which the share `z` of the row's mass is reached, and the position inside in `[0, 1)`.
+    /// The column of a row at which the share `z` of the row's mass in all tables is reached, the position inside in `[0, 1)`, and the
+    /// mass of the cell as [`Self::mass`] gives it.
     #[inline(always)]
-    pub fn search_column(&self, FoundRow { node, index, .. }: FoundRow, z: f32) -> (usize, f32) {
-        let target = z * f32::from(WHOLE);
-        let below = (target as u16).min(WHOLE - 1);
-        let numbers = &self.numbers[self.row_start(node, index)..][..=self.stride];
+    pub fn search_column(&self, blend: &Blend, row: usize, z: f32) -> (usize, f32, f32) {
+        let numbers = self.row(&blend.nodes, row);
+        let weights = row_weights(blend, &numbers);
+        let whole = weighted_sum(weights, [f32::from(WHOLE); 4]);
+        let target = z * whole;
         let passed = if self.stride >= 2 * LANES {
-            count_passed::<{ 2 * LANES }>(numbers, below)
+            count_passed::<{ 2 * LANES }>(numbers, weights, target)
         } else if self.stride == LANES {
-            count_passed::<LANES>(numbers, below)
+            count_passed::<LANES>(numbers, weights, target)
         } else {
-            count_passed::<1>(numbers, below)
+            count_passed::<1>(numbers, weights, target)
         };
-        // The first number of the row is no sum.
-        let column = usize::from(passed - u16::from(numbers[0] <= below));
-        let Ends { without_before, last } = self.ends(column);
-        let (before, sum) = (f32::from(numbers[column] & without_before), f32::from(numbers[column + 1] | last));
-        (column, remap(target, before, sum))
+        // The first number of a row is no sum; the padding is the whole, which is not passed but by rounding.
+        let first = weighted_sum(weights, numbers_at(&numbers, 0));
+        let column = (passed - usize::from(first <= target)).min(self.cells.shape().1 - 1);
+        let ends = self.ends(column);
+        let (before, after) = ends.of(&numbers);
+        let (low, high) = (weighted_sum(weights, before), weighted_sum(weights, after));
+        (column, remap(target, low, high), mass_between(weights, before, after))
+    }
+
+    /// The mass of a cell in all tables, each times its weight.
+    #[inline(always)]
+    pub fn mass(&self, blend: &Blend, row: usize, column: usize) -> f32 {
+        let numbers = self.row(&blend.nodes, row);
+        let (before, after) = self.ends(column).of(&numbers);
+        mass_between(row_weights(blend, &numbers), before, after)
+    }
+
+    /// The numbers of a row of four tables, and one more.
+    #[inline(always)]
+    fn row(&self, [a, b, c, d]: &[usize; 4], row: usize) -> [&[u16]; 4] {
+        let length = self.stride + 1;
+        [
+            &self.numbers[self.row_start(*a, row)..][..length],
+            &self.numbers[self.row_start(*b, row)..][..length],
+            &self.numbers[self.row_start(*c, row)..][..length],
+            &self.numbers[self.row_start(*d, row)..][..length],
+        ]
     }
 
     /// What makes the running sum before the first cell of a row 0, and that after the last 65535.
     #[inline(always)]
     fn ends(&self, column: usize) -> Ends {
         let mask = |set: bool| u16::from(set).wrapping_neg();
-        Ends { without_before: mask(column != 0), last: mask(column + 1 == self.cells.shape().1) }
-    }
-
-    /// The masses of one cell in several tables, in units of the tables' scales.
-    #[inline(always)]
-    pub fn masses<const N: usize>(&self, nodes: [usize; N], row: usize, column: usize) -> [f32; N] {
-        let Ends { without_before, last } = self.ends(column);
-        let mut masses = [0.0; N];
-        for (mass, node) in masses.iter_mut().zip(nodes) {
-            let numbers = &self.numbers[self.row_start(node, row)..][..=self.stride];
-            let (before, sum) = (numbers[column] & without_before, numbers[column + 1] | last);
-            // The product of two 16-bit integers, which needs 32 bits.
-            *mass = (i64::from(numbers[0]) * (i64::from(sum) - i64::from(before))) as f32;
-        }
-        masses
+        Ends { column, without_before: mask(column != 0), last: mask(column + 1 == self.cells.shape().1) }
     }
 }
 
-/// Masks over the running sums before and after a cell.
+/// The masses of a row in steps of 1/65535 of it.
+///
+/// All are rounded up, a small one too: where its directions are worth much, a step less would make their weights large. What that is too much is taken
+/// from the largest cells, of which one at least has 1024 steps.
+fn steps_of(masses: &[f64]) -> Vec<u16> {
+    /// Cells of less steps are left alone.
+    const LARGE: u16 = 512;
+    let unit = f64::from(WHOLE) / masses.iter().sum::<f64>();
+    let mut steps: Vec<u16> =
+        masses.iter().map(|mass| (mass * unit).ceil().clamp(1.0, f64::from(WHOLE)) as u16).collect();
+    let mut largest: Vec<usize> = (0..masses.len()).filter(|&cell| steps[cell] >= LARGE).collect();
+    largest.sort_by(|&a, &b| masses[b].total_cmp(&masses[a]));
+    // At most one step for each cell, and one for the rounding of the sum.
+    let excess = steps.iter().map(|&steps| usize::from(steps)).sum::<usize>().saturating_sub(usize::from(WHOLE));
+    for &cell in largest.iter().cycle().take(excess) {
+        steps[cell] -= 1;
+    }
+    steps
+}
+
+/// Whole lanes.
+#[inline(always)]
+fn chunks(sums: &[f32]) -> &[[f32; LANES]] {
+    sums.as_chunks().0
+}
+
+/// The numbers of four rows at one place. They go through signed integers: there is no SIMD conversion of others.
+#[inline(always)]
+fn numbers_at([a, b, c, d]: &[&[u16]; 4], at: usize) -> [f32; 4] {
+    [i32::from(a[at]) as f32, i32::from(b[at]) as f32, i32::from(c[at]) as f32, i32::from(d[at]) as f32]
+}
+
+/// What a unit of the running sums along a row counts for in each table: its weight times the row's factor.
+#[inline(always)]
+fn row_weights(Blend { weights, .. }: &Blend, numbers: &[&[u16]; 4]) -> [f32; 4] {
+    let [a, b, c, d] = numbers_at(numbers, 0);
+    [weights[0] * a, weights[1] * b, weights[2] * c, weights[3] * d]
+}
+
+/// The differences are those of integers, and exact: a small cell loses nothing beside large ones.
+#[inline(always)]
+fn mass_between(weights: [f32; 4], before: [f32; 4], after: [f32; 4]) -> f32 {
+    let [a, b, c, d] = before;
+    weighted_sum(weights, [after[0] - a, after[1] - b, after[2] - c, after[3] - d])
+}
+
+/// A column, and masks over the running sums before and after its cell.
 struct Ends {
+    column: usize,
     without_before: u16,
     last: u16,
 }
 
-/// How many of the numbers but the very last are at most `below`; they are a multiple of `N`.
+impl Ends {
+    /// The running sums of four rows before and after the cell.
+    #[inline(always)]
+    fn of(&self, [a, b, c, d]: &[&[u16]; 4]) -> ([f32; 4], [f32; 4]) {
+        let (column, mask, last) = (self.column, self.without_before, self.last);
+        let before = [a[column] & mask, b[column] & mask, c[column] & mask, d[column] & mask];
+        let after = [a[column + 1] | last, b[column + 1] | last, c[column + 1] | last, d[column + 1] | last];
+        let [e, f, g, h] = before;
+        let [i, j, k, l] = after;
+        (
+            [f32::from(e), f32::from(f), f32::from(g), f32::from(h)],
+            [f32::from(i), f32::from(j), f32::from(k), f32::from(l)],
+        )
+    }
+}
+
+/// How many of the weighted sums of four rows' numbers, but for the very last, are at most `target`; they are a multiple of `N`.
 #[inline(always)]
-fn count_passed<const N: usize>(numbers: &[u16], below: u16) -> u16 {
-    let (chunks, _) = numbers[..numbers.len() - 1].as_chunks::<N>();
-    // Loops, not iterator adapters: those are not inlined into functions compiled for other processor features.
-    let mut lanes = [0; N];
-    for chunk in chunks {
+fn count_passed<const N: usize>([a, b, c, d]: [&[u16]; 4], weights: [f32; 4], target: f32) -> usize {
+    let length = a.len() - 1;
+    let (a, b) = (a[..length].as_chunks::<N>().0, b[..length].as_chunks::<N>().0);
+    let (c, d) = (c[..length].as_chunks::<N>().0, d[..length].as_chunks::<N>().0);
+    let mut lanes = [0_i32; N];
+    for (((a, b), c), d) in a.iter().zip(b).zip(c).zip(d) {
         for k in 0..N {
-            lanes[k] += u16::from(chunk[k] <= below);
+            let numbers =
+                [i32::from(a[k]) as f32, i32::from(b[k]) as f32, i32::from(c[k]) as f32, i32::from(d[k]) as f32];
+            lanes[k] += i32::from(weighted_sum(weights, numbers) <= target);
         }
     }
     let mut passed = 0;
     for lane in lanes {
-        passed += lane;
+        passed += lane as usize;
     }
     passed
 }
@@ -230,6 +317,11 @@ mod tests {
         (CellMasses::new(cells, &tables.concat()), tables)
     }
 
+    /// One table alone.
+    fn alone(node: usize) -> Blend {
+        Blend { nodes: [node, 0, 1, 2], weights: [1.0, 0.0, 0.0, 0.0] }
+    }
+
     #[test]
     fn masses_are_rounded_to_a_step_and_never_to_nothing() {
         for (rows, columns) in GRIDS {
@@ -241,7 +333,7 @@ mod tests {
                 let mut sum = 0.0;
                 for ((row, whole), values) in by_row().enumerate().zip(table.chunks_exact(columns)) {
                     for (column, &value) in values.iter().enumerate() {
-                        let [mass] = masses.masses([node], row, column);
+                        let mass = masses.mass(&alone(node), row, column);
                         assert!(mass >= 1.0);
                         sum += f64::from(mass);
                         // Half a step of the row's factor and a step at either end of the cell; a row or cell that is less than
@@ -260,29 +352,38 @@ mod tests {
         }
     }
 
+    /// The middles of cells, up to where their running sums say they are, in single tables and in weighted sums of them.
     #[test]
     fn cells_are_found_where_their_running_sums_say() {
+        let weights = [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.1, 0.2, 0.3, 0.4], [1e-8, 2.0, 1e-3, 0.0]];
         for (rows, columns) in GRIDS {
-            let (masses, tables) = tables(CellGrid::new(rows, columns).unwrap());
-            for node in 0..tables.len() {
+            let (masses, _) = tables(CellGrid::new(rows, columns).unwrap());
+            for weights in weights {
+                let blend = Blend { nodes: [0, 1, 2, 0], weights };
+                let mass = |row: usize, column: usize| f64::from(masses.mass(&blend, row, column));
+                let of_row = |row: usize| (0..columns).map(|column| mass(row, column)).sum::<f64>();
+                let factor = |row: usize| of_row(row) / f64::from(CellMasses::ROW);
+                let whole: f64 = (0..rows).map(factor).sum();
                 let mut above = 0.0;
                 for row in 0..rows {
-                    let factor = f32::from(masses.numbers[masses.row_start(node, row)]);
-                    let found = masses.search_row(node, above + 0.25 * factor);
-                    assert!(found.index == row && (found.below - 0.25).abs() < 1e-2 / factor.min(1e3), "{found:?}");
-                    assert_eq!(masses.search_row(node, above).index, row);
-                    above += factor;
+                    let (found, below) = masses.search_row(&blend, (above + 0.25 * factor(row)) as f32);
+                    // The target and the sums are rounded to 24 bits of the whole.
+                    let resolution = 3.0 * f64::from(f32::EPSILON) * whole / factor(row);
+                    assert!(found == row && (f64::from(below) - 0.25).abs() < resolution, "{row} {found} {below}");
+                    above += factor(row);
                     let mut before = 0.0;
                     for column in 0..columns {
-                        let sum = before + masses.masses([node], row, column)[0] / factor;
-                        let (at, inside) = masses.search_column(found, (0.5 * (before + sum)) / 65535.0);
-                        before = sum;
-                        assert!(at == column && (inside - 0.5).abs() < 1e-2, "{rows}x{columns} {column} {at} {inside}");
+                        let middle = (before + 0.5 * mass(row, column)) / of_row(row);
+                        let (at, inside, own) = masses.search_column(&blend, row, middle as f32);
+                        let resolution = 3.0 * f64::from(f32::EPSILON) * of_row(row) / mass(row, column);
+                        assert!(at == column && f64::from(own) == mass(row, column), "{rows}x{columns} {column} {at}");
+                        assert!((f64::from(inside) - 0.5).abs() < resolution, "{inside} {resolution}");
+                        before += mass(row, column);
                     }
                 }
                 // What rounding puts at the end is in the last cell.
-                let last = masses.search_row(node, above);
-                assert_eq!((last.index, masses.search_column(last, 1.0).0), (rows - 1, columns - 1));
+                assert_eq!(masses.search_row(&blend, 1.01 * whole as f32).0, rows - 1);
+                assert_eq!(masses.search_column(&blend, rows - 1, 1.0).0, columns - 1);
             }
         }
     }

@@ -79,6 +79,61 @@ impl NormalGrid {
     }
 }
 
+/// A normal between nodes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Served {
+    pub normal: Vec3A,
+    nodes: [usize; 4],
+    weights: [f32; 4],
+    /// Of the weighted sum of the nodes' normals.
+    pub length: f32,
+}
+
+impl Served {
+    /// Nodes and their weights.
+    pub fn stencil(&self) -> impl Iterator<Item = (usize, f32)> {
+        self.nodes.into_iter().zip(self.weights)
+    }
+}
+
+impl NormalGrid {
+    /// Normals in all cells of the grid, `side x side` in each from its first corner on, and so nodes among them; those of -Y too.
+    pub(super) fn between(&self, side: usize) -> Vec<Served> {
+        let (down, around) = ((self.polar - 1) * side, self.azimuth * side);
+        let served = |row: usize, column: usize| self.served(Vec2::new(column as f32, row as f32) / side as f32);
+        (0..=down).flat_map(|row| (0..around).map(move |column| served(row, column))).collect()
+    }
+
+    /// The normal at a position on the grid.
+    fn served(&self, position: Vec2) -> Served {
+        let normal = latlong::direction(position / Vec2::new(self.azimuth as f32, (self.polar - 1) as f32));
+        let cell = self.cell(position);
+        let (nodes, weights) = (self.nodes_of(cell.corner, cell.next), cell.weights());
+        let sum: Vec3A = nodes.iter().zip(weights).map(|(&node, weight)| weight * self.normal(node)).sum();
+        Served { normal, nodes, weights, length: sum.length() }
+    }
+
+    /// For each row of nodes the largest angle, in radians, between a normal in the cells around and the weighted sum of its nodes.
+    pub(super) fn reaches(&self) -> Vec<f32> {
+        /// Less than half a turn, so that a cap that is wider by it is none twice.
+        const FARTHEST: f32 = 3.0;
+        /// Normals along a side of a cell: the angle is smooth, and 0 at the corners.
+        const SIDE: usize = 16;
+        let angle = |row: usize, k: usize| {
+            let inside = Vec2::new((k % (SIDE + 1)) as f32, (k / (SIDE + 1)) as f32) / SIDE as f32;
+            let Served { normal, nodes, weights, .. } =
+                self.served(Vec2::new(0.0, row as f32) + inside.min(Vec2::splat(0.999_999)));
+            let sum: Vec3A = nodes.iter().zip(weights).map(|(&node, weight)| weight * self.normal(node)).sum();
+            // Of opposite normals the sum may vanish, and leads nowhere.
+            let angle = normal.angle_between(sum);
+            if angle < FARTHEST { angle } else { FARTHEST }
+        };
+        let of_cells: Vec<f32> =
+            (0..self.polar - 1).map(|row| (0..(SIDE + 1).pow(2)).map(|k| angle(row, k)).fold(0.0, f32::max)).collect();
+        (0..self.polar).map(|row| of_cells[row.saturating_sub(1)].max(of_cells[row.min(self.polar - 2)])).collect()
+    }
+}
+
 /// A cell of the grid and a position in it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GridCell {

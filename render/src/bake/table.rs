@@ -5,11 +5,12 @@ use rayon::prelude::*;
 
 use super::{
     cell_grid::CellGrid,
-    cell_masses::{CellMasses, FoundRow, Node},
+    cell_masses::{Blend, CellMasses, Node},
     normal_grid::NormalGrid,
 };
 use crate::{
     columns::{Arena, vectorized},
+    discrete::BELOW_ONE,
     error::{Error, Result},
     sampler::IntermediateDensity,
     simd::{LANES, Lanes},
@@ -22,9 +23,9 @@ const FLOOR: f32 = 2e-3;
 
 /// Piecewise constant masses over the cells of Y for every normal of a grid.
 ///
-/// Between normals the *masses* are interpolated bilinearly. A sample picks one of the four nodes around its normal in
-/// proportion to weight times mass and inverts that node's table, which draws from the interpolated table; the pdf is that of
-/// the interpolated table, not of the one table drawn from. Because `max(0, n . w)` is convex in `n`, the interpolated table of a
+/// Between normals the *masses* are interpolated bilinearly. A sample inverts the interpolated table, whose running sums are
+/// the weighted sums of those of the four nodes around the normal: first the rows by `z.y`, then the columns of the row by `z.x`. Each
+/// coordinate of y grows with its own of z, so strata of z stay strata of y. Because `max(0, n . w)` is convex in `n`, the interpolated table of a
 /// cosine is nowhere much below the cosine, so weights stay bounded.
 #[derive(Clone, Debug)]
 pub struct BakedTable {
@@ -122,11 +123,11 @@ impl BakedTable {
 }
 
 /// State of a shading point: the numbers of the four nodes around its normal (as bits), their weights times their scales, and the
-/// running sums of weight times mass.
-const COLUMNS: usize = 12;
+/// sum of weight times mass.
+const COLUMNS: usize = 9;
 const NODES: usize = 0;
 const WEIGHTS: usize = 4;
-const SUMS: usize = 8;
+const TOTAL: usize = 8;
 
 vectorized! {
     /// One strip of normals.
@@ -161,50 +162,36 @@ vectorized! {
                 sum[k] += weight * masses[corner][k];
                 state[WEIGHTS + corner][k] = weight;
             }
-            state[SUMS + corner] = sum;
         }
+        state[TOTAL] = sum;
     }
 }
 
-/// The nodes of one lane.
+/// The four tables of one lane.
 #[inline(always)]
-fn nodes_of(state: &[Lanes], lane: usize) -> [usize; 4] {
-    let mut nodes = [0; 4];
-    for (corner, node) in nodes.iter_mut().enumerate() {
-        *node = state[NODES + corner][lane].to_bits() as usize;
+fn blend_of(state: &[Lanes], lane: usize) -> Blend {
+    let mut blend = Blend { nodes: [0; 4], weights: [0.0; 4] };
+    for corner in 0..4 {
+        blend.nodes[corner] = state[NODES + corner][lane].to_bits() as usize;
+        blend.weights[corner] = state[WEIGHTS + corner][lane];
     }
-    nodes
+    blend
 }
 
-/// Which of the four nodes each lane draws from, and what is left of its uniform number for the node's rows.
+/// A position in a row or column of cells, below the next one even where the sum is rounded.
 #[inline(always)]
-fn pick_nodes(z: &Lanes, state: &[Lanes]) -> ([u32; LANES], Lanes) {
-    let (mut picked, mut targets) = ([0; LANES], [0.0; LANES]);
-    for k in 0..LANES {
-        let target = z[k] * state[SUMS + 3][k];
-        let (mut before, mut weight, mut index) = (0.0, state[WEIGHTS][k], 0);
-        for corner in 0..3 {
-            let passed = target >= state[SUMS + corner][k];
-            before = if passed { state[SUMS + corner][k] } else { before };
-            weight = if passed { state[WEIGHTS + corner + 1][k] } else { weight };
-            index = if passed { corner as u32 + 1 } else { index };
-        }
-        // A node of weight 0 has an empty share and is never picked but by rounding, and then its first cell will do.
-        targets[k] = (target - before) / if weight > f32::MIN_POSITIVE { weight } else { f32::MIN_POSITIVE };
-        picked[k] = index;
-    }
-    (picked, targets)
+fn inside(index: usize, position: f32) -> f32 {
+    let (index, end) = (index as i32 as f32, (index + 1) as i32 as f32 * BELOW_ONE);
+    if index + position < end { index + position } else { end }
 }
 
-/// The interpolated densities from the masses of one cell in the four nodes.
+/// The interpolated densities from the interpolated masses of cells.
 #[inline(always)]
-fn blend(table: &BakedTable, masses: &[Lanes; 4], state: &[Lanes]) -> Lanes {
+fn densities(table: &BakedTable, masses: &Lanes, state: &[Lanes]) -> Lanes {
     let unit = table.cells.cells() as f32 / CellMasses::ROW;
     let mut out = [0.0; LANES];
     for k in 0..LANES {
-        let near = state[WEIGHTS][k] * masses[0][k] + state[WEIGHTS + 1][k] * masses[1][k];
-        let far = state[WEIGHTS + 2][k] * masses[2][k] + state[WEIGHTS + 3][k] * masses[3][k];
-        out[k] = (near + far) * unit / state[SUMS + 3][k];
+        out[k] = masses[k] * unit / state[TOTAL][k];
     }
     out
 }
@@ -221,22 +208,19 @@ vectorized! {
         for strip in 0..q.len() {
             let state = &state[strip * COLUMNS..][..COLUMNS];
             let lanes = LANES.min(count - strip * LANES);
-            let (picked, targets) = pick_nodes(&z[1][strip], state);
-            let (mut found, mut masses) = ([FoundRow::default(); LANES], [[0.0; LANES]; 4]);
+            let (mut found, mut masses) = ([0; LANES], [0.0; LANES]);
             for k in 0..lanes {
-                found[k] = table.quantized.search_row(nodes_of(state, k)[picked[k] as usize & 3], targets[k]);
+                let target = z[1][strip][k] * state[TOTAL][k];
+                let (row, below) = table.quantized.search_row(&blend_of(state, k), target);
+                y_v[strip][k] = inside(row, below) / rows;
+                found[k] = row;
             }
             for k in 0..lanes {
-                let row = found[k];
-                let (column, right) = table.quantized.search_column(row, z[0][strip][k]);
-                y_u[strip][k] = (column as f32 + right) / columns;
-                y_v[strip][k] = (row.index as f32 + row.below) / rows;
-                let cell = table.quantized.masses(nodes_of(state, k), row.index, column);
-                for (masses, mass) in masses.iter_mut().zip(cell) {
-                    masses[k] = mass;
-                }
+                let (column, right, mass) = table.quantized.search_column(&blend_of(state, k), found[k], z[0][strip][k]);
+                y_u[strip][k] = inside(column, right) / columns;
+                masses[k] = mass;
             }
-            q[strip] = blend(table, &masses, state);
+            q[strip] = densities(table, &masses, state);
         }
     }
 }
@@ -247,15 +231,12 @@ vectorized! {
     ) {
         for strip in 0..q.len() {
             let state = &state[strip * COLUMNS..][..COLUMNS];
-            let mut masses = [[0.0; LANES]; 4];
+            let mut masses = [0.0; LANES];
             for k in 0..LANES.min(count - strip * LANES) {
                 let (row, column) = table.cells.cell(Vec2::new(y[0][strip][k], y[1][strip][k]));
-                let cell = table.quantized.masses(nodes_of(state, k), row, column);
-                for (masses, mass) in masses.iter_mut().zip(cell) {
-                    masses[k] = mass;
-                }
+                masses[k] = table.quantized.mass(&blend_of(state, k), row, column);
             }
-            q[strip] = blend(table, &masses, state);
+            q[strip] = densities(table, &masses, state);
         }
     }
 }
@@ -285,5 +266,103 @@ impl IntermediateDensity for BakedTable {
 
     fn density(&self, at: &Rows<'_>, state: &[Lanes], y: [&[Lanes]; 2], q: &mut [Lanes], _arena: &Arena) {
         density(self, at.len(), state, y, q);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Purpose, Stream};
+
+    const GRIDS: [(usize, usize); 6] = [(1, 1), (5, 12), (8, 8), (32, 32), (7, 33), (64, 64)];
+
+    /// Waves that change with the normal, one cell that outweighs its row, and a node without mass.
+    fn waves(rows: usize, columns: usize) -> BakedTable {
+        let (normals, cells) = (NormalGrid::new(5, 7).unwrap(), CellGrid::new(rows, columns).unwrap());
+        BakedTable::fill(normals, cells, |normal, masses| {
+            for (k, mass) in masses.iter_mut().enumerate() {
+                let wave = (0.7 * k as f32 + 3.0 * normal.x + normal.z).sin();
+                *mass = if normal.y < -0.999 { 0.0 } else { (wave + 0.9).max(0.0) * (1.1 + normal.y) };
+            }
+            masses[rows * columns / 2] *= 1e3;
+        })
+        .unwrap()
+    }
+
+    fn normals(count: usize) -> Vec<Vec3A> {
+        let mut random = Stream::new(4, Purpose::Test, 0);
+        let mut normals: Vec<Vec3A> = (0..count).map(|_| random.direction()).collect();
+        normals.extend([Vec3A::Y, -Vec3A::Y, Vec3A::X, Vec3A::Z, -Vec3A::Z]);
+        normals
+    }
+
+    /// Each coordinate of y grows with its own uniform number, from 0 to 1, and the rows do not depend on the other one.
+    #[test]
+    fn draws_grow_with_their_uniform_numbers() {
+        const STEPS: usize = 4096;
+        let share = |k: usize| k as f32 / STEPS as f32;
+        for (rows, columns) in GRIDS {
+            let table = waves(rows, columns);
+            for normal in normals(20) {
+                let down: Vec<Vec2> = (0..STEPS).map(|k| Vec2::new(0.3, share(k))).collect();
+                let along: Vec<Vec2> = (0..STEPS).map(|k| Vec2::new(share(k), 0.7)).collect();
+                let (down, along) = (table.sample_at(normal, &down), table.sample_at(normal, &along));
+                assert!(down.windows(2).all(|pair| pair[0].0.y < pair[1].0.y), "{rows}x{columns} {normal}");
+                assert!(along.windows(2).all(|pair| pair[0].0.x < pair[1].0.x && pair[0].0.y == pair[1].0.y));
+                assert_eq!((down[0].0.y, along[0].0.x), (0.0, 0.0));
+                let ends = table.sample_at(normal, &[Vec2::splat(BELOW_ONE)])[0].0;
+                assert!(ends.x < 1.0 && ends.y < 1.0 && ends.min_element() > 0.99, "{ends}");
+            }
+        }
+    }
+
+    /// What is drawn is the inverse of the interpolated density's integral: that of the rows up to y, and of the row up to y, give z back.
+    #[test]
+    fn draws_invert_the_integral_of_the_density() {
+        for (rows, columns) in GRIDS {
+            let table = waves(rows, columns);
+            let middle = |k: usize| {
+                Vec2::new(((k % columns) as f32 + 0.5) / columns as f32, ((k / columns) as f32 + 0.5) / rows as f32)
+            };
+            let centres: Vec<Vec2> = (0..rows * columns).map(middle).collect();
+            let mut random = Stream::new(5, Purpose::Test, 0);
+            for normal in normals(20) {
+                let q: Vec<f64> = table.density_at(normal, &centres).into_iter().map(f64::from).collect();
+                let of_row = |row: usize| q[row * columns..][..columns].iter().sum::<f64>() / columns as f64;
+                let whole = (0..rows).map(of_row).sum::<f64>() / rows as f64;
+                assert!((whole - 1.0).abs() < 1e-5, "{whole}");
+                let z: Vec<Vec2> = (0..200).map(|_| random.uniform2()).collect();
+                for (z, (y, density)) in z.iter().zip(table.sample_at(normal, &z)) {
+                    let (row, column) = table.cells.cell(y);
+                    let inside = Vec2::new(y.x * columns as f32 - column as f32, y.y * rows as f32 - row as f32);
+                    let own = q[row * columns + column];
+                    assert!((f64::from(density) / own - 1.0).abs() < 1e-5, "{density} {own}");
+                    let above = (0..row).map(of_row).sum::<f64>() + f64::from(inside.y) * of_row(row);
+                    let left = q[row * columns..][..column].iter().sum::<f64>() + f64::from(inside.x) * own;
+                    // Sums of up to 64 rows and the position inside of a row or cell, in single precision.
+                    assert!((above / rows as f64 - f64::from(z.y)).abs() < 4e-6, "{above} {z}");
+                    assert!((left / columns as f64 / of_row(row) - f64::from(z.x)).abs() < 4e-6, "{left} {z}");
+                }
+            }
+        }
+    }
+
+    /// Where the normal passes from one cell of the grid of normals to the next, what a pair of uniform numbers draws does not jump.
+    #[test]
+    fn draws_are_continuous_in_the_normal() {
+        let (table, mut random) = (waves(32, 32), Stream::new(6, Purpose::Test, 0));
+        let z: Vec<Vec2> = (0..100).map(|_| random.uniform2()).collect();
+        for node in table.normals.shape().1..table.normals.nodes() - table.normals.shape().1 {
+            let (at, aside) = (table.normals.normal(node), random.direction());
+            let step = 1e-4 * aside;
+            let [one, other] = [at - step, at + step].map(|normal| table.sample_at(normal.normalize(), &z));
+            for ((one, density), (other, _)) in one.into_iter().zip(other) {
+                // Weights change by 1e-3 at most, and running sums by 2e-3 of the whole; a row of little mass stretches that to its own height,
+                // and columns of another row are other ones.
+                let apart = (one - other).abs();
+                let same_row = table.cells.cell(one).0 == table.cells.cell(other).0;
+                assert!(apart.y < 0.1 && (!same_row || apart.x * density.min(1.0) < 0.1), "{node}: {one} {other}");
+            }
+        }
     }
 }

@@ -10,6 +10,7 @@ use crate::{
     discrete::BELOW_ONE,
     error::{Error, Result},
     large::Large,
+    latlong,
     simd::{LANES, Lanes},
 };
 
@@ -163,6 +164,26 @@ impl BilinearDensity {
         let u = (column as f32 + inside.x + 0.5) / self.width as f32;
         let v = (row as f32 + inside.y) / self.rows() as f32;
         Vec2::new(if u >= 1.0 { (u - 1.0).clamp(0.0, BELOW_ONE) } else { u }, v.min(1.0))
+    }
+
+    /// What the luminance in each row of texels was multiplied by.
+    pub(crate) fn row_weights(&self) -> Vec<f32> {
+        (0..self.height).map(|row| row_weight(row, self.height) as f32).collect()
+    }
+
+    /// The light over the density at points of X, with [`Self::row_weights`]: within a cell the density takes the sine for linear, and next to a pole, where it is not
+    /// small beside its change, the light is up to three times as much. 1 where there is no light.
+    pub(crate) fn light_over_density(&self, weights: &[f32], points: &[Vec2]) -> Vec<f32> {
+        let ratio = |&x: &Vec2| {
+            let (column, row, inside) = self.cell(x);
+            let Corners([a, b, c, d]) = self.corners(column, row);
+            let density = Corners([a, b, c, d]).evaluate(inside);
+            let (upper, lower) = (weights[row], weights[row + 1]);
+            let light =
+                Corners([a / upper, b / upper, c / lower, d / lower]).evaluate(inside) * latlong::sin_theta(x.y);
+            if density > 0.0 { light / density } else { 1.0 }
+        };
+        points.iter().map(ratio).collect()
     }
 
     /// [`Self::density`] over columns.

@@ -30,7 +30,7 @@ const TIMED: usize = 256;
 pub struct Effort {
     /// Shading points.
     pub conditions: u64,
-    /// Strata along a side of Y, and of BRDF samples.
+    /// Strata along a side of Y, which are also the rows of strata of X, and along a side of BRDF samples.
     pub strata: (usize, usize),
     /// Draws for each shading point.
     pub draws: usize,
@@ -98,7 +98,12 @@ impl Bench {
         effort: Effort,
         point: impl Fn(u64) -> ShadingPoint + Sync,
     ) -> Self {
-        let shape = |seed| QuadratureShape { strata: effort.strata.0, brdf_strata: effort.strata.1, seed: Some(seed) };
+        let shape = |seed| QuadratureShape {
+            strata: effort.strata.0,
+            map_rows: effort.strata.0,
+            brdf_strata: effort.strata.1,
+            seed: Some(seed),
+        };
         let quadratures: Vec<Quadrature> = (0..REPLICATES).map(|seed| Quadrature::new(light, shape(seed))).collect();
         let point = |index| {
             let at = point(index);
