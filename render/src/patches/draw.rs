@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 
 use super::{
     CLUSTERS, Level, PARTS, Patches,
-    mass::{Block, Patch, Reflection},
+    mass::{Block, Cosines, Patch, Reflection},
     tree::Cuts,
 };
 use crate::{
@@ -54,13 +54,19 @@ vectorized! {
             for (patch, out) in patches.clusters.iter().zip(&mut *sums) {
                 if is_glossy {
                     // Points of a strip are neighbours: a patch is often below the horizon of all.
-                    let mut rises = false;
+                    let (mut mean, mut half_width, mut bound) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
                     for k in 0..LANES {
-                        rises |= patch.rises(Vec3::new(n[0][k], n[1][k], n[2][k]));
+                        let cosines = patch.cosines(Vec3::new(n[0][k], n[1][k], n[2][k]));
+                        (mean[k], half_width[k], bound[k]) = (cosines.mean, cosines.half_width, cosines.bound);
                     }
-                    if rises {
+                    let mut highest = bound[0];
+                    for k in 1..LANES {
+                        highest = if bound[k] > highest { bound[k] } else { highest };
+                    }
+                    if highest > 0.0 {
                         for k in 0..LANES {
-                            sum[k] += patch.mass::<false>(&reflection(&n, &wo, lobes, k));
+                            let cosines = Cosines { mean: mean[k], half_width: half_width[k], bound: bound[k] };
+                            sum[k] += patch.mass_of::<false>(&reflection(&n, &wo, lobes, k), &cosines);
                         }
                     }
                 } else {

@@ -123,18 +123,12 @@ impl Patch {
 
     /// The interval of cosines over the patch, as if they were uniform on it.
     #[inline(always)]
-    fn cosines(&self, n: Vec3) -> Cosines {
+    pub fn cosines(&self, n: Vec3) -> Cosines {
         let mean = n.dot(self.centroid);
         let half_width = (self.spread(n) + LEAST_VARIANCE).sqrt();
         // By the Cauchy-Schwarz inequality no direction is farther than that along n.
         let reach = smaller(self.mahalanobis * half_width + self.cell, self.reach);
         Cosines { mean, half_width, bound: mean + reach }
-    }
-
-    /// Whether any direction may be above the horizon of a normal.
-    #[inline(always)]
-    pub fn rises(&self, n: Vec3) -> bool {
-        self.cosines(n).bound > 0.0
     }
 
     /// The mass for a diffuse surface.
@@ -146,9 +140,14 @@ impl Patch {
     /// The mass for any surface; that of a surface without a lobe is [`Self::diffuse_mass`].
     #[inline(always)]
     pub fn mass<const LEAF: bool>(&self, at: &Reflection) -> f32 {
-        let cosines = self.cosines(at.n);
+        self.mass_of::<LEAF>(at, &self.cosines(at.n))
+    }
+
+    /// [`Self::mass`] with the cosines to the normal.
+    #[inline(always)]
+    pub fn mass_of<const LEAF: bool>(&self, at: &Reflection, cosines: &Cosines) -> f32 {
         let diffuse = cosines.clamped::<LEAF>();
-        let glossy = self.glossy::<LEAF>(at, &cosines);
+        let glossy = self.glossy::<LEAF>(at, cosines);
         let glossy = if cosines.bound > 0.0 { glossy } else { 0.0 };
         let both = at.diffuse * FRAC_1_PI * diffuse + at.specular * glossy;
         self.energy * if at.specular > 0.0 { both } else { diffuse }
@@ -196,12 +195,14 @@ impl Patch {
 }
 
 /// Cosines over a patch.
-struct Cosines {
-    mean: f32,
+#[derive(Clone, Copy, Debug)]
+pub struct Cosines {
+    /// The mean.
+    pub mean: f32,
     /// Half of the width of the interval of the same variance.
-    half_width: f32,
+    pub half_width: f32,
     /// No direction has a larger one.
-    bound: f32,
+    pub bound: f32,
 }
 
 impl Cosines {
