@@ -36,7 +36,7 @@ for map in "${maps[@]}"; do
         exists "$scene" || continue
         for material in lambert:albedo=0.5 ggx:alpha=0.4; do
             head="$samplers/head-${material%%:*}.safetensors"
-            list="mis,mis2,mis-comp,ris:4,ris:16,head+mis:$head"
+            list="mis,mis2,mis-comp,ris:4,ris:16,patches,head+mis:$head"
             case "$material" in
                 lambert*) list="$list,direct:$samplers/direct.safetensors" ;;
                 *) list="$list,head:$head,ris:4:head:$head,ris:4:direct:$samplers/direct.safetensors" ;;

@@ -77,6 +77,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         SamplerSpec::emitter(),
         SamplerSpec::mis(),
         SamplerSpec::ris(4),
+        SamplerSpec::patches(),
         SamplerSpec::file_with_mis(FileKind::Head, head),
         SamplerSpec::file(FileKind::Direct, table),
     ];

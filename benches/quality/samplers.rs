@@ -12,6 +12,7 @@ use headtail_render::{
     estimator::Ris,
     head::Head,
     latlong,
+    patches::PatchSampler,
     sampler::{
         BrdfSampler, Coverage, Covering, Draws, EmitterSampler, EnvironmentLight, IntermediateDensity, OneSampleMis,
         Oracle, ProductSampler, Sampler,
@@ -68,6 +69,7 @@ fn diffuse(light: &EnvironmentLight, head: Head) -> Fallible<Qualities> {
         ("mis-comp", by_quadrature!(OneSampleMis::new(compensated, brdf))),
         ("ris:4", by_draws(4)?),
         ("ris:16", by_draws(16)?),
+        ("patches", by_quadrature!(PatchSampler::new(light.clone())?)),
         ("head+mis", by_quadrature!(OneSampleMis::new(ProductSampler::new(light.clone(), head), brdf))),
         ("baked 32x32", by_quadrature!(ProductSampler::new(light.clone(), baked))),
         ("direct 8x8", by_quadrature!(direct(light, 8)?)),
@@ -98,6 +100,7 @@ fn glossy(material: Material, light: &EnvironmentLight, head: Head) -> Fallible<
         ("mis-comp", by_quadrature!(OneSampleMis::new(compensated, brdf))),
         ("ris:4", resampled(conditions, light, &emitter, 4)?),
         ("ris:16", resampled(conditions, light, &emitter, 16)?),
+        ("patches", by_quadrature!(OneSampleMis::new(PatchSampler::new(light.clone())?, brdf))),
         ("head", by_quadrature!(head)),
         ("head+mis", by_quadrature!(OneSampleMis::new(head.clone(), brdf))),
         ("ris:4:head", resampled(conditions, light, &head, 4)?),

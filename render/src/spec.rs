@@ -1,6 +1,6 @@
 //! Sampler specifications: `brdf`, `mis`, `ris:4`, `head+mis:FILE`, ... and the estimators that they name.
 //!
-//! A SPEC is a *source* of directions (`brdf`, `emitter`, `oracle`, `KIND:FILE`, or a source in a mixture with BRDF sampling), used alone,
+//! A SPEC is a *source* of directions (`brdf`, `emitter`, `patches`, `oracle`, `KIND:FILE`, or a source in a mixture with BRDF sampling), used alone,
 //! in two-sample MIS (`mis2`) or in resampling (`ris:M`).
 
 use std::{
@@ -103,6 +103,11 @@ impl SamplerSpec {
     /// `oracle`.
     pub fn oracle() -> Self {
         Self::One(Source::Oracle)
+    }
+
+    /// `patches`.
+    pub fn patches() -> Self {
+        Self::One(Source::Patches)
     }
 
     /// `ris:M`.

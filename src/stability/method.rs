@@ -9,6 +9,7 @@ use anyhow::{Context, Result};
 use headtail_render::{
     environment::Environment,
     head::{Head, Linear},
+    patches::PatchSampler,
     sampler::{
         BrdfSampler, CompactEmitters, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler, Sampler,
         WithCompactEmitters,
@@ -24,8 +25,9 @@ use super::{
 };
 
 /// What a method is, in a sentence.
-pub const METHODS: [(&str, &str); 7] = [
+pub const METHODS: [(&str, &str); 8] = [
     (MIS, "one-sample MIS of emitter and BRDF sampling: the baseline"),
+    (PATCHES, "patches of sky, beside BRDF sampling where lobes are narrow: the product in closed form, no training"),
     ("head", "the head alone: the plain method"),
     (HALVES, "the same head and BRDF sampling, one half each"),
     ("selection", "the same with a learned share, trained jointly"),
@@ -36,6 +38,8 @@ pub const METHODS: [(&str, &str); 7] = [
 
 /// The baseline.
 pub const MIS: &str = "mis";
+/// The product in closed form.
+const PATCHES: &str = "patches";
 /// The head in a mixture that it was not trained for.
 const HALVES: &str = "head and brdf by halves";
 /// All remedies.
@@ -87,7 +91,8 @@ impl<'a> Laboratory<'a> {
         let brightest = brightest.with_context(|| format!("{}: no shading point sees light", regime.name))?;
         let pictures = Pictures::new(brightest, &regime.environment);
         let mut laboratory = Self { regime, bench, config, rows: Vec::new(), pictures, lights: Default::default() };
-        laboratory.add(MIS, &OneSampleMis::new(EmitterSampler::new(light), BrdfSampler), 0, "");
+        laboratory.add(MIS, &OneSampleMis::new(EmitterSampler::new(light.clone()), BrdfSampler), 0, "");
+        laboratory.add(PATCHES, &OneSampleMis::new(PatchSampler::new(light)?, BrdfSampler), 0, "");
         laboratory.heads();
         Ok((laboratory.rows, laboratory.pictures))
     }

@@ -105,3 +105,39 @@ impl Lookup {
         u32::from(at & !IS_PATCH)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_cell_finds_the_patch_that_holds_it() {
+        // Below, at and above the top level; a part without patches.
+        for (columns, rows) in [(1, 1), (8, 4), (3, 17), (512, 255)] {
+            let root = Node::root(columns, rows);
+            let (mut patches, mut stack) = (HashMap::new(), vec![root]);
+            while let Some(node) = stack.pop() {
+                let is_dark = node.column >= 4 && node.row >= 2;
+                if node.is_cell() || (node.column * 3 + node.row * 5 + node.width_bits) % 29 == 3 {
+                    if !is_dark && patches.len() < 20_000 {
+                        patches.insert(node, patches.len() as u16 + 1);
+                    }
+                } else {
+                    stack.extend(node.children());
+                }
+            }
+            let lookup = Lookup::new(root, &patches);
+            for row in 0..rows as u32 {
+                for column in 0..columns as u32 {
+                    let mut node = root;
+                    while !node.is_cell() && !patches.contains_key(&node) {
+                        let [first, second] = node.children();
+                        node = if column >= second.column && row >= second.row { second } else { first };
+                    }
+                    let expected = patches.get(&node).copied().unwrap_or(0);
+                    assert_eq!(lookup.patch(column, row), u32::from(expected), "{columns} x {rows}: {column}, {row}");
+                }
+            }
+        }
+    }
+}

@@ -166,3 +166,94 @@ fn mask(bit: u32) -> u32 {
 fn select(mask: u32, a: f32, b: f32) -> f32 {
     f32::from_bits((a.to_bits() & mask) | (b.to_bits() & !mask))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Patches of a square of 8 x 8 cells in the order of the tree, of different sizes.
+    fn patches(root: Node) -> Vec<Node> {
+        let (mut patches, mut stack) = (Vec::new(), vec![root]);
+        while let Some(node) = stack.pop() {
+            if node.is_cell() || (node.column * 3 + node.row * 5 + node.width_bits) % 7 == 1 {
+                patches.push(node);
+            } else {
+                let [a, b] = node.children();
+                stack.extend([b, a]);
+            }
+        }
+        patches
+    }
+
+    #[test]
+    fn rectangles_have_the_share_of_their_patch_and_tile_the_square() {
+        let root = Node::root(8, 8);
+        let patches = patches(root);
+        assert!((8..=64).contains(&patches.len()));
+        let mut forest = Forest::default();
+        // Another tree before it: places are counted from the root of its own.
+        forest.plant(root, &patches[..3]);
+        let start = forest.plant(root, &patches);
+        // One patch has no mass.
+        let masses: Vec<f32> =
+            (0..patches.len()).map(|k| if k == 4 { 0.0 } else { 1.0 + (k * 7 % 5) as f32 }).collect();
+        let mut sums: Vec<f32> = masses
+            .iter()
+            .scan(0.0, |sum, mass| {
+                *sum += mass;
+                Some(*sum)
+            })
+            .collect();
+        let total = sums[sums.len() - 1];
+        sums.resize(64, total);
+        const SIDE: usize = 64;
+        let mut areas = vec![0.0_f32; patches.len()];
+        let mut drawn = vec![0; patches.len()];
+        for k in 0..SIDE * SIDE {
+            let u = ((k % SIDE) as f32 + 0.5) / SIDE as f32;
+            let v = ((k / SIDE) as f32 + 0.5) / SIDE as f32;
+            let (found, cuts) = forest.descend::<1, 0>(
+                &[start; LANES],
+                [[u; LANES], [v; LANES]],
+                (&sums, [total; LANES]),
+                Cuts::SQUARE,
+            );
+            let place = found.place[3] as usize;
+            assert_eq!(found.mass[3], masses[place]);
+            assert!(cuts.left[3] <= u && u <= cuts.right[3] && cuts.top[3] <= v && v <= cuts.bottom[3]);
+            areas[place] = (cuts.right[3] - cuts.left[3]) * (cuts.bottom[3] - cuts.top[3]);
+            drawn[place] += 1;
+        }
+        for (place, (&area, &mass)) in areas.iter().zip(&masses).enumerate() {
+            // A product of at most six quotients in f32.
+            assert!((area - mass / total).abs() < 1e-6, "{place}: {area} {}", mass / total);
+            // A rectangle of a grid of points holds its area but for those along its sides.
+            let expected = mass / total * (SIDE * SIDE) as f32;
+            assert!(
+                (drawn[place] as f32 - expected).abs() <= 2.0 * SIDE as f32,
+                "{place}: {} {expected}",
+                drawn[place]
+            );
+            assert!(mass > 0.0 || drawn[place] == 0);
+        }
+        assert_eq!(drawn.iter().sum::<i32>(), (SIDE * SIDE) as i32);
+    }
+
+    #[test]
+    fn the_order_of_the_tree_keeps_neighbours_together() {
+        // With equal masses of all cells the square is cut as the map is: places are those of the cells.
+        let root = Node::root(8, 8);
+        let cells = root.descendants(6);
+        let mut forest = Forest::default();
+        let start = forest.plant(root, &cells);
+        let sums: Vec<f32> = (1..=64).map(|k| k as f32).collect();
+        for (place, cell) in cells.iter().enumerate() {
+            let (u, v) = ((cell.column as f32 + 0.3) / 8.0, (cell.row as f32 + 0.8) / 8.0);
+            let (found, cuts) =
+                forest.descend::<1, 0>(&[start; LANES], [[u; LANES], [v; LANES]], (&sums, [64.0; LANES]), Cuts::SQUARE);
+            assert_eq!(found.place, [place as u32; LANES]);
+            let inside = cuts.inside(&[u; LANES], &[v; LANES]);
+            assert!((inside[0][0] - 0.3).abs() < 1e-5 && (inside[1][0] - 0.8).abs() < 1e-5);
+        }
+    }
+}

@@ -446,4 +446,35 @@ mod tests {
             assert!((sum - 1.0).abs() < 1e-5, "{sum}");
         }
     }
+
+    #[test]
+    fn a_node_of_the_map_is_a_rectangle_of_y() {
+        for (columns, rows) in [(1, 1), (16, 4), (4, 32), (7, 3), (64, 31)] {
+            let tree = tree(columns, rows);
+            let (root, cells) = (Node::root(columns, rows), (columns * rows) as f32);
+            let mut nodes = vec![root];
+            while let Some(node) = nodes.pop() {
+                let [left, right, top, bottom] = tree.rectangle(node);
+                let inside =
+                    |first: u32, bits: u32, end: usize| first as usize..((first + (1 << bits)) as usize).min(end);
+                let (mut light, mut cell) = (0.0, None);
+                for row in inside(node.row, node.height_bits, rows) {
+                    for column in inside(node.column, node.width_bits, columns) {
+                        light += tree.grid.corners(column, row).mean() / cells;
+                        cell = Some((column as u32, row as u32));
+                    }
+                }
+                // Four sides, each rounded to 6e-8, times sides of at most 1.
+                let area = (right - left) * (bottom - top);
+                assert!((area - light).abs() < 5e-7, "{columns} x {rows} {node:?}: {area} {light}");
+                if let Some((column, row)) = cell {
+                    let y = tree.inverse(tree.grid.point(column, row, Vec2::splat(0.5))).0;
+                    assert!(y.x >= left && y.x <= right && y.y >= top && y.y <= bottom, "{node:?} {y}");
+                }
+                if !node.is_cell() {
+                    nodes.extend(node.children());
+                }
+            }
+        }
+    }
 }

@@ -20,9 +20,9 @@ fn means(setting: &Setting, sampler: &SamplerSpec, spp: u32, runs: u64, first: u
 #[test]
 fn every_kind_of_points_gives_the_same_mean() {
     const RUNS: u64 = 64;
-    let cases = [("mis", 1, 1), ("mis2", 1, 1), ("ris:5", 1, 1), ("ris:4", 3, 1), ("mis", 1, 4)];
-    // Runs are independent, pixels need not be. 5 cases x 3 kinds.
-    let significance = sidak(SIGNIFICANCE, 15);
+    let cases = [("mis", 1, 1), ("mis2", 1, 1), ("ris:5", 1, 1), ("ris:4", 3, 1), ("mis", 1, 4), ("patches", 1, 1)];
+    // Runs are independent, pixels need not be. 6 cases x 3 kinds.
+    let significance = sidak(SIGNIFICANCE, 18);
     for (sampler, spp, depth) in cases {
         let spec: SamplerSpec = sampler.parse().unwrap();
         let of = |points, first| means(&setting("dishes", "window", false, depth, points), &spec, spp, RUNS, first);
@@ -45,7 +45,7 @@ fn error(setting: &Setting, sampler: &SamplerSpec, spp: u32) -> f64 {
 /// The exponent of the error's fall from 4 to 256 samples per pixel, on smooth integrands: no shadows, surfaces without edges in most pixels.
 #[test]
 fn the_error_of_sobol_points_falls_faster_than_that_of_independent_ones() {
-    for sampler in ["brdf", "emitter", "mis", "mis2", "ris:4"] {
+    for sampler in ["brdf", "emitter", "mis", "mis2", "ris:4", "patches"] {
         let spec: SamplerSpec = sampler.parse().unwrap();
         let slope = |points| {
             let setting = setting("cloth", "overcast", true, 1, points);
