@@ -145,18 +145,27 @@ fn step(
     }
 }
 
-/// The share of samples beside BRDF sampling: all for diffuse surfaces, and fewer the narrower a lobe is against the patches.
-///
-/// Fitted to the least relative variance over maps and views: BRDF sampling has 0.5 at alpha = 0.05, 0.2 at 0.1, 0.09 at 0.2 and 0.04 at 0.4.
-#[inline(always)]
-pub(super) fn share_beside_brdf([diffuse, specular, f0, alpha]: [f32; LOBES]) -> f32 {
-    let of_lobe = 0.5 * simd::exp(1.25 * simd::ln(0.05 / alpha));
-    let of_lobe = if of_lobe < MOST_BRDF { of_lobe } else { MOST_BRDF };
-    let of_lobe = if of_lobe > LEAST_BRDF { of_lobe } else { LEAST_BRDF };
-    // A diffuse lobe needs no BRDF sampling; of a dielectric, a third is reflected at grazing angles.
-    let reflected = specular * if f0 > LEAST_REFLECTED { f0 } else { LEAST_REFLECTED };
-    let is_glossy = specular > 0.0;
-    1.0 - if is_glossy { of_lobe * reflected / (reflected + diffuse) } else { 0.0 }
+vectorized! {
+    /// The share of samples beside BRDF sampling: all for diffuse surfaces, and fewer the narrower a lobe is against the patches.
+    ///
+    /// Fitted to the least relative variance over maps and views: BRDF sampling has 0.5 at alpha = 0.05, 0.2 at 0.1, 0.09 at 0.2 and 0.04 at
+    /// 0.4.
+    pub(super) fn shares_beside_brdf['a](_simd, lobes: [&'a [Lanes]; LOBES], out: &'a mut [Lanes]) {
+        for strip in 0..out.len() {
+            let [diffuse, specular, f0, alpha] = [lobes[0][strip], lobes[1][strip], lobes[2][strip], lobes[3][strip]];
+            let mut shares = [0.0; LANES];
+            for k in 0..LANES {
+                let of_lobe = 0.5 * simd::exp(1.25 * simd::ln(0.05 / alpha[k]));
+                let of_lobe = if of_lobe < MOST_BRDF { of_lobe } else { MOST_BRDF };
+                let of_lobe = if of_lobe > LEAST_BRDF { of_lobe } else { LEAST_BRDF };
+                // A diffuse lobe needs no BRDF sampling; of a dielectric, a third is reflected at grazing angles.
+                let reflected = specular[k] * if f0[k] > LEAST_REFLECTED { f0[k] } else { LEAST_REFLECTED };
+                let share = 1.0 - of_lobe * reflected / (reflected + diffuse[k]);
+                shares[k] = if specular[k] > 0.0 { share } else { 1.0 };
+            }
+            out[strip] = shares;
+        }
+    }
 }
 
 /// The share of a mass in all; 0 where there is nothing to draw.

@@ -187,12 +187,7 @@ impl Sampler for PatchSampler {
     fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
         let mut lobes = arena.columns::<LOBES>(at.strips());
         at.lobes(lobes.get_mut(), arena);
-        for (strip, out) in out.iter_mut().enumerate() {
-            let lobes = lobes.get().map(|column| column[strip]);
-            for (k, out) in out.iter_mut().enumerate() {
-                *out = draw::share_beside_brdf(lobes.map(|column| column[k]));
-            }
-        }
+        draw::shares_beside_brdf(lobes.get(), out);
     }
 
     fn coverage(&self) -> Coverage {

@@ -451,7 +451,7 @@ mod tests {
     fn a_node_of_the_map_is_a_rectangle_of_y() {
         for (columns, rows) in [(1, 1), (16, 4), (4, 32), (7, 3), (64, 31)] {
             let tree = tree(columns, rows);
-            let (root, cells) = (Node::root(columns, rows), (columns * rows) as f32);
+            let (root, cells) = (Node::root(columns, rows), (columns * rows) as f64);
             let mut nodes = vec![root];
             while let Some(node) = nodes.pop() {
                 let [left, right, top, bottom] = tree.rectangle(node);
@@ -460,12 +460,12 @@ mod tests {
                 let (mut light, mut cell) = (0.0, None);
                 for row in inside(node.row, node.height_bits, rows) {
                     for column in inside(node.column, node.width_bits, columns) {
-                        light += tree.grid.corners(column, row).mean() / cells;
+                        light += f64::from(tree.grid.corners(column, row).mean()) / cells;
                         cell = Some((column as u32, row as u32));
                     }
                 }
                 // Four sides, each rounded to 6e-8, times sides of at most 1.
-                let area = (right - left) * (bottom - top);
+                let area = f64::from((right - left) * (bottom - top));
                 assert!((area - light).abs() < 5e-7, "{columns} x {rows} {node:?}: {area} {light}");
                 if let Some((column, row)) = cell {
                     let y = tree.inverse(tree.grid.point(column, row, Vec2::splat(0.5))).0;
