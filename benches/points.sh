@@ -1,0 +1,39 @@
+#!/usr/bin/env bash
+# Samplers at equal samples and at equal time with the same points, over scenes and maps, and the geometric means of what they gain:
+#
+#     bash benches/points.sh DATA OUT
+#     SAMPLES=4,16 SECONDS_EACH=0.25,1 MAPS=studio SCENES=cloth bash benches/points.sh DATA OUT
+#
+# Some twenty minutes on four cores; what is there already is not made again. DATA holds envmaps/*.hdr and scenes/*.glb, OUT takes the results.
+set -euo pipefail
+data="$1" out="$2" points="${POINTS:-sobol}"
+headtail="${HEADTAIL:-cargo run --release --quiet --}"
+maps=("$data"/envmaps/{lebombo_1k,studio_small_03_1k,venice_sunset_1k,spiaggia_di_mondello_1k}.hdr)
+scenes=(temple dishes diorama droid bedroom cloth "$data"/scenes/{japanese_temple,terrarium_robots,japanese_bridge_garden,usd_shaderball,spot}.glb)
+[ -z "${MAPS:-}" ] || read -ra maps <<<"$MAPS"
+[ -z "${SCENES:-}" ] || read -ra scenes <<<"$SCENES"
+budgets=()
+[ -z "${SAMPLES-4,16,64}" ] || budgets+=(--spp "${SAMPLES-4,16,64}")
+[ -z "${SECONDS_EACH:-}" ] || budgets+=(--seconds "$SECONDS_EACH")
+
+name() { basename "${1%.*}"; }
+
+for map in "${maps[@]}"; do
+    table="$out/direct-$(name "$map").safetensors"
+    mkdir -p "$out"
+    [ -f "$table" ] || $headtail bake --direct --env "$map" --out "$table"
+    for scene in "${scenes[@]}"; do
+        for material in lambert:albedo=0.5 ggx:alpha=0.4; do
+            folder="$out/${material%%:*}-$(name "$scene")-$(name "$map")"
+            [ -f "$folder/results.csv" ] && continue
+            list="mis,mis2,mis-comp,ris:4,patches"
+            [[ "$material" != lambert* ]] || list="$list,direct:$table"
+            ground=()
+            [[ "$scene" != */* ]] || ground=(--ground)
+            $headtail compare --scene "$scene" "${ground[@]}" --material "$material" --env "$map" --points "$points" --samplers "$list" \
+                --width "${WIDTH:-96}" --height "${HEIGHT:-72}" "${budgets[@]}" --runs "${RUNS:-3}" --reference-spp "${REFERENCE:-2048}" \
+                --reference-cache "$out/references" --out "$folder"
+        done
+    done
+done
+python3 "$(dirname "$0")/geometric_means.py" "$out"
