@@ -15,7 +15,7 @@ use crate::{
     error::{Error, Result},
     estimator::{Estimator, Ris, SingleSample, TwoSampleMis},
     export::{ExportedSampler, Intermediate},
-    patches::PatchSampler,
+    patches::{Detail, PatchSampler},
     sampler::{BrdfSampler, Covering, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
     tail::TailKind,
 };
@@ -43,7 +43,7 @@ pub enum Source {
     /// Emitter sampling with MIS compensation, which covers a part only.
     Compensated,
     /// Patches of sky, beside BRDF sampling where surfaces are glossy.
-    Patches,
+    Patches(Detail),
     /// The product, tabulated at every shading point.
     Oracle,
     /// A file's sampler.
@@ -107,7 +107,7 @@ impl SamplerSpec {
 
     /// `patches`.
     pub fn patches() -> Self {
-        Self::One(Source::Patches)
+        Self::One(Source::Patches(Detail::Leaves))
     }
 
     /// `ris:M`.
@@ -191,7 +191,7 @@ impl Source {
                 let light = light()?;
                 Arc::new(ProductSampler::new(light.clone(), Oracle::new(light.tail())))
             }
-            Self::Patches => Arc::new(OneSampleMis::new(PatchSampler::new(light()?)?, BrdfSampler)),
+            Self::Patches(detail) => Arc::new(OneSampleMis::new(PatchSampler::new(light()?, *detail)?, BrdfSampler)),
             Self::File(kind, file) => open(*kind, file, environment, false)?,
             Self::Mixture(source) => match &**source {
                 // The compact emitters of a file are outside of the mixture.
@@ -242,7 +242,7 @@ impl FromStr for SamplerSpec {
 
 /// The source of a part of a SPEC, which `whole` is.
 fn source_of(text: &str, whole: &str) -> Result<Source> {
-    const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, head:FILE, baked:FILE, \
+    const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, patches:fine, head:FILE, baked:FILE, \
                          direct:FILE, head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, oracle";
     let wrong = |reason: String| Error::argument(format!("sampler '{whole}'"), reason);
     let (name, file) = text.split_once(':').map_or((text, None), |(name, file)| (name, Some(file)));
@@ -254,7 +254,8 @@ fn source_of(text: &str, whole: &str) -> Result<Source> {
         "mis" => Source::Emitter.mixed(),
         "mis-comp" => Source::Compensated.mixed(),
         "oracle" => Source::Oracle,
-        "patches" => Source::Patches,
+        "patches" if file == Some("fine") && !mixed => return Ok(Source::Patches(Detail::Twigs)),
+        "patches" => Source::Patches(Detail::Leaves),
         _ => {
             let kind = FileKind::ALL.into_iter().find(|kind| kind.name() == base);
             let kind = kind.ok_or_else(|| wrong(KNOWN.to_owned()))?;
@@ -295,7 +296,8 @@ impl fmt::Display for Source {
             // Not a SPEC: it leaves out what is dim.
             Self::Compensated => f.write_str("compensated emitter"),
             Self::Oracle => f.write_str("oracle"),
-            Self::Patches => f.write_str("patches"),
+            Self::Patches(Detail::Leaves) => f.write_str("patches"),
+            Self::Patches(Detail::Twigs) => f.write_str("patches:fine"),
             Self::File(kind, file) => write!(f, "{}:{}", kind.name(), file.display()),
             Self::Mixture(source) => match &**source {
                 Self::Emitter => f.write_str("mis"),
@@ -330,6 +332,7 @@ mod tests {
             "oracle",
             "oracle+mis",
             "patches",
+            "patches:fine",
             "ris:4:patches",
             "mis2:direct:a",
             "ris:4:head+mis:a",
@@ -352,6 +355,9 @@ mod tests {
             "brdf:1",
             "best",
             "mis+mis:a",
+            "patches:coarse",
+            "patches+mis",
+            "patches+mis:fine",
             "head+mis",
             "ris:4:head",
             "ris:4:mis:x",

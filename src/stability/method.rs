@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use headtail_render::{
     environment::Environment,
     head::{Head, Linear},
-    patches::PatchSampler,
+    patches::{Detail, PatchSampler},
     sampler::{
         BrdfSampler, CompactEmitters, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler, Sampler,
         WithCompactEmitters,
@@ -92,7 +92,7 @@ impl<'a> Laboratory<'a> {
         let pictures = Pictures::new(brightest, &regime.environment);
         let mut laboratory = Self { regime, bench, config, rows: Vec::new(), pictures, lights: Default::default() };
         laboratory.add(MIS, &OneSampleMis::new(EmitterSampler::new(light.clone()), BrdfSampler), 0, "");
-        laboratory.add(PATCHES, &OneSampleMis::new(PatchSampler::new(light)?, BrdfSampler), 0, "");
+        laboratory.add(PATCHES, &OneSampleMis::new(PatchSampler::new(light, Detail::Leaves)?, BrdfSampler), 0, "");
         laboratory.heads();
         Ok((laboratory.rows, laboratory.pictures))
     }

@@ -243,9 +243,16 @@ fn every_sampler_without_a_file_gives_the_same_mean() {
     let view = format!("render --scene sphere --env overcast --unshadowed {SMALL}");
     succeed(path, &format!("{view} --sampler mis --spp 256 --out reference.exr"));
     let expected = mean(&picture(&path.join("reference.exr")));
-    for (sampler, spp) in
-        [("cosine", 64), ("emitter", 64), ("mis2", 64), ("mis-comp", 64), ("ris:4", 64), ("patches", 64), ("oracle", 2)]
-    {
+    for (sampler, spp) in [
+        ("cosine", 64),
+        ("emitter", 64),
+        ("mis2", 64),
+        ("mis-comp", 64),
+        ("ris:4", 64),
+        ("patches", 64),
+        ("patches:fine", 64),
+        ("oracle", 2),
+    ] {
         let said = succeed(path, &format!("{view} --sampler {sampler} --spp {spp} --out picture.exr"));
         assert!(said.starts_with(&format!("{sampler}: {spp} spp")), "{said}");
         let found = mean(&picture(&path.join("picture.exr")));

@@ -20,9 +20,6 @@ const LEAST_BRDF: f32 = 0.03;
 /// The least reflectance that counts for the share.
 const LEAST_REFLECTED: f32 = 0.3;
 
-/// Lobes narrower than this go on to twigs.
-const NARROW: f32 = 0.3;
-
 /// State of a shading point: its [`Reflection`]'s lobes, then the running sums of the masses of the clusters.
 pub(super) const COLUMNS: usize = LOBES + CLUSTERS;
 pub(super) const LOBES: usize = 4;
@@ -114,8 +111,8 @@ struct Path {
 
 /// Whether lanes go on to twigs.
 #[inline(always)]
-fn goes_on(lobes: &[Lanes], lane: usize) -> bool {
-    (lobes[1][lane] > 0.0) & (lobes[3][lane] < NARROW)
+fn goes_on(patches: &Patches, lobes: &[Lanes], lane: usize) -> bool {
+    lobes[3][lane] < patches.narrow
 }
 
 /// One level down for the lanes that go on.
@@ -196,7 +193,7 @@ vectorized! {
             for k in 0..LANES {
                 path.probability[k] = share(found.mass[k], total[k]);
                 points[k] = reflection(&n, &wo, lobes, k);
-                narrow[k] = goes_on(lobes, k);
+                narrow[k] = goes_on(patches, lobes, k);
                 any |= narrow[k];
             }
             step(patches, &patches.leaves, &[true; LANES], &points, z, &mut path);
@@ -251,7 +248,7 @@ vectorized! {
                 let mut probability = share(own, sums[CLUSTERS - 1][k]);
                 probability *= share_of(&part_sums(&patches.leaves.blocks[cluster], &point), leaf % PARTS);
                 let mut inverse_energy = patches.leaves.rectangles[leaf][4];
-                if goes_on(lobes, k) {
+                if goes_on(patches, lobes, k) {
                     probability *= share_of(&part_sums(&patches.twigs.blocks[leaf], &point), twig % PARTS);
                     inverse_energy = patches.twigs.rectangles[twig][4];
                 }

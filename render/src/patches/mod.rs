@@ -36,13 +36,34 @@ use crate::{
 };
 
 /// Most clusters.
-const CLUSTERS: usize = 64;
+const CLUSTERS: usize = 32;
 /// Most leaves of a cluster, and most twigs of a leaf: as many as there are lanes, as a point looks at all of them at once.
 const PARTS: usize = LANES;
+
+/// How finely patches divide the light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// Twigs for narrow lobes only: where noise is visibility's, leaves are enough.
+    Leaves,
+    /// Twigs for all surfaces: a third of the variance without shadows, for a tenth more time.
+    Twigs,
+}
+
+impl Detail {
+    /// Lobes narrower than this go on to twigs.
+    fn narrow(self) -> f32 {
+        match self {
+            Self::Leaves => 0.3,
+            Self::Twigs => f32::INFINITY,
+        }
+    }
+}
 
 /// The patches of a map.
 #[derive(Clone, Debug)]
 pub struct Patches {
+    /// Lobes narrower than this go on to twigs; a diffuse surface counts as one of width 1.
+    narrow: f32,
     clusters: Vec<Patch>,
     leaves: Level,
     twigs: Level,
@@ -104,7 +125,7 @@ impl Level {
 
 impl Patches {
     /// Divides the light of a quad-tree tail.
-    pub fn new(tail: &Hierarchical) -> Self {
+    pub fn new(tail: &Hierarchical, detail: Detail) -> Self {
         let map = MomentMap::new(tail.grid());
         let choice = Choice::new(&map, tail);
         let clusters = choice.divide(map.root(), CLUSTERS);
@@ -117,6 +138,7 @@ impl Patches {
         let (twigs, numbered) = Level::new((&map, tail), &numbered, &mut forest, by_spread);
         let numbers: HashMap<Node, u16> = numbered.into_iter().map(|(number, node)| (node, number as u16)).collect();
         Self {
+            narrow: detail.narrow(),
             clusters: clusters.par_iter().map(|&cluster| Patch::new(&map, cluster)).collect(),
             leaves,
             twigs,
@@ -141,11 +163,11 @@ impl PatchSampler {
     ///
     /// # Errors
     /// Its tail is not a quad-tree, in which alone a rectangle of the map is one of Y.
-    pub fn new(light: EnvironmentLight) -> Result<Self> {
+    pub fn new(light: EnvironmentLight, detail: Detail) -> Result<Self> {
         let Tail::Hierarchical(tail) = &**light.tail() else {
             return Err(Error::argument("patches", "need the hierarchical tail"));
         };
-        let patches = Patches::new(tail);
+        let patches = Patches::new(tail, detail);
         Ok(Self { light, patches })
     }
 }

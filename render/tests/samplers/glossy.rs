@@ -85,11 +85,17 @@ fn for_all_glossy(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> 
 fn glossy_directions_are_drawn_with_the_claimed_density() {
     for_all_glossy(3, |world, case, point, tests| {
         // The others have densities that do not depend on the BRDF; the quadrature of this test is made for wide lobes.
-        let glossy = matches!(case.name, "oracle" | "cosine" | "mis" | "patches" | "patches and cosine");
+        let glossy =
+            matches!(case.name, "oracle" | "cosine" | "mis" | "patches" | "patches:fine" | "patches and cosine");
         if !glossy || point.at.lobe_width() < 0.1 {
             return Ok(());
         }
-        let probes = if world.name == "sunset / row-column" { 12 } else { 3 };
+        // Patches end at edges of lamps: three points across see none of the 8e-5 that is drawn in one cell beside a softbox.
+        let probes = match (&*world.name, case.name) {
+            ("sunset / row-column", _) => 12,
+            (_, "patches and cosine") => 8,
+            _ => 3,
+        };
         let dense = case.through_tail.then_some(&world.dense);
         draws_follow_pdf(&AtPoint::new(&*case.sampler, &point.at), dense, probes, tests)
     });

@@ -10,7 +10,7 @@ use headtail_render::{
     head::{Condition, Head, Linear, Mode},
     image::Image,
     latlong,
-    patches::PatchSampler,
+    patches::{Detail, PatchSampler},
     random::{Purpose, Stream},
     sampler::*,
     tail::{Tail, TailKind, WarpMap},
@@ -98,9 +98,10 @@ impl World {
         let head = ProductSampler::new(light.clone(), random_head(Mode::Coupled, 4, &[]));
         add("head and cosine", Box::new(OneSampleMis::new(head, BrdfSampler)), true, false);
         if kind == TailKind::Hierarchical {
-            let patches = || PatchSampler::new(light.clone()).unwrap();
-            add("patches", Box::new(patches()), true, true);
-            add("patches and cosine", Box::new(OneSampleMis::new(patches(), BrdfSampler)), true, false);
+            let patches = |detail| PatchSampler::new(light.clone(), detail).unwrap();
+            add("patches", Box::new(patches(Detail::Leaves)), true, true);
+            add("patches:fine", Box::new(patches(Detail::Twigs)), true, true);
+            add("patches and cosine", Box::new(OneSampleMis::new(patches(Detail::Leaves), BrdfSampler)), true, false);
         }
         // A smooth tail that has nothing to do with the light (and hardly ever draws a sun), and compact emitters where there are any.
         if environment.name() != "sunset" {
