@@ -1,7 +1,7 @@
 //! Patches of sky: product sampling without a table and without training.
 //!
 //! A map is divided into rectangles: clusters, leaves within each cluster, and twigs within each leaf. A patch has its energy and the
-//! first two moments of its directions; from these the light that a surface reflects of it follows in closed form ([`mass`]). A draw picks a
+//! first two moments of its directions; from these the light that a surface reflects of it follows in closed form (`mass.rs`). A draw picks a
 //! cluster, then a leaf, then (for narrow lobes) a twig in proportion to these masses, and lets the tail draw within it: the density over Y is
 //! constant on a patch.
 //!
