@@ -18,6 +18,7 @@ pub mod image;
 pub mod integrator;
 pub mod large;
 pub mod latlong;
+pub(crate) mod morton;
 pub mod one_point;
 pub mod patches;
 pub mod points;

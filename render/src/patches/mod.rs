@@ -31,7 +31,7 @@ use crate::{
     latlong,
     sampler::{Coverage, Draws, EnvironmentLight, Sampler},
     simd::{LANES, Lanes},
-    tail::{Hierarchical, Node, Tail, TailWarp},
+    tail::{Hierarchical, Node, Tail},
     tile::Rows,
 };
 
@@ -45,7 +45,7 @@ const PARTS: usize = LANES;
 pub enum Detail {
     /// Twigs for narrow lobes only: where noise is visibility's, leaves are enough.
     Leaves,
-    /// Twigs for all surfaces: a third of the variance without shadows, for a tenth more time.
+    /// Twigs for all surfaces: less variance where nothing is in shadow, and dearer samples.
     Twigs,
 }
 
@@ -199,8 +199,7 @@ impl Sampler for PatchSampler {
         let [u, v, q] = columns.get_mut();
         latlong::squares(wi, [&mut *u, &mut *v]);
         draw::density(&self.patches, self.light.tail().light(), at, state, [u, v], q);
-        self.light.tail().density_columns([u, v], out);
-        latlong::to_solid_angle(v, out);
+        self.light.pdf_at([u, v], out);
         for (out, q) in out.as_flattened_mut().iter_mut().zip(q.as_flattened()) {
             *out *= q;
         }

@@ -9,7 +9,6 @@ mod sobol;
 mod zsobol;
 
 pub use set::PointSet;
-pub(crate) use zsobol::morton;
 
 use crate::{
     columns::vectorized,

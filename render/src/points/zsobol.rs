@@ -79,27 +79,9 @@ fn hash(mut x: u32) -> u32 {
     x ^ x >> 16
 }
 
-/// The place of a pixel on Morton's curve: the bits of `x` and `y`, alternately.
-pub(crate) fn morton(x: u16, y: u16) -> u32 {
-    let spread = |x: u16| {
-        let mut x = u32::from(x);
-        x = (x | x << 8) & 0x00ff_00ff;
-        x = (x | x << 4) & 0x0f0f_0f0f;
-        x = (x | x << 2) & 0x3333_3333;
-        (x | x << 1) & 0x5555_5555
-    };
-    spread(x) | spread(y) << 1
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_curve_goes_through_squares_of_every_size() {
-        assert_eq!(morton(0b101, 0b011), 0b01_10_11);
-        assert_eq!((morton(u16::MAX, 0), morton(0, u16::MAX)), (0x5555_5555, 0xaaaa_aaaa));
-    }
 
     #[test]
     fn all_orders_of_four_squares_are_equally_frequent() {

@@ -79,8 +79,13 @@ impl EnvironmentLight {
     pub fn pdf(&self, wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
         let mut x = arena.columns::<2>(out.len());
         latlong::squares(wi, x.get_mut());
-        self.tail.density_columns(x.get(), out);
-        latlong::to_solid_angle(x.get()[1], out);
+        self.pdf_at(x.get(), out);
+    }
+
+    /// [`Self::pdf`] of the directions of points of X.
+    pub fn pdf_at(&self, x: [&[Lanes]; 2], out: &mut [Lanes]) {
+        self.tail.density_columns(x, out);
+        latlong::to_solid_angle(x[1], out);
     }
 
     /// [`Self::pdf`] of a list of directions.

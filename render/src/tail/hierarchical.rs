@@ -8,6 +8,7 @@ use crate::{
     discrete::{BELOW_ONE, remap},
     environment::{BilinearDensity, Corners},
     large::Large,
+    morton::{gather, spread},
     simd::{LANES, Lanes},
 };
 
@@ -219,25 +220,6 @@ fn cell_index(square_levels: u32, column: u32, row: u32) -> u32 {
     // One of the two is 0.
     let top = (column >> square_levels) | (row >> square_levels);
     (top << (2 * square_levels)) | (spread(row & low) << 1) | spread(column & low)
-}
-
-/// The 16 low bits, a zero above each.
-#[inline(always)]
-fn spread(bits: u32) -> u32 {
-    let bits = (bits | (bits << 8)) & 0x00ff_00ff;
-    let bits = (bits | (bits << 4)) & 0x0f0f_0f0f;
-    let bits = (bits | (bits << 2)) & 0x3333_3333;
-    (bits | (bits << 1)) & 0x5555_5555
-}
-
-/// Every other bit, from the lowest on: the inverse of [`spread`].
-#[inline(always)]
-fn gather(bits: u32) -> u32 {
-    let bits = bits & 0x5555_5555;
-    let bits = (bits | (bits >> 1)) & 0x3333_3333;
-    let bits = (bits | (bits >> 2)) & 0x0f0f_0f0f;
-    let bits = (bits | (bits >> 4)) & 0x00ff_00ff;
-    (bits | (bits >> 8)) & 0x0000_ffff
 }
 
 /// Cuts a node's rectangle in proportion to the masses of its children; the cuts and the children's rectangles.
