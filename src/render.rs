@@ -91,6 +91,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         "{sampler}: {} spp of {} points in {:.2} s, {:.2} shadow rays per sample, largest weight {:.3}",
         rendering.spp, rendering.points, rendering.seconds, rendering.rays_per_sample, rendering.max_weight
     );
+    if let Some(learned) = rendering.learned {
+        let (megabytes, unknown) = (learned.bytes as f64 / 1e6, 100.0 * learned.unknown);
+        println!(
+            "visibility: {} cells, {megabytes:.1} MB, {unknown:.1} % of samples where nothing was known",
+            learned.cells
+        );
+    }
     if arguments.timings {
         let threads = rayon::current_num_threads();
         println!("thread-seconds by stage, of {threads} threads:\n{}", Timings::take(rendering.seconds, threads));

@@ -32,5 +32,6 @@ pub mod statistics;
 pub mod tail;
 pub mod tile;
 pub mod timings;
+pub mod visibility;
 
 pub use error::{Error, Result};

@@ -13,12 +13,15 @@ use std::{
 use crate::{
     environment::Environment,
     error::{Error, Result},
-    estimator::{Estimator, Ris, SingleSample, TwoSampleMis},
+    estimator::{Estimator, LearnedVisibility, Ris, SingleSample, TwoSampleMis},
     export::{ExportedSampler, Intermediate},
     patches::{Detail, PatchSampler},
     sampler::{BrdfSampler, Covering, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
     tail::TailKind,
 };
+
+/// Most bytes that are learned of a scene.
+const MEMORY: usize = 64 << 20;
 
 /// An estimator by name.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -27,6 +30,8 @@ pub enum SamplerSpec {
     One(Source),
     /// Two-sample MIS with BRDF sampling, power heuristic; two shadow rays.
     Two(Source),
+    /// One direction, from a source that learns what is visible while an image is rendered: patches.
+    Learning(Source),
     /// Resampled importance sampling with this many candidates, half of them from the source, half from BRDF sampling.
     Ris(u32, Source),
 }
@@ -135,7 +140,7 @@ impl SamplerSpec {
     /// Where the directions come from.
     pub fn source(&self) -> &Source {
         match self {
-            Self::One(source) | Self::Two(source) | Self::Ris(_, source) => source,
+            Self::One(source) | Self::Two(source) | Self::Learning(source) | Self::Ris(_, source) => source,
         }
     }
 
@@ -149,9 +154,17 @@ impl SamplerSpec {
     /// # Errors
     /// A file cannot be read, is of another kind, or was made for another map.
     pub fn build(&self, environment: &Arc<Environment>) -> Result<Box<dyn Estimator>> {
+        if let Self::Learning(Source::Patches(detail)) = self {
+            let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+            let patches = PatchSampler::new(light, *detail)?;
+            return Ok(Box::new(LearnedVisibility::new(patches, environment.clone(), MEMORY)?));
+        }
         let source = self.source().build(environment)?;
         let environment = environment.clone();
         Ok(match self {
+            Self::Learning(source) => {
+                return Err(Error::argument(format!("sampler '{source}'"), "learns no visibility: only patches do"));
+            }
             Self::One(_) => Box::new(SingleSample::new(Covering::new(source)?, environment)),
             Self::Two(_) => Box::new(TwoSampleMis::new(source, BrdfSampler, environment)?),
             Self::Ris(candidates, _) => {
@@ -229,6 +242,11 @@ impl FromStr for SamplerSpec {
         if let Some(source) = text.strip_prefix("mis2:") {
             return Ok(Self::Two(source_of(source, text)?));
         }
+        if let Some(source) = text.strip_suffix("+vis") {
+            let source = source_of(source, text)?;
+            let learns = matches!(source, Source::Patches(_));
+            return if learns { Ok(Self::Learning(source)) } else { Err(wrong("only patches learn visibility")) };
+        }
         let Some(rest) = text.strip_prefix("ris").filter(|rest| rest.is_empty() || rest.starts_with(':')) else {
             return Ok(Self::One(source_of(text, text)?));
         };
@@ -242,7 +260,8 @@ impl FromStr for SamplerSpec {
 
 /// The source of a part of a SPEC, which `whole` is.
 fn source_of(text: &str, whole: &str) -> Result<Source> {
-    const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, patches:fine, head:FILE, baked:FILE, \
+    const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, patches:fine, patches+vis, patches:fine+vis, \
+                         head:FILE, baked:FILE, \
                          direct:FILE, head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, oracle";
     let wrong = |reason: String| Error::argument(format!("sampler '{whole}'"), reason);
     let (name, file) = text.split_once(':').map_or((text, None), |(name, file)| (name, Some(file)));
@@ -279,6 +298,7 @@ impl fmt::Display for SamplerSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::One(source) => source.fmt(f),
+            Self::Learning(source) => write!(f, "{source}+vis"),
             Self::Two(Source::Emitter) => f.write_str("mis2"),
             Self::Two(source) => write!(f, "mis2:{source}"),
             Self::Ris(candidates, Source::Emitter) => write!(f, "ris:{candidates}"),
@@ -333,6 +353,8 @@ mod tests {
             "oracle+mis",
             "patches",
             "patches:fine",
+            "patches+vis",
+            "patches:fine+vis",
             "ris:4:patches",
             "mis2:direct:a",
             "ris:4:head+mis:a",
@@ -358,6 +380,8 @@ mod tests {
             "patches:coarse",
             "patches+mis",
             "patches+mis:fine",
+            "mis+vis",
+            "ris:4:patches+vis",
             "head+mis",
             "ris:4:head",
             "ris:4:mis:x",

@@ -22,15 +22,18 @@ pub enum Stage {
     ShadowRays,
     /// BRDF x cosine x light / pdf.
     Shading,
+    /// Telling samplers what was visible, for those that learn.
+    Learning,
 }
 
 /// All stages with their names.
-const STAGES: [(Stage, &str); 5] = [
+const STAGES: [(Stage, &str); 6] = [
     (Stage::CameraRays, "camera rays"),
     (Stage::Sampling, "sampling"),
     (Stage::Pdf, "pdf evaluation"),
     (Stage::ShadowRays, "shadow rays"),
     (Stage::Shading, "shading"),
+    (Stage::Learning, "learning"),
 ];
 
 static ENABLED: AtomicBool = AtomicBool::new(false);
@@ -122,6 +125,6 @@ mod tests {
         flush();
         let timings = Timings::take(1.0, 2);
         assert!(timings.seconds(Stage::Sampling) > 0.0 && timings.seconds(Stage::Shading) == 0.0);
-        assert_eq!(timings.to_string().lines().count(), 6);
+        assert_eq!(timings.to_string().lines().count(), STAGES.len() + 1);
     }
 }

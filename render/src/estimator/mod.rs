@@ -2,25 +2,62 @@
 //!
 //! An estimator proposes contributions; whoever owns the scene finds out which of them are visible and tells the estimator.
 
+mod learned_visibility;
 mod ris;
 mod single_sample;
 mod two_sample_mis;
 
+pub use learned_visibility::LearnedVisibility;
 pub use ris::Ris;
 pub use single_sample::SingleSample;
 pub use two_sample_mis::TwoSampleMis;
 
 use glam::Vec3A;
 
-use crate::{columns::Arena, environment::Environment, points::Points, simd::Lanes, tile::Rows};
+use crate::{
+    columns::Arena,
+    environment::Environment,
+    points::Points,
+    simd::Lanes,
+    tile::Rows,
+    visibility::{CacheSize, Grouping},
+};
 
 /// An unbiased estimator of reflected light: the sum of its contributions that are not occluded.
 pub trait Estimator: Send + Sync {
     /// Adds contributions for each row; all randomness comes from `points`.
     fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena);
 
-    /// Tells which of the contributions that were proposed for these rows are visible. Samplers that learn do it here.
-    fn observe(&self, _at: &Rows<'_>, _contributions: &Contributions, _visible: &[bool]) {}
+    /// An estimator of its own for one rendering, if this one learns while it renders: what it has learned ends with the rendering, so that results
+    /// depend on nothing else.
+    fn learner<'a>(&'a self, _setting: Setting) -> Option<Box<dyn Learner + 'a>> {
+        None
+    }
+}
+
+/// What a rendering is like, for those that learn from it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setting {
+    /// Where the camera stands, in metres.
+    pub eye: Vec3A,
+    /// The angle that a pixel spans, in radians.
+    pub pixel: f32,
+    /// Pixels of the image.
+    pub pixels: usize,
+    /// Who may learn from whom.
+    pub grouping: Grouping,
+}
+
+/// An estimator that learns from shadow rays.
+pub trait Learner: Estimator {
+    /// Tells which of the contributions that were proposed for these rows are visible.
+    fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]);
+
+    /// Lets what was observed be used from now on; after the last time nothing is observed any more.
+    fn learn(&mut self, is_last: bool);
+
+    /// What there is to be told about it.
+    fn size(&self) -> CacheSize;
 }
 
 /// Directions and what they add to an estimate if the environment is seen along them. None of them is black.

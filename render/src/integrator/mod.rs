@@ -1,6 +1,7 @@
 //! The tiled integrator of direct light and of paths.
 
 mod render;
+mod stages;
 mod view;
 mod wavefront;
 

@@ -10,14 +10,16 @@ use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 
 use super::{
+    stages::{Stage, Stages},
     view::View,
-    wavefront::{Pixel, TilePixels, Workspace},
+    wavefront::{Estimate, Pixel, TilePixels, Workspace},
 };
 use crate::{
-    estimator::Estimator,
+    estimator::{Estimator, Learner, Setting},
     image::Image,
     points::{PointSet, Points},
     timings::flush,
+    visibility::CacheSize,
 };
 
 /// Edge of a tile in pixels.
@@ -30,6 +32,9 @@ const BLOCK: usize = 4;
 const PASS: u32 = 16;
 /// The same where time is the budget: a pass should end close to the limit.
 const SHORT_PASS: u32 = 1;
+
+/// Samples for which stages are planned before it is known how many the time is enough for: their first sample is observed.
+const STAGES_FROM: u32 = 16;
 
 /// Largest width and height.
 pub const MAX_SIDE: usize = u16::MAX as usize;
@@ -62,6 +67,8 @@ pub struct Rendering {
     pub rays_per_sample: f64,
     /// The largest luminance of a single contribution before its shadow ray.
     pub max_weight: f32,
+    /// What was learned of visibility, by an estimator that learns.
+    pub learned: Option<CacheSize>,
 }
 
 impl Rendering {
@@ -75,7 +82,8 @@ impl Rendering {
 /// Renders until the budget is spent or `stop` is set; an interrupted image holds the passes that were finished (at least one).
 ///
 /// `progress` is called after every pass with the share of the budget that is spent. Same `points` (their kind and seed) and same number of
-/// samples: same bytes, on any number of threads and whatever the budget was given in.
+/// samples: same bytes, on any number of threads and whatever the budget was given in. An estimator that learns plans for the power of two below the samples
+/// of the budget (of one in time: below what the first sample's duration promises), so that its pictures depend on that number, too.
 ///
 /// # Panics
 /// If a side is longer than [`MAX_SIDE`].
@@ -94,13 +102,24 @@ pub fn render(
     let budget = if budget == Budget::Spp(0) { Budget::Spp(1) } else { budget };
     let pass = if matches!(budget, Budget::Spp(_)) { PASS } else { SHORT_PASS };
     let mut film = Film::new(view.width, view.height);
+    let planned = if let Budget::Spp(total) = budget { total } else { STAGES_FROM };
+    let mut stages = Stages::new(points.set(), planned);
+    let setting = Setting {
+        eye: view.camera.look_from(),
+        pixel: view.camera.pixel_angle(view.height),
+        pixels: view.width * view.height,
+        grouping: stages.grouping(),
+    };
+    let mut learner = estimator.learner(setting);
     let mut spp = 0;
     loop {
-        let count = match budget {
-            Budget::Spp(total) => pass.min(total - spp),
-            Budget::Time(_) => pass,
-        };
-        film.add(&view, estimator, points, spp..spp + count);
+        let stage = stages.of(spp);
+        let mut count = if let Budget::Spp(total) = budget { pass.min(total - spp) } else { pass };
+        if let (Some(_), Some(end)) = (&learner, stage.end) {
+            count = count.min(end - spp);
+        }
+        let learner_now = learner.as_deref();
+        film.add(&view, &Pass { estimator, learner: learner_now, points, stages, stage, samples: (spp, spp + count) });
         spp += count;
         let spent = match budget {
             Budget::Spp(total) => f64::from(spp) / f64::from(total),
@@ -115,8 +134,42 @@ pub fn render(
         if spent >= 1.0 || stop.load(Ordering::Relaxed) {
             break;
         }
+        if let (1, Budget::Time(limit)) = (spp, budget) {
+            stages = Stages::new(points.set(), (limit.as_secs_f64() / start.elapsed().as_secs_f64()) as u32);
+        }
+        let stage = stages.of(spp - 1);
+        if let (Some(learner), true) = (&mut learner, stages.of(spp).number > stage.number) {
+            learner.learn(stage.is_before_last);
+        }
     }
-    film.resolve(points.set(), spp, start.elapsed().as_secs_f64())
+    let learned = learner.map(|learner| learner.size());
+    Rendering { learned, ..film.resolve(points.set(), spp, start.elapsed().as_secs_f64()) }
+}
+
+/// Some samples of every pixel.
+struct Pass<'a> {
+    estimator: &'a dyn Estimator,
+    /// The same estimator if it learns.
+    learner: Option<&'a dyn Learner>,
+    points: Points,
+    stages: Stages,
+    stage: Stage,
+    /// The first, and the first after them.
+    samples: (u32, u32),
+}
+
+impl Pass<'_> {
+    /// What a sample is taken with.
+    fn of(&self, sample: u32) -> (Estimate<'_>, Points) {
+        match self.learner {
+            None => (Estimate { estimator: self.estimator, learner: None }, self.points.at_sample(sample)),
+            Some(learner) => {
+                let observer = Some(learner).filter(|_| self.stage.observes(sample));
+                let points = self.points.at_sample(self.stages.point(&self.stage, sample));
+                (Estimate { estimator: learner, learner: observer }, points)
+            }
+        }
+    }
 }
 
 /// The sums of all pixels, tile after tile: each sum is made in the order of the samples, so that it does not depend on passes.
@@ -148,7 +201,7 @@ impl Film {
     }
 
     /// Adds samples to every pixel, tiles in parallel.
-    fn add(&mut self, view: &View<'_>, estimator: &dyn Estimator, points: Points, samples: std::ops::Range<u32>) {
+    fn add(&mut self, view: &View<'_>, pass: &Pass<'_>) {
         thread_local! {
             static WORKSPACE: RefCell<Workspace> = RefCell::default();
         }
@@ -162,8 +215,9 @@ impl Film {
         }
         tiles.into_par_iter().for_each(|mut pixels| {
             WORKSPACE.with_borrow_mut(|workspace| {
-                for sample in samples.clone() {
-                    workspace.sample(view, estimator, points.at_sample(sample), &mut pixels);
+                for sample in pass.samples.0..pass.samples.1 {
+                    let (estimate, points) = pass.of(sample);
+                    workspace.sample(view, estimate, points, &mut pixels);
                 }
             });
             flush();
@@ -190,6 +244,7 @@ impl Film {
             seconds,
             rays_per_sample: rays as f64 / estimates.max(1) as f64,
             max_weight: pixels.iter().map(|pixel| pixel.max_weight).fold(0.0, f32::max),
+            learned: None,
         }
     }
 }

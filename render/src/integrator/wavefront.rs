@@ -6,7 +6,7 @@ use super::view::View;
 use crate::{
     color::luminance,
     columns::Arena,
-    estimator::{Contributions, Estimator},
+    estimator::{Contributions, Estimator, Learner},
     morton::morton,
     points::{Dimension, Points},
     scene::Ray,
@@ -39,6 +39,14 @@ pub(super) struct TilePixels<'a> {
     pub sums: &'a mut [Pixel],
 }
 
+/// What light is estimated with.
+#[derive(Clone, Copy)]
+pub(super) struct Estimate<'a> {
+    pub estimator: &'a dyn Estimator,
+    /// Who is told what was visible.
+    pub learner: Option<&'a dyn Learner>,
+}
+
 /// What a thread works with, kept from tile to tile.
 #[derive(Default)]
 pub(super) struct Workspace {
@@ -62,7 +70,7 @@ struct Path {
 
 impl Workspace {
     /// Adds one sample to every pixel.
-    pub fn sample(&mut self, view: &View<'_>, estimator: &dyn Estimator, points: Points, pixels: &mut TilePixels<'_>) {
+    pub fn sample(&mut self, view: &View<'_>, estimate: Estimate<'_>, points: Points, pixels: &mut TilePixels<'_>) {
         timed(Stage::CameraRays, || self.trace_camera(view, points, pixels));
         let depth = view.depth.max(1);
         for bounce in 0..depth {
@@ -70,7 +78,7 @@ impl Workspace {
                 break;
             }
             let points = points.at_bounce(bounce);
-            self.estimate(view, estimator, points, pixels);
+            self.estimate(view, estimate, points, pixels);
             if bounce + 1 < depth {
                 self.continue_paths(view, points, bounce + 1);
             }
@@ -117,10 +125,10 @@ impl Workspace {
     }
 
     /// Light estimates at the current shading points, with shadow rays.
-    fn estimate(&mut self, view: &View<'_>, estimator: &dyn Estimator, points: Points, pixels: &mut TilePixels<'_>) {
+    fn estimate(&mut self, view: &View<'_>, estimate: Estimate<'_>, points: Points, pixels: &mut TilePixels<'_>) {
         let Self { arena, tiles: [tile, _], paths: [paths, _], rays, contributions, visible, .. } = self;
         contributions.clear();
-        estimator.propose(&tile.rows(), &points, contributions, arena);
+        estimate.estimator.propose(&tile.rows(), &points, contributions, arena);
         visible.clear();
         visible.resize(contributions.places().len(), true);
         if !view.unshadowed {
@@ -134,7 +142,9 @@ impl Workspace {
                 view.scene.visible_batch(rays, visible);
             });
         }
-        estimator.observe(&tile.rows(), contributions, visible);
+        if let Some(learner) = estimate.learner {
+            timed(Stage::Learning, || learner.observe(&tile.rows(), contributions, visible));
+        }
         let all = contributions.places().iter().zip(contributions.radiance()).zip(&*visible);
         for ((&place, &radiance), &visible) in all {
             let path = &paths[place as usize];

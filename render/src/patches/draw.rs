@@ -12,6 +12,7 @@ use crate::{
     environment::BilinearDensity,
     simd::{self, LANES, Lanes},
     tile::Rows,
+    visibility::Weighting,
 };
 
 /// The largest and the least share of BRDF sampling for a lobe.
@@ -20,9 +21,11 @@ const LEAST_BRDF: f32 = 0.03;
 /// The least reflectance that counts for the share.
 const LEAST_REFLECTED: f32 = 0.3;
 
-/// State of a shading point: its [`Reflection`]'s lobes, then the running sums of the masses of the clusters.
-pub(super) const COLUMNS: usize = LOBES + CLUSTERS;
+/// State of a shading point: its [`Reflection`]'s lobes, the number of its weights, then the running sums of the masses of the clusters.
+pub(super) const COLUMNS: usize = WEIGHTS + 1 + CLUSTERS;
 pub(super) const LOBES: usize = 4;
+/// The column of the numbers of weights.
+pub(super) const WEIGHTS: usize = LOBES;
 
 /// One lane of what shading points reflect.
 #[inline(always)]
@@ -39,16 +42,18 @@ fn reflection(n: &[Lanes; 3], wo: &[Lanes; 3], lobes: &[Lanes], lane: usize) -> 
 
 vectorized! {
     /// The running sums of the clusters' masses; the lobes are there.
-    pub(super) fn prepare['a](_simd, patches: &'a Patches, at: &'a Rows<'a>, state: &'a mut [Lanes]) {
+    pub(super) fn prepare['a, W: Weighting](_simd, patches: &'a Patches, weighting: &'a W, at: &'a Rows<'a>, state: &'a mut [Lanes]) {
         for (strip, state) in state.chunks_exact_mut(COLUMNS).enumerate() {
             let (n, wo) = (at.normals(strip), at.views(strip));
-            let (lobes, sums) = state.split_at_mut(LOBES);
+            let (lobes, sums) = state.split_at_mut(WEIGHTS + 1);
+            let mut weights = [[1.0; LANES]; CLUSTERS];
+            weighting.of_clusters(&lobes[WEIGHTS], &mut weights);
             let mut is_glossy = false;
             for k in 0..LANES {
                 is_glossy |= lobes[1][k] > 0.0;
             }
             let mut sum = [0.0; LANES];
-            for (patch, out) in patches.clusters.iter().zip(&mut *sums) {
+            for ((patch, weights), out) in patches.clusters.iter().zip(&weights).zip(&mut *sums) {
                 if is_glossy {
                     // Points of a strip are neighbours: a patch is often below the horizon of all.
                     let (mut mean, mut half_width, mut bound) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
@@ -63,12 +68,12 @@ vectorized! {
                     if highest > 0.0 {
                         for k in 0..LANES {
                             let cosines = Cosines { mean: mean[k], half_width: half_width[k], bound: bound[k] };
-                            sum[k] += patch.mass_of::<false>(&reflection(&n, &wo, lobes, k), &cosines);
+                            sum[k] += weights[k] * patch.mass_of::<false>(&reflection(&n, &wo, lobes, k), &cosines);
                         }
                     }
                 } else {
                     for k in 0..LANES {
-                        sum[k] += patch.diffuse_mass::<false>(Vec3::new(n[0][k], n[1][k], n[2][k]));
+                        sum[k] += weights[k] * patch.diffuse_mass::<false>(Vec3::new(n[0][k], n[1][k], n[2][k]));
                     }
                 }
                 *out = sum;
@@ -80,9 +85,9 @@ vectorized! {
     }
 }
 
-/// The running sums of the masses of the parts of a patch for one shading point.
+/// The running sums of the weighted masses of the parts of a patch for one shading point.
 #[inline(always)]
-fn part_sums(block: &Block, at: &Reflection) -> Lanes {
+fn part_sums(block: &Block, at: &Reflection, weights: &Lanes) -> Lanes {
     let mut masses = [0.0; LANES];
     if at.specular > 0.0 {
         for k in 0..LANES {
@@ -95,7 +100,7 @@ fn part_sums(block: &Block, at: &Reflection) -> Lanes {
     }
     let mut sum = 0.0;
     for k in 0..LANES {
-        sum += masses[k];
+        sum += weights[k] * masses[k];
         masses[k] = sum;
     }
     masses
@@ -122,6 +127,7 @@ fn step(
     level: &Level,
     goes_on: &[bool; LANES],
     at: &[Reflection; LANES],
+    weights: impl Fn(usize, usize) -> Lanes,
     z: [Lanes; 2],
     path: &mut Path,
 ) {
@@ -129,7 +135,7 @@ fn step(
     for k in 0..LANES {
         if goes_on[k] {
             let number = path.number[k] as usize;
-            sums[k] = part_sums(&level.blocks[number], &at[k]);
+            sums[k] = part_sums(&level.blocks[number], &at[k], &weights(k, number));
             totals[k] = sums[k][PARTS - 1];
             roots[k] = level.roots[number];
         }
@@ -174,14 +180,14 @@ fn share(mass: f32, all: f32) -> f32 {
 
 vectorized! {
     /// Carries uniform points `z` to points of Y, with their densities over Y: 0 where there is nothing to draw.
-    pub(super) fn sample['a](
-        _simd, patches: &'a Patches, at: &'a Rows<'a>, state: &'a [Lanes],
+    pub(super) fn sample['a, W: Weighting](
+        _simd, patches: &'a Patches, weighting: &'a W, at: &'a Rows<'a>, state: &'a [Lanes],
         z: [&'a [Lanes]; 2], y: [&'a mut [Lanes]; 2], q: &'a mut [Lanes],
     ) {
         let [y_u, y_v] = y;
         for strip in 0..q.len() {
             let (n, wo) = (at.normals(strip), at.views(strip));
-            let (lobes, sums) = state[strip * COLUMNS..][..COLUMNS].split_at(LOBES);
+            let (lobes, sums) = state[strip * COLUMNS..][..COLUMNS].split_at(WEIGHTS + 1);
             let z = [z[0][strip], z[1][strip]];
             let total = sums[CLUSTERS - 1];
             let root = [patches.root; LANES];
@@ -196,9 +202,10 @@ vectorized! {
                 narrow[k] = goes_on(patches, lobes, k);
                 any |= narrow[k];
             }
-            step(patches, &patches.leaves, &[true; LANES], &points, z, &mut path);
+            let weights = |lane: usize, cluster| weighting.of_parts(lobes[WEIGHTS][lane], cluster);
+            step(patches, &patches.leaves, &[true; LANES], &points, weights, z, &mut path);
             if any {
-                step(patches, &patches.twigs, &narrow, &points, z, &mut path);
+                step(patches, &patches.twigs, &narrow, &points, |_, _| [1.0; LANES], z, &mut path);
             }
             let inside = path.cuts.inside(&z[0], &z[1]);
             let mut rectangles = [[0.0; LANES]; 5];
@@ -228,13 +235,13 @@ fn within(from: f32, to: f32, inside: f32) -> f32 {
 
 vectorized! {
     /// The density over Y at the points of Y that are carried to points `x` of X.
-    pub(super) fn density['a](
-        _simd, patches: &'a Patches, grid: &'a BilinearDensity, at: &'a Rows<'a>, state: &'a [Lanes],
+    pub(super) fn density['a, W: Weighting](
+        _simd, patches: &'a Patches, weighting: &'a W, grid: &'a BilinearDensity, at: &'a Rows<'a>, state: &'a [Lanes],
         x: [&'a [Lanes]; 2], q: &'a mut [Lanes],
     ) {
         for strip in 0..q.len() {
             let (n, wo) = (at.normals(strip), at.views(strip));
-            let (lobes, sums) = state[strip * COLUMNS..][..COLUMNS].split_at(LOBES);
+            let (lobes, sums) = state[strip * COLUMNS..][..COLUMNS].split_at(WEIGHTS + 1);
             let (mut columns, mut rows) = ([0; LANES], [0; LANES]);
             for k in 0..LANES {
                 let (column, row, _) = grid.cell(Vec2::new(x[0][strip][k], x[1][strip][k]));
@@ -246,10 +253,11 @@ vectorized! {
                 let (leaf, cluster) = (twig / PARTS, twig / (PARTS * PARTS));
                 let own = sums[cluster][k] - if cluster == 0 { 0.0 } else { sums[cluster - 1][k] };
                 let mut probability = share(own, sums[CLUSTERS - 1][k]);
-                probability *= share_of(&part_sums(&patches.leaves.blocks[cluster], &point), leaf % PARTS);
+                let weights = weighting.of_parts(lobes[WEIGHTS][k], cluster);
+                probability *= share_of(&part_sums(&patches.leaves.blocks[cluster], &point, &weights), leaf % PARTS);
                 let mut inverse_energy = patches.leaves.rectangles[leaf][4];
                 if goes_on(patches, lobes, k) {
-                    probability *= share_of(&part_sums(&patches.twigs.blocks[leaf], &point), twig % PARTS);
+                    probability *= share_of(&part_sums(&patches.twigs.blocks[leaf], &point, &[1.0; LANES]), twig % PARTS);
                     inverse_energy = patches.twigs.rectangles[twig][4];
                 }
                 q[strip][k] = probability * inverse_energy;

@@ -19,6 +19,7 @@ use std::collections::HashMap;
 
 use choice::Choice;
 use draw::{COLUMNS, LOBES};
+use glam::Vec3A;
 use lookup::Lookup;
 use mass::{Block, Patch};
 use moments::MomentMap;
@@ -33,10 +34,9 @@ use crate::{
     simd::{LANES, Lanes},
     tail::{Hierarchical, Node, Tail},
     tile::Rows,
+    visibility::{CLUSTERS, PATCHES, Unoccluded, Weighting},
 };
 
-/// Most clusters.
-const CLUSTERS: usize = 32;
 /// Most leaves of a cluster, and most twigs of a leaf: as many as there are lanes, as a point looks at all of them at once.
 const PARTS: usize = LANES;
 
@@ -170,27 +170,60 @@ impl PatchSampler {
         let patches = Patches::new(tail, detail);
         Ok(Self { light, patches })
     }
+
+    /// The same sampler with the masses of patches multiplied by weights.
+    pub fn weighted<'a, W: Weighting>(&'a self, weighting: &'a W) -> WeightedPatches<'a, W> {
+        WeightedPatches { light: &self.light, patches: &self.patches, weighting }
+    }
+
+    /// The shares of light of all patches that weights are given for; 0 of those that there are not.
+    pub fn energies(&self) -> Vec<f32> {
+        let mut energies: Vec<f32> = self.patches.leaves.blocks.iter().flat_map(|block| block[0]).collect();
+        energies.resize(PATCHES, 0.0);
+        energies
+    }
+
+    /// The patches that directions belong to: numbers of [`Self::energies`].
+    pub fn patches_of(&self, wi: &[Vec3A]) -> Vec<u16> {
+        let grid = self.light.tail().light();
+        wi.iter()
+            .map(|&wi| {
+                let (column, row, _) = grid.cell(latlong::square(wi));
+                (self.patches.lookup.patch(column as u32, row as u32) / PARTS as u32) as u16
+            })
+            .collect()
+    }
 }
 
-impl Sampler for PatchSampler {
+/// A [`PatchSampler`] with weights.
+#[derive(Clone, Copy, Debug)]
+pub struct WeightedPatches<'a, W> {
+    light: &'a EnvironmentLight,
+    patches: &'a Patches,
+    weighting: &'a W,
+}
+
+impl<W: Weighting> Sampler for WeightedPatches<'_, W> {
     fn columns(&self) -> usize {
         COLUMNS
     }
 
     fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
-        let mut lobes = arena.columns::<LOBES>(at.strips());
-        at.lobes(lobes.get_mut(), arena);
+        let mut columns = arena.columns::<{ LOBES + 1 }>(at.strips());
+        let [a, b, c, d, weights] = columns.get_mut();
+        at.lobes([a, b, c, d], arena);
+        self.weighting.indices(at, weights);
         for (strip, state) in state.chunks_exact_mut(COLUMNS).enumerate() {
-            for (to, from) in state.iter_mut().zip(lobes.get()) {
+            for (to, from) in state.iter_mut().zip(columns.get()) {
                 *to = from[strip];
             }
         }
-        draw::prepare(&self.patches, at, state);
+        draw::prepare(self.patches, self.weighting, at, state);
     }
 
     fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
         let mut y = arena.columns::<2>(at.strips());
-        draw::sample(&self.patches, at, state, u, y.get_mut(), out.pdf);
+        draw::sample(self.patches, self.weighting, at, state, u, y.get_mut(), out.pdf);
         self.light.directions(y.get(), out, arena);
     }
 
@@ -198,7 +231,7 @@ impl Sampler for PatchSampler {
         let mut columns = arena.columns::<3>(at.strips());
         let [u, v, q] = columns.get_mut();
         latlong::squares(wi, [&mut *u, &mut *v]);
-        draw::density(&self.patches, self.light.tail().light(), at, state, [u, v], q);
+        draw::density(self.patches, self.weighting, self.light.tail().light(), at, state, [u, v], q);
         self.light.pdf_at([u, v], out);
         for (out, q) in out.as_flattened_mut().iter_mut().zip(q.as_flattened()) {
             *out *= q;
@@ -213,5 +246,31 @@ impl Sampler for PatchSampler {
 
     fn coverage(&self) -> Coverage {
         self.light.coverage()
+    }
+}
+
+impl Sampler for PatchSampler {
+    fn columns(&self) -> usize {
+        self.weighted(&Unoccluded).columns()
+    }
+
+    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
+        self.weighted(&Unoccluded).prepare(at, state, arena);
+    }
+
+    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
+        self.weighted(&Unoccluded).sample(at, state, u, out, arena);
+    }
+
+    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
+        self.weighted(&Unoccluded).pdf(at, state, wi, out, arena);
+    }
+
+    fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        self.weighted(&Unoccluded).share(at, out, arena);
+    }
+
+    fn coverage(&self) -> Coverage {
+        self.weighted(&Unoccluded).coverage()
     }
 }

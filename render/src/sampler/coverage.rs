@@ -42,6 +42,11 @@ impl<S: Sampler> Covering<S> {
     }
 
     /// The sampler.
+    pub fn get(&self) -> &S {
+        &self.0
+    }
+
+    /// The sampler, alone.
     pub fn into_inner(self) -> S {
         self.0
     }

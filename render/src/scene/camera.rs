@@ -92,6 +92,11 @@ impl Camera {
         self.look_from
     }
 
+    /// The angle that a pixel spans in the middle of an image of so many rows, in radians.
+    pub fn pixel_angle(&self, height: usize) -> f32 {
+        2.0 * self.half_height / height as f32
+    }
+
     /// The point in the middle of the image, in metres.
     pub fn look_at(&self) -> Vec3A {
         self.look_at

@@ -6,6 +6,7 @@ use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
     bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
     brdf::Lambert,
+    columns::Arena,
     environment::{Environment, built_in, without_compact_emitters},
     head::{Condition, Head, Linear, Mode},
     image::Image,
@@ -13,8 +14,10 @@ use headtail_render::{
     patches::{Detail, PatchSampler},
     random::{Purpose, Stream},
     sampler::*,
+    simd::Lanes,
     tail::{Tail, TailKind, WarpMap},
-    tile::ShadingPoint,
+    tile::{Rows, ShadingPoint},
+    visibility::{PATCHES, Weighting, Weights},
 };
 use rayon::prelude::*;
 
@@ -28,6 +31,60 @@ pub struct Case {
     pub covers: bool,
     /// Whether it draws through the tail alone, from lit directions only.
     pub through_tail: bool,
+}
+
+/// Patches with weights as learned visibility may give: in three kinds, which alternate from point to point.
+struct Weighted {
+    patches: PatchSampler,
+    weights: Uneven,
+}
+
+struct Uneven([Weights; 3]);
+
+impl Uneven {
+    fn new() -> Self {
+        let of = |salt: usize| {
+            let weight =
+                move |patch: usize| if (patch * 7 + salt) % 5 < 2 { 0.02 } else { ((patch * salt) % 10) as f32 / 10.0 };
+            Weights::new(weight, &[1.0; PATCHES])
+        };
+        Self([of(3), of(11), of(1)])
+    }
+}
+
+impl Weighting for Uneven {
+    fn indices(&self, at: &Rows<'_>, out: &mut [Lanes]) {
+        for (strip, out) in out.iter_mut().enumerate() {
+            // By the point alone, so that a point gets in a tile what it gets alone.
+            *out = at.normals(strip)[0].map(|x| f32::from_bits(((x.abs() * 1e4) as u32) % 3));
+        }
+    }
+
+    fn at(&self, index: f32) -> Option<&Weights> {
+        self.0.get(index.to_bits() as usize)
+    }
+}
+
+impl Sampler for Weighted {
+    fn columns(&self) -> usize {
+        self.patches.weighted(&self.weights).columns()
+    }
+
+    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
+        self.patches.weighted(&self.weights).prepare(at, state, arena);
+    }
+
+    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
+        self.patches.weighted(&self.weights).sample(at, state, u, out, arena);
+    }
+
+    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
+        self.patches.weighted(&self.weights).pdf(at, state, wi, out, arena);
+    }
+
+    fn coverage(&self) -> Coverage {
+        self.patches.weighted(&self.weights).coverage()
+    }
 }
 
 /// A light with everything that samples it, and the truth about it.
@@ -101,6 +158,8 @@ impl World {
             let patches = |detail| PatchSampler::new(light.clone(), detail).unwrap();
             add("patches", Box::new(patches(Detail::Leaves)), true, true);
             add("patches:fine", Box::new(patches(Detail::Twigs)), true, true);
+            let weighted = Weighted { patches: patches(Detail::Leaves), weights: Uneven::new() };
+            add("weighted patches", Box::new(weighted), true, true);
             add("patches and cosine", Box::new(OneSampleMis::new(patches(Detail::Leaves), BrdfSampler)), true, false);
         }
         // A smooth tail that has nothing to do with the light (and hardly ever draws a sun), and compact emitters where there are any.

@@ -1,6 +1,7 @@
 //! Every sampler renders the same picture as every other, a white furnace is white, and threads change nothing.
 
 mod budgets;
+mod learning;
 mod points;
 mod tails_and_emitters;
 
@@ -139,8 +140,9 @@ fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
 }
 
 fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
-    let mut samplers: Vec<SamplerSpec> =
-        ["emitter", "mis", "mis2", "mis-comp", "ris:4"].map(|name| name.parse().unwrap()).into();
+    let mut samplers: Vec<SamplerSpec> = ["emitter", "mis", "mis2", "mis-comp", "ris:4", "patches", "patches+vis"]
+        .map(|name| name.parse().unwrap())
+        .into();
     samplers.extend(exported(folder, environment));
     samplers
 }

@@ -1,0 +1,187 @@
+//! Cells of space: shading points that see much the same sky.
+
+use glam::Vec3A;
+
+use crate::{
+    columns::vectorized,
+    simd::{LANES, Lanes},
+};
+
+/// How many sizes of cells lie within each other, each twice as large as the one below.
+pub const LEVELS: usize = 7;
+
+/// Bits of a coordinate in a key.
+const COORDINATE_BITS: u32 = 17;
+/// Bits of the direction of the normal.
+const AXIS_BITS: u32 = 3;
+/// Bits of the logarithm of a size.
+const SIZE_BITS: u32 = 8;
+/// The smallest logarithm of a size.
+const LEAST_SIZE: i32 = -100;
+/// The largest of a cell that is in none.
+const MOST_SIZE: i32 = 100;
+/// Bits of a key below the group.
+const CELL_BITS: u32 = 3 * COORDINATE_BITS + AXIS_BITS + SIZE_BITS;
+
+/// The division of space into cubes, smaller near to a camera, and by the axis that a normal is nearest to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cells {
+    eye: Vec3A,
+    /// The side of a cell over its distance from the eye.
+    angle: f32,
+}
+
+/// A cell as one group of pixels knows it. Its bits are the group, its size, the axis of normals, and three coordinates modulo 2^17: cells so
+/// far from each other share what they learn, which costs accuracy and nothing else.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct CellKey(pub u64);
+
+impl Cells {
+    /// Cells that a camera at `eye` sees under an angle of `angle` to twice that, in radians.
+    pub fn new(eye: Vec3A, angle: f32) -> Self {
+        Self { eye, angle: angle.max(f32::MIN_POSITIVE) }
+    }
+
+    /// The cell of the finest level that a point with a normal lies in, in group 0.
+    pub fn key(&self, p: Vec3A, n: Vec3A) -> CellKey {
+        let lanes = |vector: Vec3A| vector.to_array().map(|number| [number; LANES]);
+        CellKey(self.keys(&lanes(p), &lanes(n))[0])
+    }
+
+    /// [`Self::key`] for a strip of points.
+    #[inline(always)]
+    pub fn keys(&self, p: &[Lanes; 3], n: &[Lanes; 3]) -> [u64; LANES] {
+        let eye = self.eye.to_array();
+        let (mut high, mut scale) = ([0_u32; LANES], [0.0; LANES]);
+        for k in 0..LANES {
+            let away = [p[0][k] - eye[0], p[1][k] - eye[1], p[2][k] - eye[2]];
+            let squared = away[0] * away[0] + away[1] * away[1] + away[2] * away[2];
+            let wanted = self.angle * squared.sqrt();
+            // The exponent of the next power of two.
+            let size = (wanted.to_bits() >> 23) as i32 - 126;
+            let size = if size < MOST_SIZE { size } else { MOST_SIZE };
+            let size = if size > LEAST_SIZE { size } else { LEAST_SIZE };
+            scale[k] = f32::from_bits(((127 - size) as u32) << 23);
+            let [x, y, z] = [n[0][k].abs(), n[1][k].abs(), n[2][k].abs()];
+            let is_x = (x >= y) & (x >= z);
+            let along = if is_x {
+                n[0][k]
+            } else if y >= z {
+                n[1][k]
+            } else {
+                n[2][k]
+            };
+            let axis = if is_x {
+                0
+            } else if y >= z {
+                2
+            } else {
+                4
+            };
+            high[k] = ((size - LEAST_SIZE) as u32) << AXIS_BITS | axis | u32::from(along < 0.0);
+        }
+        let mut at = [[0_u32; LANES]; 3];
+        for (at, p) in at.iter_mut().zip(p) {
+            for k in 0..LANES {
+                at[k] = (p[k] * scale[k]).floor() as i32 as u32 & ((1 << COORDINATE_BITS) - 1);
+            }
+        }
+        let mut out = [0; LANES];
+        for k in 0..LANES {
+            let middle = u64::from(at[0][k]) << (2 * COORDINATE_BITS) | u64::from(at[1][k]) << COORDINATE_BITS;
+            out[k] = u64::from(high[k]) << (3 * COORDINATE_BITS) | middle | u64::from(at[2][k]);
+        }
+        out
+    }
+}
+
+vectorized! {
+    /// [`Cells::keys`], compiled for every instruction set.
+    pub fn keys['a](_simd, cells: &'a Cells, p: &'a [Lanes; 3], n: &'a [Lanes; 3], out: &'a mut [u64; LANES]) {
+        *out = cells.keys(p, n);
+    }
+}
+
+impl CellKey {
+    /// Orders cells by their sizes.
+    pub fn size(self) -> u64 {
+        self.0 >> (3 * COORDINATE_BITS + AXIS_BITS) & ((1 << SIZE_BITS) - 1)
+    }
+
+    /// The group of pixels, below 4.
+    #[inline]
+    pub fn group(self) -> u32 {
+        (self.0 >> CELL_BITS) as u32
+    }
+
+    /// The same cell for another group, below 4.
+    #[inline]
+    #[must_use]
+    pub fn of_group(self, group: u32) -> Self {
+        Self(self.0 & ((1 << CELL_BITS) - 1) | u64::from(group) << CELL_BITS)
+    }
+
+    /// The cell of the level above that it lies in.
+    #[inline]
+    pub fn parent(self) -> Self {
+        let own = |k: u32| {
+            // The sign comes along.
+            let shifted = (self.0 >> (k * COORDINATE_BITS)) << (64 - COORDINATE_BITS);
+            (shifted as i64 >> (64 - COORDINATE_BITS + 1)) as u64 & ((1 << COORDINATE_BITS) - 1)
+        };
+        let rest = (self.0 >> (3 * COORDINATE_BITS)) + (1 << AXIS_BITS);
+        Self(rest << (3 * COORDINATE_BITS) | own(2) << (2 * COORDINATE_BITS) | own(1) << COORDINATE_BITS | own(0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_seen_under_one_to_two_times_their_angle() {
+        let cells = Cells::new(Vec3A::new(1.0, 2.0, 3.0), 0.01);
+        for distance in [1e-3_f32, 0.5, 1.0, 7.0, 300.0, 1e6] {
+            let p = Vec3A::new(1.0 + distance, 2.0, 3.0);
+            let size = cells.key(p, Vec3A::X).size() as i32 + LEAST_SIZE;
+            let ratio = 2.0_f32.powi(size) / (0.01 * distance);
+            assert!((0.999..=2.001).contains(&ratio), "{distance}: {ratio}");
+        }
+    }
+
+    #[test]
+    fn neighbours_share_a_cell_and_other_sides_do_not() {
+        let cells = Cells::new(Vec3A::ZERO, 0.01);
+        let key = |x: f32, y: f32, n: Vec3A| cells.key(Vec3A::new(x, y, 10.0), n);
+        // A side of 0.125.
+        assert_eq!(key(0.01, 0.01, Vec3A::Y), key(0.12, 0.12, Vec3A::new(0.1, 0.9, 0.3)));
+        assert_ne!(key(0.01, 0.01, Vec3A::Y), key(0.13, 0.01, Vec3A::Y));
+        assert_ne!(key(0.01, 0.01, Vec3A::Y), key(-0.01, 0.01, Vec3A::Y));
+        assert_ne!(key(0.01, 0.01, Vec3A::Y), key(0.01, 0.01, Vec3A::NEG_Y));
+    }
+
+    #[test]
+    fn parents_hold_two_cells_along_each_axis() {
+        let cells = Cells::new(Vec3A::ZERO, 0.01);
+        for x in [-100, -5, -4, -1, 0, 3, 4, 77] {
+            let key = |x: i32| cells.key(Vec3A::new((x as f32 + 0.5) / 8.0, 1.0, 100.0), Vec3A::Y);
+            let parent = |x: i32| key(x).parent();
+            assert_eq!(parent(x) == parent(x + 1), x.div_euclid(2 * 8) == (x + 1).div_euclid(2 * 8));
+        }
+        let key = cells.key(Vec3A::new(-3.0, 4.0, 5.0), Vec3A::Z).of_group(2);
+        let far = (0..LEVELS).fold(key, |key, _| key.parent());
+        assert_eq!(far.0 >> (3 * COORDINATE_BITS) & 7, 4, "the axis stays");
+        assert_eq!((far.group(), far.size()), (2, key.size() + LEVELS as u64));
+    }
+
+    #[test]
+    fn whatever_the_numbers_there_is_a_key() {
+        for p in [f32::NAN, f32::INFINITY, -1e38, 1e-44, 0.0] {
+            for angle in [0.0, 1e-3, f32::MAX] {
+                let cells = Cells::new(Vec3A::ZERO, angle);
+                let key = cells.key(Vec3A::splat(p), Vec3A::splat(p));
+                let _ = (0..LEVELS).fold(key, |key, _| key.parent());
+            }
+        }
+    }
+}

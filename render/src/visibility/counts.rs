@@ -1,0 +1,243 @@
+//! Shadow rays counted by cell and patch.
+
+use std::{
+    collections::HashMap,
+    hash::{BuildHasherDefault, Hasher},
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicU64, Ordering::Relaxed},
+    },
+};
+
+use super::{
+    cells::{CellKey, LEVELS},
+    weights::PATCHES,
+};
+
+/// Observations that make a cell.
+const LEAST_RAYS: usize = 8;
+/// A hash of keys that are spread enough by a product.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct KeyHasher(u64);
+
+impl Hasher for KeyHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.write_u64(u64::from(byte));
+        }
+    }
+
+    fn write_u64(&mut self, key: u64) {
+        let product = (self.0 ^ key ^ (key >> 29)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 = product ^ (product >> 32);
+    }
+}
+
+/// A shadow ray from a cell that is not there yet: its patch, and in the lowest bit whether it came through.
+type Ray = (CellKey, u16);
+
+/// The cells with their counts.
+#[derive(Debug, Default)]
+pub struct Counts {
+    places: HashMap<CellKey, u32, BuildHasherDefault<KeyHasher>>,
+    /// Of each cell, the place of the one that it lies in.
+    parents: Vec<Option<u32>>,
+    keys: Vec<CellKey>,
+    /// For each cell and patch the rays that came through in the upper half, all in the lower.
+    rays: Vec<AtomicU64>,
+    /// Rays of cells that are not there.
+    fresh: Mutex<Vec<Ray>>,
+}
+
+impl Counts {
+    /// The finest cell that a key lies in, and how many levels above it.
+    #[inline]
+    pub fn find(&self, mut key: CellKey) -> Option<(u32, usize)> {
+        if self.places.is_empty() {
+            return None;
+        }
+        for level in 0..LEVELS {
+            if let Some(&cell) = self.places.get(&key) {
+                return Some((cell, level));
+            }
+            key = key.parent();
+        }
+        None
+    }
+
+    /// How many cells.
+    pub fn cells(&self) -> usize {
+        self.parents.len()
+    }
+
+    /// The cell that a cell lies in.
+    pub fn parent(&self, cell: usize) -> Option<u32> {
+        self.parents[cell]
+    }
+
+    /// The cells, smaller ones first.
+    pub fn by_size(&self) -> Vec<usize> {
+        let mut cells: Vec<usize> = (0..self.cells()).collect();
+        cells.sort_by_key(|&cell| self.keys[cell].size());
+        cells
+    }
+
+    /// Rays of each patch: those that came through, and all.
+    pub fn rays(&self, cell: usize) -> impl Iterator<Item = [u32; 2]> {
+        self.rays[cell * PATCHES..][..PATCHES].iter().map(|rays| {
+            let rays = rays.load(Relaxed);
+            [(rays >> 32) as u32, rays as u32]
+        })
+    }
+
+    /// Counts rays.
+    pub fn add(&self, rays: impl Iterator<Item = (CellKey, u16, bool)>) {
+        let (mut fresh, mut last) = (Vec::new(), (None, None));
+        for (key, patch, is_visible) in rays {
+            if last.0 != Some(key) {
+                last = (Some(key), self.find(key));
+            }
+            match last.1 {
+                Some((cell, 0)) => {
+                    let ray = 1 | u64::from(is_visible) << 32;
+                    self.rays[cell as usize * PATCHES + usize::from(patch)].fetch_add(ray, Relaxed);
+                }
+                _ => fresh.push((key, patch << 1 | u16::from(is_visible))),
+            }
+        }
+        if !fresh.is_empty() {
+            self.fresh.lock().unwrap_or_else(PoisonError::into_inner).append(&mut fresh);
+        }
+    }
+
+    /// Makes cells for the rays that had none, at most `most` in all: the finest that were seen often enough, and those that they lie in.
+    pub fn settle(&mut self, most: usize) {
+        let mut rays = std::mem::take(self.fresh.get_mut().unwrap_or_else(PoisonError::into_inner));
+        for level in 0..LEVELS {
+            rays.sort_unstable();
+            let groups: Vec<&[Ray]> = rays.chunk_by(|a, b| a.0 == b.0).collect();
+            let mut new: Vec<(usize, CellKey)> = groups
+                .iter()
+                .filter(|group| group.len() >= LEAST_RAYS || level + 1 == LEVELS)
+                .map(|group| (group.len(), group[0].0))
+                .filter(|(_, key)| !self.places.contains_key(key))
+                .collect();
+            // Where memory is short, the cells that are seen most.
+            new.sort_unstable_by_key(|&(count, key)| (std::cmp::Reverse(count), key));
+            for (_, key) in new {
+                if self.cells() + LEVELS <= most {
+                    self.insert(key, level);
+                }
+            }
+            let mut left = Vec::new();
+            for group in groups {
+                match self.places.get(&group[0].0) {
+                    Some(&place) => {
+                        for (_, ray) in group {
+                            let rays = &mut self.rays[place as usize * PATCHES + usize::from(ray >> 1)];
+                            *rays.get_mut() += 1 | u64::from(ray & 1) << 32;
+                        }
+                    }
+                    None => left.extend(group.iter().map(|&(key, ray)| (key.parent(), ray))),
+                }
+            }
+            rays = left;
+        }
+    }
+
+    /// The same cells with the rays of several groups together.
+    pub fn regrouped(&self, group: impl Fn(u32) -> u32) -> Self {
+        let mut out = Self::default();
+        for (cell, key) in self.keys.iter().enumerate() {
+            let to = out.insert(key.of_group(group(key.group())), self.level_of(cell)) as usize;
+            let rays = &self.rays[cell * PATCHES..][..PATCHES];
+            for (to, from) in out.rays[to * PATCHES..][..PATCHES].iter_mut().zip(rays) {
+                *to.get_mut() += from.load(Relaxed);
+            }
+        }
+        out
+    }
+
+    /// How many cells a cell lies in, from the top.
+    fn level_of(&self, cell: usize) -> usize {
+        let above = std::iter::successors(self.parents[cell], |&parent| self.parents[parent as usize]);
+        (LEVELS - 1).saturating_sub(above.count())
+    }
+
+    /// Adds a cell and all that it lies in; its place.
+    fn insert(&mut self, key: CellKey, level: usize) -> u32 {
+        if let Some(&cell) = self.places.get(&key) {
+            return cell;
+        }
+        let parent = (level + 1 < LEVELS).then(|| self.insert(key.parent(), level + 1));
+        let cell = self.cells() as u32;
+        self.places.insert(key, cell);
+        self.parents.push(parent);
+        self.keys.push(key);
+        self.rays.extend(std::iter::repeat_with(AtomicU64::default).take(PATCHES));
+        cell
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::visibility::cells::Cells;
+    use glam::Vec3A;
+
+    fn rays(count: usize) -> Vec<(CellKey, u16, bool)> {
+        let cells = Cells::new(Vec3A::ZERO, 0.01);
+        let at = |k: usize| Vec3A::new((k * 37 % 101) as f32 * 0.1, 0.0, 9.0 + (k * 53 % 97) as f32 * 0.05);
+        (0..count)
+            .map(|k| (cells.key(at(k), Vec3A::Y).of_group(k as u32 % 4), (k * 7 % PATCHES) as u16, k % 3 == 0))
+            .collect()
+    }
+
+    fn all(counts: &Counts) -> Vec<(CellKey, Option<CellKey>, Vec<[u32; 2]>)> {
+        let parent = |cell| counts.parent(cell).map(|parent| counts.keys[parent as usize]);
+        (0..counts.cells()).map(|cell| (counts.keys[cell], parent(cell), counts.rays(cell).collect())).collect()
+    }
+
+    #[test]
+    fn the_order_of_rays_does_not_matter_and_none_is_lost() {
+        let rays = rays(20_000);
+        let settled = |rays: &mut dyn Iterator<Item = &(CellKey, u16, bool)>| {
+            let mut counts = Counts::default();
+            counts.add(rays.copied());
+            counts.settle(100_000);
+            counts
+        };
+        let (mut forward, mut backward) = (settled(&mut rays.iter()), settled(&mut rays.iter().rev()));
+        assert_eq!(all(&forward), all(&backward));
+        // The same rays once more, now that there are cells.
+        forward.add(rays.iter().copied());
+        backward.add(rays.iter().rev().copied());
+        forward.settle(100_000);
+        backward.settle(100_000);
+        assert_eq!(all(&forward), all(&backward));
+        for counts in [&forward, &forward.regrouped(|group| group >> 1)] {
+            let sum = all(counts).iter().flat_map(|(_, _, rays)| rays).fold([0, 0], |s, r| [s[0] + r[0], s[1] + r[1]]);
+            assert_eq!(sum, [2 * rays.iter().filter(|ray| ray.2).count() as u32, 40_000]);
+        }
+        assert!(all(&forward.regrouped(|group| group >> 1)).iter().all(|(key, ..)| key.group() < 2));
+    }
+
+    #[test]
+    fn memory_is_bounded_and_what_is_seen_most_stays() {
+        let mut counts = Counts::default();
+        counts.add(rays(50_000).into_iter());
+        let often = Cells::new(Vec3A::ZERO, 0.01).key(Vec3A::new(-3.0, 0.0, 9.0), Vec3A::Y);
+        counts.add((0..5000).map(|_| (often, 5, true)));
+        counts.settle(100);
+        assert!((LEVELS..=100).contains(&counts.cells()));
+        assert_eq!(counts.find(often).map(|(_, level)| level), Some(0));
+        let mut none = Counts::default();
+        none.add(rays(100).into_iter());
+        none.settle(0);
+        assert_eq!((none.cells(), none.find(often)), (0, None));
+    }
+}

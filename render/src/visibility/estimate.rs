@@ -1,0 +1,140 @@
+//! From counted rays to weights.
+
+use rayon::prelude::*;
+
+use super::{
+    counts::Counts,
+    weights::{CLUSTERS, PATCHES, Weights},
+};
+use crate::simd::LANES;
+
+/// What visibility is taken for where nothing is known.
+const UNKNOWN: f32 = 0.7;
+/// Rays that what is known from larger cells counts as.
+const STRENGTH: f32 = 64.0;
+/// From this visibility on, a patch counts as seen: the noise of what was learned would only roughen the integrand.
+const SEEN: f32 = 0.2;
+/// The least weight, relative to the mean of the cell: it bounds how bright a sample is that was thought to be in shadow. A weight is the root of a
+/// visibility, the choice of least variance.
+const LEAST: f32 = 0.3;
+
+/// Visibility of the patches of a cell, and of their clusters.
+#[derive(Clone, Debug)]
+struct Visibility {
+    patches: Vec<f32>,
+    clusters: [f32; CLUSTERS],
+}
+
+impl Visibility {
+    /// The visibility that rays of each patch (those that came through, and all) speak for, after that of a larger cell.
+    fn of(rays: impl Iterator<Item = [f32; 2]>, above: &Self) -> Self {
+        let rays: Vec<[f32; 2]> = rays.collect();
+        let mut own = above.clone();
+        for (cluster, rays) in rays.chunks_exact(LANES).enumerate() {
+            let [seen, all] = rays.iter().fold([0.0, 0.0], |sum, rays| [sum[0] + rays[0], sum[1] + rays[1]]);
+            let before = above.clusters[cluster];
+            let mean = (seen + STRENGTH * before) / (all + STRENGTH);
+            own.clusters[cluster] = mean;
+            let patches = &mut own.patches[cluster * LANES..][..LANES];
+            for (patch, [seen, all]) in patches.iter_mut().zip(rays) {
+                // What the cluster has learned goes for all of its patches.
+                let prior = (*patch + mean - before).clamp(0.0, 1.0);
+                *patch = (seen + STRENGTH * prior) / (all + STRENGTH);
+            }
+        }
+        own
+    }
+
+    fn weights(&self, energies: &[f32]) -> Weights {
+        let root = |patch: usize| (self.patches[patch] / SEEN).min(1.0).sqrt();
+        let (mut sum, mut all) = (0.0, f32::MIN_POSITIVE);
+        for (patch, energy) in energies.iter().enumerate() {
+            sum += energy * root(patch);
+            all += energy;
+        }
+        Weights::new(|patch| root(patch).max(LEAST * sum / all), energies)
+    }
+}
+
+/// The weights of all cells, after those of no cell. A cell's visibility is that of the larger one that it lies in until it has rays of its own.
+pub fn weights(counts: &Counts, energies: &[f32]) -> Vec<Weights> {
+    // Cells that others lie in, with the rays of all of these.
+    let order = counts.by_size();
+    let mut place = vec![None; counts.cells()];
+    let mut sums: Vec<Vec<[f32; 2]>> = Vec::new();
+    for cell in 0..counts.cells() {
+        if let Some(parent) = counts.parent(cell) {
+            place[parent as usize].get_or_insert_with(|| {
+                sums.push(vec![[0.0; 2]; PATCHES]);
+                sums.len() - 1
+            });
+        }
+    }
+    for &cell in &order {
+        let above = counts.parent(cell).and_then(|parent| place[parent as usize]);
+        for (patch, rays) in counts.rays(cell).enumerate() {
+            let mut total = rays.map(|rays| rays as f32);
+            if let Some(own) = place[cell] {
+                // Those of all smaller cells are there already.
+                let sum = &mut sums[own][patch];
+                *sum = [sum[0] + total[0], sum[1] + total[1]];
+                total = *sum;
+            }
+            if let Some(above) = above {
+                let sum = &mut sums[above][patch];
+                *sum = [sum[0] + total[0], sum[1] + total[1]];
+            }
+        }
+    }
+    let unknown = Visibility { patches: vec![UNKNOWN; PATCHES], clusters: [UNKNOWN; CLUSTERS] };
+    let mut larger: Vec<Option<Visibility>> = vec![None; sums.len()];
+    let of_parent = |larger: &[Option<Visibility>], cell: usize| {
+        let above = counts.parent(cell).and_then(|parent| place[parent as usize]);
+        above.and_then(|above| larger[above].clone()).unwrap_or_else(|| unknown.clone())
+    };
+    for &cell in order.iter().rev() {
+        if let Some(own) = place[cell] {
+            larger[own] = Some(Visibility::of(sums[own].iter().copied(), &of_parent(&larger, cell)));
+        }
+    }
+    let of_cell = |cell: usize| {
+        let known = place[cell].and_then(|own| larger[own].clone());
+        let own = known.unwrap_or_else(|| {
+            let rays = counts.rays(cell).map(|rays| rays.map(|rays| rays as f32));
+            Visibility::of(rays, &of_parent(&larger, cell))
+        });
+        own.weights(energies)
+    };
+    let mut out = vec![Weights::UNKNOWN];
+    out.par_extend((0..counts.cells()).into_par_iter().map(of_cell));
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::visibility::cells::Cells;
+    use glam::Vec3A;
+
+    #[test]
+    fn what_many_rays_say_is_believed_and_what_none_say_is_taken_from_around() {
+        let cells = Cells::new(Vec3A::ZERO, 0.01);
+        let key = |x: f32| cells.key(Vec3A::new(x, 0.0, 10.0), Vec3A::Y);
+        let mut counts = Counts::default();
+        // In a cell, 4000 rays to patch 3 (one in sixteen comes through) and to patch 20 (none does); in its neighbour, ten to patch 3.
+        let rays = (0..8000).map(|k| (key(0.01), if k % 2 == 0 { 3 } else { 20 }, k % 32 == 0));
+        counts.add(rays.chain((0..10).map(|_| (key(0.13), 3, false))));
+        counts.settle(1000);
+        let energies = vec![1.0; PATCHES];
+        let weights = weights(&counts, &energies);
+        let at = |x: f32, patch| weights[counts.find(key(x)).unwrap().0 as usize + 1].of_patch(patch);
+        // The root of (1/16) / 0.2, in steps of 1/255; 64 rays of the prior, which is as good as the same, change little.
+        assert!((at(0.01, 3) - (0.0625_f32 / SEEN).sqrt()).abs() < 0.015, "{}", at(0.01, 3));
+        // No less than a share of the mean, which is near to 1.
+        assert!((LEAST * 0.9..=LEAST).contains(&at(0.01, 20)), "{}", at(0.01, 20));
+        // Ten rays against 64 of the prior, for the cluster as a whole first: 0.0625 * 64 / 74 = 0.054, and 0.054 * 64 / 74 = 0.0467.
+        assert!((at(0.13, 3) - (0.0467_f32 / SEEN).sqrt()).abs() < 0.015, "{}", at(0.13, 3));
+        // Nothing is known of the patches of another cluster but that they are like all.
+        assert_eq!(at(0.01, 100), 1.0);
+    }
+}

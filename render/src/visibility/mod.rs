@@ -1,0 +1,232 @@
+//! What part of the sky is seen from where, learned from the shadow rays of a rendering.
+//!
+//! Shading points are gathered in cells of space ([`Cells`]), and for each cell the shadow rays are counted that were sent to each patch of
+//! sky, and those that were not stopped ([`Counts`]). From these follow weights ([`Weights`]) that a sampler multiplies its product of light,
+//! BRDF and cosine with: equal areas of Y carry equal light, so patches are small where light is.
+//!
+//! # Why estimates stay unbiased
+//!
+//! A pixel's points are one scrambled sequence: each point alone is uniform, but not after others of the sequence have been seen. So a pixel must not draw with
+//! what its own points have taught, neither directly nor by way of others. Pixels are in four groups, two in each half. What is learned first
+//! a group takes from the other group of its half, which has learned nothing before; what is learned then, from the other half, whose groups have learned
+//! from each other alone. Given all points of the groups that a pixel has learned from, its own are still uniform. Independent points need no
+//! groups.
+
+mod cells;
+mod counts;
+mod estimate;
+mod weights;
+
+pub use cells::Cells;
+pub use weights::{CLUSTERS, PATCHES, Unoccluded, Weighting, Weights};
+
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+use cells::CellKey;
+use counts::Counts;
+use glam::Vec3A;
+
+use crate::{
+    simd::{LANES, Lanes},
+    tile::Rows,
+};
+
+/// The visibility of the sky in the cells of a scene, and what was seen of it since it was last updated.
+#[derive(Debug)]
+pub struct VisibilityCache {
+    cells: Cells,
+    grouping: Grouping,
+    /// Whether groups learn from the other half.
+    by_halves: bool,
+    counts: Counts,
+    weights: Vec<Weights>,
+    /// The shares of light of the patches.
+    energies: Vec<f32>,
+    most_cells: usize,
+    /// Points that were drawn for since the last update: all, and those without a cell.
+    asked: [AtomicU64; 2],
+}
+
+/// Who learns from whom.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Grouping {
+    /// All from all: for points that are independent.
+    One,
+    /// Four groups of pixels, squares of four pixels along a side: for points that are a sequence in each pixel.
+    Four,
+}
+
+/// Where a shadow ray left from.
+#[derive(Clone, Copy, Debug)]
+pub struct Origin {
+    /// Position in metres.
+    pub p: Vec3A,
+    /// Shading normal.
+    pub n: Vec3A,
+    /// The key of the pixel.
+    pub key: u32,
+}
+
+/// What a cache has come to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CacheSize {
+    /// Cells, of all levels.
+    pub cells: usize,
+    /// Bytes that they take.
+    pub bytes: usize,
+    /// The share of the points that were last drawn for of which nothing was known, as they lie in no cell.
+    pub unknown: f64,
+}
+
+/// The lowest bits of keys that a group of pixels has all of: a strip of lanes is in one group.
+const BLOCK_BITS: u32 = 4;
+
+impl VisibilityCache {
+    /// Bytes of a cell: its counts, its weights, and its place in the lists of cells.
+    pub const CELL_BYTES: usize = PATCHES * 8 + size_of::<Weights>() + 40;
+
+    /// A cache that knows nothing yet, of at most `bytes` bytes.
+    ///
+    /// `energies` are the shares of light of [`PATCHES`] patches, in their order; those that do not exist have 0.
+    ///
+    /// # Panics
+    /// If there are not as many energies as patches.
+    pub fn new(cells: Cells, grouping: Grouping, energies: Vec<f32>, bytes: usize) -> Self {
+        assert_eq!(energies.len(), PATCHES, "a share of light for each patch");
+        let (counts, weights, most_cells) = (Counts::default(), vec![Weights::UNKNOWN], bytes / Self::CELL_BYTES);
+        Self { cells, grouping, by_halves: false, counts, weights, energies, most_cells, asked: Default::default() }
+    }
+
+    /// The weights at a point, for the pixel with a key.
+    pub fn weights(&self, p: Vec3A, n: Vec3A, key: u32) -> &Weights {
+        &self.weights[self.index(self.cells.key(p, n).of_group(self.read_group(key))) as usize]
+    }
+
+    /// The number of the weights of a cell: those of the finest that it lies in. 0 where there is none.
+    fn index(&self, key: CellKey) -> u32 {
+        self.counts.find(key).map_or(0, |(cell, _)| cell + 1)
+    }
+
+    /// The group that a pixel's rays are counted in.
+    fn group(&self, key: u32) -> u32 {
+        match self.grouping {
+            Grouping::One => 0,
+            Grouping::Four => key >> BLOCK_BITS & 3,
+        }
+    }
+
+    /// The group that a pixel learns from.
+    fn read_group(&self, key: u32) -> u32 {
+        match self.grouping {
+            Grouping::One => 0,
+            Grouping::Four if self.by_halves => (key >> (BLOCK_BITS + 1) & 1) ^ 1,
+            Grouping::Four => (key >> BLOCK_BITS & 3) ^ 1,
+        }
+    }
+
+    /// Counts shadow rays: where each left from, the patch that it was sent to, and whether it came through. Whatever the order of the rays, and on any
+    /// number of threads, what is learned is the same.
+    pub fn observe(&self, rays: impl Iterator<Item = (Origin, u16, bool)>) {
+        self.counts.add(rays.map(|(from, patch, is_visible)| {
+            (self.cells.key(from.p, from.n).of_group(self.group(from.key)), patch, is_visible)
+        }));
+    }
+
+    /// Turns what was observed into weights. After the last time nothing may be observed any more.
+    pub fn learn(&mut self, is_last: bool) {
+        self.counts.settle(self.most_cells);
+        if is_last && self.grouping == Grouping::Four {
+            self.counts = self.counts.regrouped(|group| group >> 1);
+            self.by_halves = true;
+        }
+        self.weights = estimate::weights(&self.counts, &self.energies);
+        self.asked = Default::default();
+    }
+
+    /// How large it is.
+    pub fn size(&self) -> CacheSize {
+        let cells = self.counts.cells();
+        let [all, unknown] = self.asked.each_ref().map(|count| count.load(Relaxed) as f64);
+        CacheSize { cells, bytes: cells * Self::CELL_BYTES, unknown: unknown / all.max(1.0) }
+    }
+}
+
+impl Weighting for VisibilityCache {
+    fn indices(&self, at: &Rows<'_>, out: &mut [Lanes]) {
+        let mut keys = [[0; LANES]; 1];
+        let (mut last, mut unknown) = ((None, 0), 0);
+        for (strip, out) in out.iter_mut().enumerate() {
+            cells::keys(&self.cells, &at.positions(strip), &at.normals(strip), &mut keys[0]);
+            for k in 0..LANES.min(at.len() - strip * LANES) {
+                let key = CellKey(keys[0][k]).of_group(self.read_group(at.key(strip * LANES + k)));
+                if last.0 != Some(key) {
+                    last = (Some(key), self.index(key));
+                }
+                unknown += u64::from(last.1 == 0);
+                out[k] = f32::from_bits(last.1);
+            }
+        }
+        self.asked[0].fetch_add(at.len() as u64, Relaxed);
+        self.asked[1].fetch_add(unknown, Relaxed);
+    }
+
+    #[inline(always)]
+    fn at(&self, index: f32) -> Option<&Weights> {
+        self.weights.get(index.to_bits() as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The weights that the pixels of each group draw with in the second and in the third stage. What a ray finds depends on what it was drawn with;
+    /// those of group `other` find something else from the first sample on.
+    fn weights_of_groups(grouping: Grouping, other: Option<u32>) -> [Vec<Vec<f32>>; 2] {
+        let mut cache = VisibilityCache::new(Cells::new(Vec3A::ZERO, 0.01), grouping, vec![1.0; PATCHES], 1 << 30);
+        // Four places near to each other; pixels of all groups see each.
+        let place = |k: u32| Vec3A::new(0.1 * (k % 4) as f32, 0.0, 10.0);
+        let drawn = |cache: &VisibilityCache, key: u32, k: u32| -> Vec<f32> {
+            let weights = cache.weights(place(k), Vec3A::Y, key << BLOCK_BITS);
+            (0..PATCHES).map(|patch| weights.of_patch(patch)).collect()
+        };
+        let mut out = [Vec::new(), Vec::new()];
+        for stage in 0..2 {
+            for key in 0..4 {
+                for k in 0..4 {
+                    let bits = drawn(&cache, key, k)
+                        .iter()
+                        .fold(7_u32, |sum, w| sum.wrapping_mul(31).wrapping_add(w.to_bits()));
+                    let bits = bits ^ if other == Some(key) { 0x5555 } else { 0 };
+                    let rays = (0..2000_u32).map(|ray| {
+                        let number = (ray ^ bits).wrapping_mul(0x9e37_79b9) >> 8;
+                        let from = Origin { p: place(k), n: Vec3A::Y, key: key << BLOCK_BITS };
+                        (from, (number % 7) as u16, number % 11 == bits % 11)
+                    });
+                    cache.observe(rays);
+                }
+            }
+            cache.learn(stage == 1);
+            out[stage] = (0..4).map(|key| (0..4).flat_map(|k| drawn(&cache, key, k)).collect()).collect();
+        }
+        out
+    }
+
+    #[test]
+    fn no_pixel_draws_with_what_its_own_points_have_taught_directly_or_by_way_of_others() {
+        let same = weights_of_groups(Grouping::Four, None);
+        for group in 0..4 {
+            let changed = weights_of_groups(Grouping::Four, Some(group));
+            for stage in 0..2 {
+                let differ = |key: usize| same[stage][key] != changed[stage][key];
+                assert!(!differ(group as usize), "group {group}, stage {}", stage + 1);
+                assert!((0..4).any(differ), "others have learned from group {group}");
+            }
+            // In the last stage both groups of the other half have.
+            assert_eq!((0..4).filter(|&key| same[1][key] != changed[1][key]).count(), 2);
+            // Where all learn from all, a group learns from itself.
+            let [of_all, with_change] = [None, Some(group)].map(|other| weights_of_groups(Grouping::One, other));
+            assert_ne!(of_all[0][group as usize], with_change[0][group as usize]);
+        }
+    }
+}
