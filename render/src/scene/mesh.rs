@@ -25,6 +25,8 @@ pub struct Mesh {
     pub(super) triangles: Vec<[u32; 3]>,
     /// Index into the scene's materials.
     pub(super) material: usize,
+    /// What the file calls it; empty where it has no name.
+    pub(super) name: String,
 }
 
 impl Mesh {
@@ -88,6 +90,12 @@ impl Mesh {
         }
         self.tangent_space = (!space.texcoords.is_empty()).then_some(space);
         Ok(self)
+    }
+
+    /// The mesh with a name.
+    #[must_use]
+    pub fn with_name(self, name: impl Into<String>) -> Self {
+        Self { name: name.into(), ..self }
     }
 
     /// The three corners of a triangle.
