@@ -3,11 +3,12 @@
 mod chart;
 mod csv;
 mod gallery;
-mod html;
+pub mod html;
 pub mod number;
 mod overview;
 pub mod picture;
 mod reading;
+pub mod slider;
 mod summary;
 #[cfg(test)]
 mod synthetic;

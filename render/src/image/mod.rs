@@ -13,7 +13,7 @@ mod write;
 
 pub(crate) use compressed::decode_compressed;
 pub use layered::{Channel, encode_layered_exr};
-pub use photograph::Photograph;
+pub use photograph::{Photograph, srgb_code};
 pub(crate) use read::open_regular;
 pub use read::read_radiance;
 pub use size::MAX_PIXELS;
