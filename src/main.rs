@@ -9,6 +9,7 @@ mod composite;
 mod demo;
 mod fit;
 mod inspect;
+mod paper;
 mod progress;
 mod render;
 mod report;
@@ -40,6 +41,7 @@ enum Command {
     Stability(stability::Arguments),
     Composite(composite::Arguments),
     View(view::Arguments),
+    Paper(paper::Arguments),
     Scenes(scenes::Arguments),
     Backends(backends::Arguments),
 }
@@ -74,6 +76,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Stability(arguments) => stability::run(&arguments),
         Command::Composite(arguments) => composite::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
+        Command::Paper(arguments) => paper::run(&arguments),
         Command::Scenes(arguments) => scenes::run(&arguments),
         Command::Backends(arguments) => backends::run(&arguments),
     }

@@ -135,7 +135,7 @@ fn a_second_pass_gives_the_same_mask() {
 /// A white object on a white ground under a white sky: all is as bright as the sky, whatever is shadowed and thrown back.
 #[test]
 fn a_white_furnace_is_white() {
-    let environment = Arc::new(Environment::from_image("white", grey(8, 4, 2.0).image).unwrap());
+    let environment = Arc::new(Environment::from_image("white", grey(256, 128, 2.0).image).unwrap());
     let white: MaterialSpec = "lambert:albedo=1".parse().unwrap();
     let object = Scene::open("sphere").unwrap();
     let object = object.with_material(white.material(&object_bounds()));

@@ -160,6 +160,15 @@ impl Comparison {
     }
 }
 
+/// The charts of runs: MSE against time, and bars of how many times lower it is than that of the baseline, as vector graphics.
+///
+/// # Errors
+/// If there are no runs.
+pub fn charts(rows: &[Row]) -> Result<[String; 2]> {
+    let summary = summary::Summary::of(rows)?;
+    Ok([chart::error_over_time(&summary), chart::ratio_bars(&summary)])
+}
+
 /// Writes a page with a chart of speed and accuracy for each of the given folders of results, and one over all.
 ///
 /// # Errors
