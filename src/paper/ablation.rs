@@ -51,11 +51,12 @@ pub fn section(workshop: &Workshop) -> Result<String> {
     let head = ["MSE at 4 spp", "cosine, temple", "paper", "microfacet, droid", "paper", "neural, bedroom", "paper"];
     let (picture, figures) = inspect::tail_picture(&environment)?;
     Ok(format!(
-        "<p class=\"note\">Every variant is trained alike: {} and {} steps, K = 32 bins, forward KL, no share beside BRDF sampling. The rows add to each other from \
+        "<p class=\"note\">Every variant is trained alike: {} and {} steps, K = 32 bins, forward KL, no share beside BRDF sampling; the flow tail has {} steps. The rows add to each other from \
          the flow tail on. Scenes, maps and lengths of training differ from the paper's: compare within a column.</p>\n{}\
          <h3>Tails</h3>\n{}<pre class=\"command\"><code>{}</code></pre>\n",
         workshop.effort.cosine_steps,
         workshop.effort.ggx_steps,
+        workshop.effort.flow_steps,
         table(&head, &rows),
         strip("wide", &[Panel::new(&picture, "what tails make of a pattern over the square", "")]),
         escape(&figures),
@@ -75,15 +76,16 @@ fn column(
     plain.head.bins = 32;
     plain.head.encoder = None;
     plain.flow.steps = workshop.effort.flow_steps;
-    let flow = FitConfig { tail: TailKind::Flow, ..plain.clone() };
-    let mut encoded = flow.clone();
+    let flow = FitConfig { tail: TailKind::Flow, ..plain };
+    let mut encoded = FitConfig { ..flow };
     encoded.head.encoder = Preset::PaperGgx.config().head.encoder;
     let has_encoder = material != Material::Lambert;
-    let entropic = FitConfig { entropic: 1e-4, ..if has_encoder { encoded.clone() } else { flow.clone() } };
+    let last = if has_encoder { &encoded } else { &flow };
+    let entropic = FitConfig { entropic: 1e-4, ..*last };
     let exact = workshop.heads.light(&plain, environment)?;
     let smooth = workshop.heads.light(&flow, environment)?;
     let variants = [
-        Some((FitConfig { naive: true, ..plain.clone() }, &exact)),
+        Some((FitConfig { naive: true, ..plain }, &exact)),
         Some((plain, &exact)),
         Some((flow, &smooth)),
         has_encoder.then_some((encoded, &smooth)),

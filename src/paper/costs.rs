@@ -73,7 +73,7 @@ pub fn section(workshop: &Workshop) -> Result<String> {
         &environment,
         "droid",
         "ggx:alpha=0.2..0.8",
-        vec![("head", SamplerSpec::file(FileKind::Head, glossy.file.clone()).build(&environment)?)],
+        vec![("head", SamplerSpec::file(FileKind::Head, glossy.file).build(&environment)?)],
     )?;
     Ok(format!(
         "<p class=\"note\">Training on this machine's processor; files hold the map's luminance besides weights. Times are of whole renderings at {SPP} samples per pixel, camera and \

@@ -7,6 +7,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
+use glam::{Affine3A, Quat, Vec3};
 use headtail_render::{
     environment::Environment,
     scene::{Camera, MaterialSpec, Scene},
@@ -38,12 +39,8 @@ pub struct View {
 const FIRST: [&str; 6] = ["lebombo", "studio_small", "venice_sunset", "drachenfels", "dancing_hall", "forest_slope"];
 
 /// Words in the names of files that stand in for scenes of the paper.
-const STAND_INS: [(&str, &[&str]); 4] = [
-    ("temple", &["temple"]),
-    ("droid", &["droid", "robot"]),
-    ("diorama", &["diorama", "garden"]),
-    ("object", &["spot", "shaderball"]),
-];
+const STAND_INS: [(&str, &[&str]); 3] =
+    [("temple", &["temple"]), ("droid", &["droid", "robot"]), ("diorama", &["diorama", "garden"])];
 
 impl Data {
     /// The maps and scenes of a folder.
@@ -101,7 +98,7 @@ impl Data {
         let file = self.scenes.iter().find(is_it);
         let mut scene = match file {
             Some(path) => Scene::load(path)?,
-            None => Scene::built_in(if name == "object" { "sphere" } else { name }).context("a built-in scene")?,
+            None => Scene::built_in(name).context("a built-in scene")?,
         };
         let (camera, bounds) = (scene.camera(), scene.bounds());
         if file.is_some() {
@@ -112,16 +109,32 @@ impl Data {
         Ok(View { name, scene: scene.with_material(spec.material(&bounds)), camera })
     }
 
-    /// A scene to be put into a photograph: the `index`th file, or a built-in one.
+    /// Something to be put into a photograph, without a ground of its own: a file, or something made of balls.
     pub fn object(&self, index: usize) -> Result<(String, Scene)> {
-        const BUILT_IN: [&str; 3] = ["sphere", "droid", "temple"];
         let wanted = ["spot", "shaderball", "robot"];
-        let of_name = |word: &str| self.scenes.iter().find(|path| path.to_string_lossy().contains(word));
-        let scene = match of_name(wanted[index % 3]) {
-            Some(path) => Scene::load(path)?,
-            None => Scene::built_in(BUILT_IN[index % 3]).context("a built-in scene")?,
+        let file = self.scenes.iter().find(|path| path.to_string_lossy().contains(wanted[index % 3]));
+        if let Some(path) = file {
+            let scene = Scene::load(path)?;
+            return Ok((scene.name().to_owned(), scene));
+        }
+        let ball = Scene::built_in("sphere").context("a built-in scene")?;
+        let made = |material: &str| -> Result<Scene> {
+            Ok(ball
+                .moved(&Affine3A::IDENTITY)?
+                .with_material(material.parse::<MaterialSpec>()?.material(&ball.bounds())))
         };
-        Ok((scene.name().to_owned(), scene))
+        Ok(match index % 3 {
+            0 => ("ball".into(), made("lambert:albedo=0.6")?),
+            1 => ("metal ball".into(), made("ggx:alpha=0.15,f0=0.8")?),
+            _ => {
+                let place = |y: f32, size: f32| {
+                    Affine3A::from_scale_rotation_translation(Vec3::splat(size), Quat::IDENTITY, Vec3::new(0.0, y, 0.0))
+                };
+                let white = made("lambert:albedo=0.8")?;
+                let upper = white.moved(&place(1.45, 0.7))?.joined(&white.moved(&place(2.4, 0.45))?)?;
+                ("three balls".into(), white.joined(&upper)?)
+            }
+        })
     }
 }
 

@@ -17,6 +17,8 @@ pub struct Effort {
     pub runs: u32,
     /// Samples per pixel of references.
     pub reference_spp: u32,
+    /// Samples per pixel of masks whose noise is to be small; references of masks have a few times as many.
+    pub mask_spp: u32,
     /// Rows of the pictures of densities; they are twice as wide.
     pub density_rows: usize,
 }
@@ -31,6 +33,7 @@ impl Effort {
         width: 160,
         runs: 3,
         reference_spp: 512,
+        mask_spp: 512,
         density_rows: 96,
     };
     /// Whatever it takes.
@@ -42,6 +45,7 @@ impl Effort {
         width: 400,
         runs: 10,
         reference_spp: 4096,
+        mask_spp: 1024,
         density_rows: 160,
     };
 }

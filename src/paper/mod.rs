@@ -141,6 +141,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         page.made.extend(html.map(|html| (section, html)));
         file::replace(&arguments.out.join("paper.html"), page.encode(&workshop).as_bytes())?;
         bar.inc(section.weight);
+        workshop.check()?;
     }
     bar.finish_and_clear();
     println!(

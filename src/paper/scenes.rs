@@ -1,13 +1,14 @@
 //! The paper's figures of rendered scenes: cosine-weighted emitter sampling, and microfacets.
 
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
+use glam::Vec3A;
 use headtail_render::{
     bake::{CellGrid, NormalGrid},
     environment::Environment,
-    estimator::SingleSample,
-    export::ExportedSampler,
+    estimator::{Estimator, SingleSample},
+    export::{ExportedSampler, Intermediate},
     sampler::{Covering, EnvironmentLight, ProductSampler},
     spec::{FileKind, SamplerSpec},
     tail::TailKind,
@@ -17,7 +18,8 @@ use headtail_train::{Material, learned_bake};
 use super::{
     Workshop,
     data::View,
-    figure::{Crop, Panel, strip, table},
+    figure::{Crop, Panel, Scale, strip, table},
+    fits::Densities,
     measure::{Bench, Entry, mean},
 };
 use crate::report::{
@@ -36,14 +38,15 @@ pub fn cosine(workshop: &Workshop) -> Result<String> {
          <span class=\"paper\">The paper: head 2.2\u{d7} lower variance than MIS on its temple at equal time (4 spp, 35 ms); baked 2.4\u{d7} lower MSE on its diorama \
          at about the run time of MIS.</span></p>\n",
     );
+    html += &intermediate(workshop)?;
     for (name, map) in [("temple", 0), ("dishes", 1), ("diorama", 0)] {
         let environment = workshop.data.map(map)?;
         let view = workshop.data.view(name, "lambert")?;
         let mut entries = baselines(&environment)?;
         let file = workshop.heads.of(&environment, Material::Lambert)?.file;
-        entries.push(entry("head", SamplerSpec::file(FileKind::Head, file.clone()), &environment)?);
+        entries.push(entry("head", &SamplerSpec::file(FileKind::Head, file.clone()), &environment)?);
         entries.push(Entry { name: "baked 8\u{d7}8".into(), estimator: baked(&file, &environment, 8)? });
-        entries.push(entry("patches", SamplerSpec::patches(), &environment)?);
+        entries.push(entry("patches", &SamplerSpec::patches(), &environment)?);
         html += &comparison(workshop, &view, &environment, &entries)?;
     }
     Ok(html)
@@ -64,33 +67,53 @@ pub fn microfacet(workshop: &Workshop) -> Result<String> {
         let mut entries = baselines(&environment)?;
         let file = workshop.heads.of(&environment, material)?.file;
         if !mixed {
-            entries.push(entry("head", SamplerSpec::file(FileKind::Head, file.clone()), &environment)?);
+            entries.push(entry("head", &SamplerSpec::file(FileKind::Head, file.clone()), &environment)?);
         }
-        entries.push(entry("head + MIS", SamplerSpec::file_with_mis(FileKind::Head, file), &environment)?);
-        entries.push(entry("patches", SamplerSpec::patches(), &environment)?);
+        entries.push(entry("head + MIS", &SamplerSpec::file_with_mis(FileKind::Head, file), &environment)?);
+        entries.push(entry("patches", &SamplerSpec::patches(), &environment)?);
         html += &comparison(workshop, &view, &environment, &entries)?;
     }
     Ok(html)
 }
 
 fn baselines(environment: &Arc<Environment>) -> Result<Vec<Entry>> {
-    Ok(vec![entry("mis", SamplerSpec::mis(), environment)?, entry("ris:4", SamplerSpec::ris(4), environment)?])
+    Ok(vec![entry("mis", &SamplerSpec::mis(), environment)?, entry("ris:4", &SamplerSpec::ris(4), environment)?])
 }
 
-fn entry(name: &str, spec: SamplerSpec, environment: &Arc<Environment>) -> Result<Entry> {
+fn entry(name: &str, spec: &SamplerSpec, environment: &Arc<Environment>) -> Result<Entry> {
     Ok(Entry { name: name.into(), estimator: spec.build(environment)? })
 }
 
+/// The paper's figure of intermediate densities: a head's, and those of its tables.
+fn intermediate(workshop: &Workshop) -> Result<String> {
+    let environment = workshop.data.map(0)?;
+    let head = workshop.heads.of(&environment, Material::Lambert)?.head;
+    let light = EnvironmentLight::new(environment, TailKind::Hierarchical)?;
+    let grid = Densities::new(workshop.effort.density_rows);
+    let mut html = String::from("<h3>Intermediate densities of the head and of its tables</h3>\n");
+    for (name, normal) in [("A", Vec3A::new(0.5, 0.6, 0.6)), ("B", Vec3A::new(-0.8, 0.1, -0.5))] {
+        let n = normal.normalize();
+        let own = grid.of_head(&head, &n.to_array())?;
+        let scale = Scale::of(&own, 2.0);
+        let columns = 2 * grid.rows;
+        let title = format!("{name}: head");
+        let note = format!("normal {:.2}, {:.2}, {:.2}", n.x, n.y, n.z);
+        let mut panels = vec![Panel::new(&scale.png(&own, columns)?, title, note)];
+        for side in [8, 32] {
+            let table = learned_bake(&head, light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(side, side)?)?;
+            let density = table.density_at(n, &grid.points);
+            let note = format!("KL from the head {}", text(grid.kl(&own, &density)));
+            panels.push(Panel::new(&scale.png(&density, columns)?, format!("{name}: baked {side}\u{d7}{side}"), note));
+        }
+        html += &(strip("fits", &panels) + &scale.legend("density over the square Y"));
+    }
+    Ok(html)
+}
+
 /// A head's table of `side` x `side` cells over the paper's normals.
-pub fn baked(
-    file: &std::path::Path,
-    environment: &Arc<Environment>,
-    side: usize,
-) -> Result<Box<dyn headtail_render::estimator::Estimator>> {
+pub fn baked(file: &Path, environment: &Arc<Environment>, side: usize) -> Result<Box<dyn Estimator>> {
     let exported = ExportedSampler::read(file)?;
-    let headtail_render::export::Intermediate::Head(head) = &exported.intermediate else {
-        anyhow::bail!("{}: not a head", file.display());
-    };
+    let Intermediate::Head(head) = &exported.intermediate else { bail!("{}: not a head", file.display()) };
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = learned_bake(head, light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(side, side)?)?;
     Ok(Box::new(SingleSample::new(Covering::new(ProductSampler::new(light, table))?, environment.clone())))

@@ -11,7 +11,7 @@ use crate::environment::Environment;
 const MOST_BLOCKS: usize = 1 << 17;
 
 /// Places of the two-point Gauss rule in a cell, which is exact for cubic functions.
-const GAUSS: [f64; 2] = [0.211_324_865_405_187_12, 0.788_675_134_594_812_9];
+const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 
 /// The irradiance of a map, `E(n) = integral L(w) max(0, n . w) dw` per channel, in W/m^2.
 ///
@@ -85,7 +85,7 @@ impl<'a> Irradiance<'a> {
     /// The same where blocks of a radius (radians) up to `coarse` are taken as a whole when the horizon crosses them. What that is off by is at most a
     /// quarter of the radius of the light within the radius from the horizon: 5e-5 of all light under an even sky for 0.01.
     pub fn to_within(&self, n: Vec3A, coarse: f64) -> Vec3A {
-        let n = DVec3::from(n.as_dvec3()).normalize();
+        let n = n.as_dvec3().normalize();
         let top = self.levels.len() - 1;
         let mut total = DVec3::ZERO;
         let mut open = vec![(top, 0, 0)];

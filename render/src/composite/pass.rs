@@ -21,7 +21,7 @@ use crate::{
     morton::morton,
     points::{Dimension, PointSet, Points},
     scene::{Camera, Ray},
-    simd::LANES,
+    simd::{LANES, Lanes},
     tile::{ShadingPoint, Tile},
 };
 
@@ -218,7 +218,7 @@ impl Worker<'_> {
         let key = |place: usize| morton(pixels.places[place].0, pixels.places[place].1);
         let mut jitter = workspace.arena.columns::<2>(count.div_ceil(LANES));
         points.draw_keyed(Dimension::Camera, count, key, jitter.get_mut());
-        let [across, down] = jitter.get().map(|column| column.as_flattened());
+        let [across, down] = jitter.get().map(<[Lanes]>::as_flattened);
         let rays = pixels.places.iter().zip(across).zip(down).map(|((&(x, y), across), down)| {
             composition.camera.ray(f32::from(x) + across, f32::from(y) + down, settings.width, settings.height)
         });
@@ -366,14 +366,14 @@ impl Worker<'_> {
 
     /// Paths go on by BRDF sampling.
     fn continue_paths(&mut self, bounce: u32) {
-        let (mut rays, mut keys, mut paths) = (Vec::new(), Vec::new(), Vec::new());
+        let mut next = Bounced::default();
         for which in [Which::Object, Which::Catcher] {
-            self.bounce(which, bounce, (&mut rays, &mut keys, &mut paths));
+            self.bounce(which, bounce, &mut next);
         }
-        self.meet(&rays, &keys, &paths);
+        self.meet(&next.rays, &next.keys, &next.paths);
     }
 
-    fn bounce(&mut self, which: Which, bounce: u32, out: (&mut Vec<Ray>, &mut Vec<u32>, &mut Vec<Path>)) {
+    fn bounce(&mut self, which: Which, bounce: u32, next: &mut Bounced) {
         let Self { composition, points, workspace, .. } = self;
         let Workspace { arena, object, catcher, .. } = &mut **workspace;
         let front = if which == Which::Object { object } else { catcher };
@@ -406,12 +406,20 @@ impl Worker<'_> {
             }
             if throughput.max_element() > 0.0 {
                 let wi = Vec3A::new(x[strip][lane], y[strip][lane], z[strip][lane]);
-                out.0.push(composition.stage.all.leaving(point.p, point.ng, wi));
-                out.1.push(at.key(place));
-                out.2.push(Path { throughput, from_catcher: which == Which::Catcher, ..*path });
+                next.rays.push(composition.stage.all.leaving(point.p, point.ng, wi));
+                next.keys.push(at.key(place));
+                next.paths.push(Path { throughput, from_catcher: which == Which::Catcher, ..*path });
             }
         }
     }
+}
+
+/// Rays that paths go on along.
+#[derive(Default)]
+struct Bounced {
+    rays: Vec<Ray>,
+    keys: Vec<u32>,
+    paths: Vec<Path>,
 }
 
 #[derive(Clone, Copy, PartialEq)]

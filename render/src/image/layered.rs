@@ -75,7 +75,7 @@ mod tests {
         let found = &read.layer_data.channel_data.list;
         assert_eq!(found.len(), names.len());
         for (k, name) in names.iter().enumerate() {
-            let own = found.iter().find(|channel| channel.name.eq(*name)).unwrap();
+            let own = found.iter().find(|channel| channel.name.eq(name)).unwrap();
             assert_eq!(own.sample_data.values_as_f32().collect::<Vec<_>>(), channel(name, 10.0 * k as f32).values);
         }
         // What readers of a single picture see.

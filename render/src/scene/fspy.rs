@@ -190,8 +190,9 @@ impl FspyProject {
                 "principalPoint": { "x": point.x, "y": point.y },
                 "viewTransform": { "rows": rows(&to_world.inverse()) },
                 "cameraTransform": { "rows": rows(&to_world) },
-                "horizontalFieldOfView": 2.0 * (width / width.max(height) / focal).atan(),
-                "verticalFieldOfView": 2.0 * (height / width.max(height) / focal).atan(),
+                // As fSpy has them: those of a landscape. Of a portrait, Blender's importer takes the first for the longer side.
+                "horizontalFieldOfView": 2.0 * (1.0 / focal).atan(),
+                "verticalFieldOfView": 2.0 * (height / width / focal).atan(),
                 "vanishingPoints": [vanishing(Vec3A::X), vanishing(second.1), vanishing(top)],
                 "vanishingPointAxes": ["xPositive", second.0, third],
                 "relativeFocalLength": focal,

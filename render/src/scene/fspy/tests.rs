@@ -17,7 +17,10 @@ fn project(width: u32, height: u32, principal_point: Vec2) -> FspyProject {
 
 /// Bytes of a project whose state was changed.
 fn with_state(change: impl Fn(&mut serde_json::Value)) -> Vec<u8> {
-    let project = project(40, 30, Vec2::ZERO);
+    changed(&project(40, 30, Vec2::ZERO), change)
+}
+
+fn changed(project: &FspyProject, change: impl Fn(&mut serde_json::Value)) -> Vec<u8> {
     let mut state = project.state(UpAxis::Z);
     change(&mut state);
     let state = state.to_string();
@@ -25,7 +28,7 @@ fn with_state(change: impl Fn(&mut serde_json::Value)) -> Vec<u8> {
     for number in [VERSION, state.len() as u32, project.image.len() as u32] {
         bytes.extend(number.to_le_bytes());
     }
-    [bytes, state.into_bytes(), project.image].concat()
+    [bytes, state.into_bytes(), project.image.clone()].concat()
 }
 
 #[test]
@@ -90,13 +93,14 @@ fn axes_of_the_world_vanish_where_the_file_says() {
 
 #[test]
 fn without_a_focal_length_the_field_of_view_is_that_of_the_longer_side() {
-    let read =
-        |change: &dyn Fn(&mut serde_json::Value)| FspyProject::decode(&with_state(change), UpAxis::Z).unwrap().camera;
-    let stored = read(&|_| {});
-    let derived = read(&|state| {
-        state["cameraParameters"].as_object_mut().unwrap().remove("relativeFocalLength");
-    });
-    assert!((stored.half_height() / derived.half_height() - 1.0).abs() < 1e-6);
+    for (width, height) in [(60, 40), (40, 60)] {
+        let project = project(width, height, Vec2::ZERO);
+        let bytes = changed(&project, |state| {
+            state["cameraParameters"].as_object_mut().unwrap().remove("relativeFocalLength");
+        });
+        let derived = FspyProject::decode(&bytes, UpAxis::Z).unwrap().camera;
+        assert!((project.camera.half_height() / derived.half_height() - 1.0).abs() < 1e-6);
+    }
 }
 
 #[test]
