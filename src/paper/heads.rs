@@ -56,7 +56,7 @@ impl Heads {
     /// The head of a material for a map: from its file, or trained now.
     ///
     /// # Errors
-    /// See [`fit`]; an interrupted training is an error.
+    /// See [`fit()`]; an interrupted training is an error.
     pub fn of(&self, environment: &Environment, material: Material) -> Result<Trained> {
         let config = self.config(material);
         let name = format!("{}-{material}-{}", environment.name(), config.steps);

@@ -7,17 +7,20 @@
 //! can be made of them.
 
 mod catcher;
+mod composition;
 mod film;
 mod irradiance;
 mod layers;
 mod mask;
 mod pass;
 mod view;
+mod worker;
 
 pub use catcher::{Backdrop, Catcher, Stage};
+pub use composition::{Composition, Settings};
 pub use film::{CatcherSums, Film};
 pub use irradiance::Irradiance;
 pub use layers::Layers;
 pub use mask::{Mask, MaskForm};
-pub use pass::{Composition, Settings, compose};
+pub use pass::compose;
 pub use view::rectified_view;
