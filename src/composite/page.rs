@@ -27,7 +27,7 @@ pub struct Pictures {
 
 /// The whole page; it needs nothing but itself.
 pub fn page(arguments: &Arguments, setting: &Setting, film: &Film, pictures: &Pictures) -> String {
-    let title = format!("{} under {}", arguments.scene, setting.environment.name());
+    let title = format!("{} under {}", setting.stage.object().name(), setting.environment.name());
     let command = std::env::args().collect::<Vec<_>>().join(" ");
     let (width, height) = (film.width, film.height);
     let mut page = head(env!("CARGO_PKG_VERSION"), &format!("{title} \u{b7} headtail composite"));
