@@ -13,8 +13,7 @@ const MAX_SIDE: u32 = 16_384;
 /// The most bytes that a decoder may take for its own use.
 const MAX_DECODER_BYTES: u64 = 1 << 30;
 
-/// Decodes a PNG or JPEG file of at most `texels_left` texels, turned as its metadata say; the error is the end of a sentence that begins with
-/// the image.
+/// Decodes a PNG or JPEG file of at most `texels_left` texels, as it is stored; the error is the end of a sentence that begins with the image.
 pub(crate) fn decode_compressed(bytes: &[u8], texels_left: u64) -> Result<DynamicImage, String> {
     without_panic(|| decode(bytes, texels_left)).unwrap_or_else(|| Err("is damaged".into()))
 }
