@@ -96,6 +96,8 @@ pub(super) struct Workspace {
     contributions: Contributions,
     rays: Vec<Ray>,
     visible: Vec<bool>,
+    /// Which contributions to the catcher it does not block itself.
+    open: Vec<bool>,
 }
 
 /// One sample of each pixel of a tile.
@@ -182,10 +184,10 @@ impl Worker<'_> {
         self.propose(Which::Catcher);
         self.test_shadow();
         let Self { composition, workspace, pixels, .. } = self;
-        let Workspace { catcher, contributions, visible, rays, .. } = &mut **workspace;
+        let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
         pixels.mask_rays += rays.len() as u64;
-        let own = contributions.places().iter().zip(contributions.radiance()).zip(&*visible);
-        for ((&place, &radiance), &visible) in own {
+        let own = contributions.places().iter().zip(contributions.radiance()).zip(visible.iter().zip(&*open));
+        for ((&place, &radiance), (&visible, _)) in own.filter(|(_, (_, open))| **open) {
             let n = catcher.tile.point(place as usize).ns;
             let sums = &mut pixels.sums[catcher.paths[place as usize].pixel].catcher;
             let weight = relative(radiance, composition.backdrop, n);
@@ -198,10 +200,10 @@ impl Worker<'_> {
         }
     }
 
-    /// Which of the contributions to the catcher the object lets through. Those that the catcher itself blocks are removed.
+    /// Which of the contributions to the catcher the object lets through, and which of them are open without it.
     fn test_shadow(&mut self) {
         let Self { composition, settings, workspace, .. } = self;
-        let Workspace { catcher, contributions, visible, rays, .. } = &mut **workspace;
+        let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
         let stage = composition.stage;
         let ray = |(&place, &wi): (&u16, &Vec3A)| {
             let (p, ng) = catcher.tile.position_and_normal(place as usize);
@@ -209,12 +211,10 @@ impl Worker<'_> {
         };
         rays.clear();
         rays.extend(contributions.places().iter().zip(contributions.wi()).map(ray));
+        open.clear();
+        open.resize(rays.len(), true);
         if !stage.is_plane() {
-            let mut open = vec![true; rays.len()];
-            stage.catcher.visible_batch(rays, &mut open);
-            contributions.retain(|k| open[k]);
-            let mut kept = open.iter();
-            rays.retain(|_| kept.next() == Some(&true));
+            stage.catcher.visible_batch(rays, open);
         }
         visible.clear();
         visible.resize(rays.len(), true);
@@ -222,8 +222,8 @@ impl Worker<'_> {
             stage.object.visible_batch(rays, visible);
         }
         // Below the horizon a map shows the ground, which is near: nothing casts a shadow upwards.
-        for (visible, wi) in visible.iter_mut().zip(contributions.wi()) {
-            *visible |= wi.y <= 0.0;
+        for ((visible, open), wi) in visible.iter_mut().zip(&*open).zip(contributions.wi()) {
+            *visible = (*visible || wi.y <= 0.0) && *open;
         }
         composition.estimator.observe(&catcher.tile.rows(), contributions, visible);
     }
@@ -265,15 +265,15 @@ impl Worker<'_> {
         self.propose(Which::Catcher);
         self.test_shadow();
         let Self { composition, workspace, pixels, .. } = self;
-        let Workspace { catcher, contributions, visible, rays, .. } = &mut **workspace;
+        let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
         pixels.other_rays += rays.len() as u64;
         let backdrop = composition.backdrop;
         for (place, path) in catcher.paths.iter().enumerate() {
             let (p, _) = catcher.tile.position_and_normal(place);
             add(pixels, path, backdrop.radiance(p));
         }
-        let own = contributions.places().iter().zip(contributions.radiance()).zip(&*visible);
-        for ((&place, &radiance), _) in own.filter(|(_, visible)| !**visible) {
+        let own = contributions.places().iter().zip(contributions.radiance()).zip(visible.iter().zip(&*open));
+        for ((&place, &radiance), _) in own.filter(|(_, (visible, open))| **open && !**visible) {
             let point = catcher.tile.point(place as usize);
             add(pixels, &catcher.paths[place as usize], -radiance * backdrop.albedo(point.p, point.ns));
         }

@@ -46,14 +46,6 @@ impl Contributions {
         self.radiance.push(radiance);
     }
 
-    /// Removes those whose number `keep` refuses; it is asked in order.
-    pub fn retain(&mut self, mut keep: impl FnMut(usize) -> bool) {
-        let kept: Vec<usize> = (0..self.places.len()).filter(|&k| keep(k)).collect();
-        self.places = kept.iter().map(|&k| self.places[k]).collect();
-        self.wi = kept.iter().map(|&k| self.wi[k]).collect();
-        self.radiance = kept.iter().map(|&k| self.radiance[k]).collect();
-    }
-
     /// Places of the shading points among the rows that were proposed for.
     pub fn places(&self) -> &[u16] {
         &self.places
