@@ -5,14 +5,17 @@ mod backends;
 mod bake;
 mod chart;
 mod compare;
+mod composite;
 mod demo;
 mod fit;
 mod inspect;
+mod paper;
 mod progress;
 mod render;
 mod report;
 mod scenes;
 mod stability;
+mod view;
 
 use std::process::ExitCode;
 
@@ -36,6 +39,9 @@ enum Command {
     Chart(chart::Arguments),
     Inspect(inspect::Arguments),
     Stability(stability::Arguments),
+    Composite(composite::Arguments),
+    View(view::Arguments),
+    Paper(paper::Arguments),
     Scenes(scenes::Arguments),
     Backends(backends::Arguments),
 }
@@ -68,6 +74,9 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Chart(arguments) => chart::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Stability(arguments) => stability::run(&arguments),
+        Command::Composite(arguments) => composite::run(&arguments),
+        Command::View(arguments) => view::run(&arguments),
+        Command::Paper(arguments) => paper::run(&arguments),
         Command::Scenes(arguments) => scenes::run(&arguments),
         Command::Backends(arguments) => backends::run(&arguments),
     }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use headtail_model::{EncoderConfig, HeadConfig, Mode};
 use headtail_render::{
     environment::Environment,
+    head::WithoutTail,
     sampler::{BrdfSampler, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler},
     tail::TailKind,
 };
@@ -13,7 +14,7 @@ use headtail_train::{FitConfig, Loss, Material, Preset};
 use crate::{
     Fallible,
     measure::{Conditions, measure, quadratures},
-    samplers::{Naive, Qualities, train},
+    samplers::{Qualities, train},
 };
 
 /// The variants, each with what it adds to the one before it (the last one changes the mode of the third).
@@ -51,7 +52,7 @@ pub fn measure_map(material: Material, environment: &Arc<Environment>) -> Fallib
         let (head, seconds) = train(&config, &light)?;
         println!("{}, {name}: trained for {seconds:.1} s", environment.name());
         let quality = if config.naive {
-            measure(conditions, &points, &Naive(head))
+            measure(conditions, &points, &WithoutTail(head))
         } else {
             measure(conditions, &points, &ProductSampler::new(light.clone(), head))
         };

@@ -7,19 +7,12 @@ use std::{
 
 use headtail_render::{
     bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
-    columns::Arena,
     environment::Environment,
     estimator::Ris,
     head::Head,
-    latlong,
     patches::{Detail, PatchSampler},
-    sampler::{
-        BrdfSampler, Coverage, Covering, Draws, EmitterSampler, EnvironmentLight, IntermediateDensity, OneSampleMis,
-        Oracle, ProductSampler, Sampler,
-    },
-    simd::Lanes,
+    sampler::{BrdfSampler, Covering, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
     tail::TailKind,
-    tile::Rows,
 };
 use headtail_train::{FitConfig, Material, Preset, Viewpoints, build_target, fit, learned_bake, native_head};
 
@@ -129,34 +122,4 @@ fn resampled(
 fn direct(light: &EnvironmentLight, side: usize) -> Fallible<ProductSampler<BakedTable>> {
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(side, side)?)?;
     Ok(ProductSampler::new(light.clone(), table))
-}
-
-/// A head that was trained in X, without a tail.
-pub struct Naive(pub Head);
-
-impl Sampler for Naive {
-    fn columns(&self) -> usize {
-        self.0.columns()
-    }
-
-    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
-        self.0.prepare(at, state, arena);
-    }
-
-    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
-        let mut x = arena.columns::<2>(at.strips());
-        self.0.sample(at, state, u, x.get_mut(), out.pdf, arena);
-        latlong::directions(x.get(), out.wi, out.pdf);
-    }
-
-    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
-        let mut x = arena.columns::<2>(at.strips());
-        latlong::squares(wi, x.get_mut());
-        self.0.density(at, state, x.get(), out, arena);
-        latlong::to_solid_angle(x.get()[1], out);
-    }
-
-    fn coverage(&self) -> Coverage {
-        Coverage::Everything
-    }
 }

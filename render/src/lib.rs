@@ -6,6 +6,7 @@ pub mod bake;
 pub mod brdf;
 pub mod color;
 pub mod columns;
+pub mod composite;
 pub mod discrete;
 pub mod environment;
 pub mod error;

@@ -121,6 +121,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// What the exact tails of a map make of the square: a picture, and a table in plain text.
+pub fn tail_picture(environment: &headtail_render::environment::Environment) -> Result<(Vec<u8>, String)> {
+    tails::inspect(environment, None)
+}
+
 fn write(arguments: &Arguments, picture: &[u8]) -> Result<()> {
     if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         make_folder(folder)?;

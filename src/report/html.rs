@@ -11,6 +11,7 @@ use super::gallery::{Gallery, Panel, Picture};
 use super::number::{amount, duration, ends, escape, html, html_digits, html_uncertainty, times};
 use super::picture::{self, ErrorScale};
 use super::reading;
+use super::slider;
 use super::summary::{BudgetKind, Group, Measure, Summary, in_order};
 use super::{Comparison, State};
 
@@ -19,7 +20,8 @@ const ORACLE: &str = "The exact product of light, BRDF and cosine, without visib
                       shadows matter, other samplers can have less error.";
 
 const STYLE: &str = include_str!("page.css");
-const SCRIPT: &str = include_str!("page.js");
+/// What makes the pages' sliders and tables work.
+pub const SCRIPT: &str = include_str!("page.js");
 
 /// The whole page. The gallery is brought up to date with the comparison.
 ///
@@ -130,26 +132,7 @@ fn slider(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Stri
     let left = id(&summary.baseline).unwrap_or_else(|| "image-reference".to_owned());
     let right = best.and_then(|group| id(&group.sampler)).unwrap_or_else(|| "image-reference".to_owned());
     let (width, height) = (comparison.width, comparison.height);
-    format!(
-        "<section>\n<h2>Side by side</h2>\n<div class=\"slider\" id=\"slider\">\n<div class=\"controls\">\n\
-         <label>Left <select id=\"left\">{}</select></label>\n<label>Right <select id=\"right\">{}</select></label>\n\
-         <label>Zoom <select id=\"zoom\"><option value=\"1\">fit</option><option value=\"2\">2\u{d7}</option>\
-         <option value=\"4\">4\u{d7}</option><option value=\"8\">8\u{d7}</option><option value=\"16\">16\u{d7}</option></select></label>\n\
-         <label class=\"check\"><input type=\"checkbox\" id=\"pixelated\" checked> Sharp pixels</label>\n</div>\n\
-         <div class=\"stage\" id=\"stage\" tabindex=\"0\" role=\"group\" aria-label=\"Images; arrow keys move the zoomed part\" \
-         style=\"aspect-ratio:{width}/{height};--ratio:{}\">\n\
-         <img id=\"after\" alt=\"\" draggable=\"false\">\n<img id=\"before\" alt=\"\" draggable=\"false\">\n\
-         <div class=\"divider\" id=\"divider\" aria-hidden=\"true\"></div>\n\
-         <p class=\"tag tag-left\" id=\"tag-left\" aria-live=\"polite\"></p>\n\
-         <p class=\"tag tag-right\" id=\"tag-right\" aria-live=\"polite\"></p>\n</div>\n\
-         <input type=\"range\" id=\"position\" min=\"0\" max=\"100\" step=\"0.5\" value=\"50\" aria-label=\"Position of the divider\">\n\
-         <p class=\"note\">Drag on the picture, or use the arrow keys on the bar below it. When zoomed in, drag the \
-         divider, and the picture to move it.</p>\n</div>\n\
-         <noscript><p class=\"note\">The slider needs JavaScript; all images are below.</p></noscript>\n</section>\n",
-        options(summary, gallery, &left),
-        options(summary, gallery, &right),
-        width as f64 / height as f64,
-    )
+    slider::section((width, height), &options(summary, gallery, &left), &options(summary, gallery, &right))
 }
 
 /// The choices of a side of the slider: the reference, then every sampler at every budget.

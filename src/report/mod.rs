@@ -3,11 +3,12 @@
 mod chart;
 mod csv;
 mod gallery;
-mod html;
+pub mod html;
 pub mod number;
 mod overview;
 pub mod picture;
 mod reading;
+pub mod slider;
 mod summary;
 #[cfg(test)]
 mod synthetic;
@@ -157,6 +158,15 @@ impl Comparison {
         let luminances: Vec<f64> = measured.map(|(_, &pixel)| f64::from(luminance(Vec3A::from_array(pixel)))).collect();
         luminances.iter().sum::<f64>() / luminances.len() as f64
     }
+}
+
+/// The charts of runs: MSE against time, and bars of how many times lower it is than that of the baseline, as vector graphics.
+///
+/// # Errors
+/// If there are no runs.
+pub fn charts(rows: &[Row]) -> Result<[String; 2]> {
+    let summary = summary::Summary::of(rows)?;
+    Ok([chart::error_over_time(&summary), chart::ratio_bars(&summary)])
 }
 
 /// Writes a page with a chart of speed and accuracy for each of the given folders of results, and one over all.

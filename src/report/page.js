@@ -122,6 +122,7 @@
 // The table: a click on a column sorts by it, a second one the other way round.
 (() => {
   const table = document.getElementById("results");
+  if (!table) return;
   const heads = [...table.tHead.rows[0].cells];
   // What is not a number comes last either way, unless it is a name.
   const compare = (a, b, sign) => {

@@ -56,4 +56,28 @@ fn pages_work_in_a_browser() {
         assert_eq!(found, "moved=true chosen=true zoomed=true sorted=true charts=2 images=true");
     }
     assert_eq!(probe(&browser, &path.join("chart.html"), false), "charts=3 images=true");
+    // The checks of everything make the whole page beforehand, and say where it is.
+    let page = std::env::var_os("HEADTAIL_PAPER").map(std::path::PathBuf::from);
+    let copy = path.join("paper.html");
+    match &page {
+        Some(page) => drop(fs::copy(page, &copy).unwrap()),
+        None => {
+            succeed(path, "paper --quick --only neural --out paper");
+            fs::copy(path.join("paper/paper.html"), &copy).unwrap();
+        }
+    }
+    for dark in [false, true] {
+        // Five scenes with one chart each, a wide and a narrow form of which one is shown.
+        let charts = if page.is_some() { 5 } else { 0 };
+        assert_eq!(probe(&browser, &copy, dark), format!("charts={charts} images=true"));
+    }
+    succeed(path, "view --env window --width 60 --height 40 --out shot.exr");
+    succeed(
+        path,
+        "composite --photo shot.exr --camera shot.fspy --env window --scene sphere --size 0.8 --spp 4 --out into",
+    );
+    assert_eq!(
+        probe(&browser, &path.join("into/composite.html"), false),
+        "moved=true chosen=true zoomed=true charts=0 images=true"
+    );
 }

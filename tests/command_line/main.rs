@@ -3,6 +3,7 @@
 //! `demo` takes too long for a test; the script that runs every check runs it.
 
 mod browser;
+mod composite;
 #[cfg(target_os = "linux")]
 mod interruption;
 
@@ -95,7 +96,21 @@ const SMALL: &str = "--width 24 --height 18";
 #[test]
 fn the_help_of_every_command_ends_with_examples() {
     let here = folder();
-    for name in ["demo", "fit", "backends", "bake", "render", "compare", "chart", "inspect", "stability", "scenes"] {
+    for name in [
+        "demo",
+        "fit",
+        "backends",
+        "bake",
+        "render",
+        "compare",
+        "chart",
+        "inspect",
+        "stability",
+        "composite",
+        "view",
+        "paper",
+        "scenes",
+    ] {
         let help = succeed(here.path(), &format!("{name} --help"));
         let (_, examples) = help.split_once("Examples:").unwrap_or_else(|| panic!("{name}: no examples"));
         assert!(examples.contains(&format!("headtail {name}")), "{help}");

@@ -4,11 +4,13 @@ mod condition;
 mod inference;
 mod linear;
 mod network;
+mod without_tail;
 
 pub use condition::{Condition, MAX_CONDITION};
 pub use inference::HeadAt;
 pub use linear::Linear;
 use network::SplineNetwork;
+pub use without_tail::WithoutTail;
 
 use serde::{Deserialize, Serialize};
 

@@ -1,13 +1,19 @@
 //! Linear RGB images: reading radiance maps, writing results.
 
+mod compressed;
 mod dwa;
+mod layered;
 mod openexr;
+mod photograph;
 mod radiance;
 mod read;
 mod size;
 mod without_panic;
 mod write;
 
+pub(crate) use compressed::decode_compressed;
+pub use layered::{Channel, encode_layered_exr};
+pub use photograph::{Photograph, srgb_code};
 pub(crate) use read::open_regular;
 pub use read::read_radiance;
 pub use size::MAX_PIXELS;

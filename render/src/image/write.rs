@@ -1,5 +1,6 @@
 //! Writing results: OpenEXR with every digit and how it was made, PNG to look at. Equal images give equal bytes.
 
+use std::collections::HashMap;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -90,19 +91,7 @@ pub fn write_exr(path: &Path, image: &Image, attributes: &[Attribute]) -> Result
 /// [`Error::Argument`], as [`write_exr`].
 pub fn encode_exr(image: &Image, attributes: &[Attribute]) -> Result<Vec<u8>> {
     check_not_empty(image)?;
-    let mut header = LayerAttributes::default();
-    for attribute in attributes {
-        let name = text(&attribute.name, &attribute.name)?;
-        let value = match &attribute.value {
-            AttributeValue::Text(value) => ExrValue::Text(text(&attribute.name, value)?),
-            AttributeValue::I32(value) => ExrValue::I32(*value),
-            AttributeValue::F32(value) => ExrValue::F32(*value),
-            AttributeValue::F64(value) => ExrValue::F64(*value),
-        };
-        if header.other.insert(name, value).is_some() {
-            return Err(Error::argument(format!("attribute {}", attribute.name), "it is given twice"));
-        }
-    }
+    let header = LayerAttributes { other: header_attributes(attributes)?, ..LayerAttributes::default() };
     let pixel = |position: exr::math::Vec2<usize>| {
         let [r, g, b] = image.pixels[position.y() * image.width + position.x()];
         (r, g, b)
@@ -117,6 +106,24 @@ pub fn encode_exr(image: &Image, attributes: &[Attribute]) -> Result<Vec<u8>> {
     let mut bytes = bytes.into_inner();
     sort_header(&mut bytes);
     Ok(bytes)
+}
+
+/// Attributes as OpenEXR has them.
+pub(super) fn header_attributes(attributes: &[Attribute]) -> Result<HashMap<Text, ExrValue>> {
+    let mut all = HashMap::new();
+    for attribute in attributes {
+        let name = text(&attribute.name, &attribute.name)?;
+        let value = match &attribute.value {
+            AttributeValue::Text(value) => ExrValue::Text(text(&attribute.name, value)?),
+            AttributeValue::I32(value) => ExrValue::I32(*value),
+            AttributeValue::F32(value) => ExrValue::F32(*value),
+            AttributeValue::F64(value) => ExrValue::F64(*value),
+        };
+        if all.insert(name, value).is_some() {
+            return Err(Error::argument(format!("attribute {}", attribute.name), "it is given twice"));
+        }
+    }
+    Ok(all)
 }
 
 /// Writes an sRGB PNG, 8 bits per channel, of the image after [`color::tone_map`].
@@ -175,7 +182,7 @@ fn text(attribute: &str, value: &str) -> Result<Text> {
 
 /// Puts the attributes of a single-layer header in the order of their names: the encoder takes them from a hash map, whose
 /// order changes from run to run. Offsets in the file stay right, since the header keeps its length.
-fn sort_header(bytes: &mut [u8]) {
+pub(super) fn sort_header(bytes: &mut [u8]) {
     const START: usize = 8;
     let mut attributes = Vec::new();
     let mut at = START;

@@ -1,6 +1,6 @@
 //! The pinhole camera.
 
-use glam::Vec3A;
+use glam::{Affine3A, Vec2, Vec3A};
 
 use super::ray::{Bounds, Ray};
 use crate::error::{Error, Result};
@@ -11,7 +11,7 @@ const FRAMED_ASPECT: f32 = 4.0 / 3.0;
 /// Free space around a framed scene, as a factor on its distance.
 const FRAMING_MARGIN: f32 = 1.08;
 
-/// A pinhole camera with up = +Y.
+/// A pinhole camera: with up = +Y ([`Self::new`]), or with any roll and principal point ([`Self::of_photograph`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     look_from: Vec3A,
@@ -19,6 +19,8 @@ pub struct Camera {
     vertical_fov: f32,
     /// Half the image's height at distance 1.
     half_height: f32,
+    /// Where the principal point is, right of and above the middle of the image, in half heights.
+    principal_point: Vec2,
     right: Vec3A,
     up: Vec3A,
     forward: Vec3A,
@@ -44,7 +46,77 @@ impl Camera {
         let right = forward.cross(Vec3A::Y);
         let right = if right.length_squared() > 1e-12 { right.normalize() } else { Vec3A::X };
         let half_height = (0.5 * vertical_fov.to_radians()).tan();
-        Ok(Self { look_from, look_at, vertical_fov, half_height, right, up: right.cross(forward), forward })
+        let (principal_point, up) = (Vec2::ZERO, right.cross(forward));
+        Ok(Self { look_from, look_at, vertical_fov, half_height, principal_point, right, up, forward })
+    }
+
+    /// The camera of a photograph. `to_world` is a rigid motion from the camera's coordinates, in which it looks along -Z with up = +Y; the
+    /// principal point lies right of and above the middle of the image by so many half heights, and the image is `2 half_height` high at
+    /// distance 1.
+    ///
+    /// # Errors
+    /// When `to_world` is no rigid motion, or a number has no meaning.
+    pub fn of_photograph(to_world: Affine3A, half_height: f32, principal_point: Vec2) -> Result<Self> {
+        // Rotations that were stored with six digits are off by 1e-6; what is off by a thousandth is no rotation.
+        const TOLERANCE: f32 = 1e-3;
+        let axes = to_world.matrix3;
+        let product = axes.transpose() * axes - glam::Mat3A::IDENTITY;
+        let is_rotation = product.to_cols_array().iter().all(|x| x.abs() < TOLERANCE) && axes.determinant() > 0.0;
+        if !(is_rotation && to_world.is_finite()) {
+            return Err(Error::argument("camera transform", "is not a rotation with a finite translation"));
+        }
+        if !(half_height > 0.0 && half_height.is_finite()) {
+            return Err(Error::argument("field of view", "is not between 0 and 180 degrees"));
+        }
+        if !principal_point.is_finite() {
+            return Err(Error::argument("principal point", "is not finite"));
+        }
+        let right = axes.x_axis.normalize();
+        let up = (axes.y_axis - axes.y_axis.dot(right) * right).normalize();
+        let (look_from, forward) = (to_world.translation, up.cross(right));
+        let look_at = look_from + forward * look_from.abs().max_element().max(1.0);
+        let vertical_fov = 2.0 * half_height.atan().to_degrees();
+        Ok(Self { look_from, look_at, vertical_fov, half_height, principal_point, right, up, forward })
+    }
+
+    /// The camera moved by a rotation about the origin and a translation.
+    #[must_use]
+    pub fn moved(&self, motion: &Affine3A) -> Self {
+        let turned = |v| motion.transform_vector3a(v);
+        Self {
+            look_from: motion.transform_point3a(self.look_from),
+            look_at: motion.transform_point3a(self.look_at),
+            right: turned(self.right),
+            up: turned(self.up),
+            forward: turned(self.forward),
+            ..*self
+        }
+    }
+
+    /// From the camera's coordinates (it looks along -Z, up is +Y) to those of the world.
+    pub fn to_world(&self) -> Affine3A {
+        let axes = glam::Mat3A::from_cols(self.right, self.up, -self.forward);
+        Affine3A { matrix3: axes, translation: self.look_from }
+    }
+
+    /// Half the image's height at distance 1.
+    pub fn half_height(&self) -> f32 {
+        self.half_height
+    }
+
+    /// Where the principal point is, right of and above the middle of the image, in half heights.
+    pub fn principal_point(&self) -> Vec2 {
+        self.principal_point
+    }
+
+    /// Where a point of the world is in an image, as [`Self::ray`] has it; `None` behind the camera.
+    pub fn project(&self, p: Vec3A, width: usize, height: usize) -> Option<Vec2> {
+        let offset = p - self.look_from;
+        let depth = offset.dot(self.forward);
+        let (half, scale) = (0.5 * height as f32, 1.0 / (depth * self.half_height));
+        let right = offset.dot(self.right) * scale + self.principal_point.x;
+        let up = offset.dot(self.up) * scale + self.principal_point.y;
+        (depth > 0.0).then(|| Vec2::new(0.5 * width as f32 + half * right, half - half * up))
     }
 
     /// The ray through the point (`x`, `y`) of an image of `width` x `height` pixels.
@@ -53,8 +125,9 @@ impl Camera {
     pub fn ray(&self, x: f32, y: f32, width: usize, height: usize) -> Ray {
         let (width, height) = (width as f32, height as f32);
         let pixel = 2.0 * self.half_height / height;
-        let right = (x - 0.5 * width) * pixel;
-        let up = (0.5 * height - y) * pixel;
+        let principal = self.half_height * self.principal_point;
+        let right = (x - 0.5 * width) * pixel - principal.x;
+        let up = (0.5 * height - y) * pixel - principal.y;
         Ray::new(self.look_from, (self.forward + right * self.right + up * self.up).normalize())
     }
 
@@ -97,12 +170,12 @@ impl Camera {
         2.0 * self.half_height / height as f32
     }
 
-    /// The point in the middle of the image, in metres.
+    /// A point on the principal axis, in metres: that in the middle of the image, unless the principal point is elsewhere.
     pub fn look_at(&self) -> Vec3A {
         self.look_at
     }
 
-    /// The vertical field of view in degrees.
+    /// The vertical field of view in degrees, of an image whose principal point is in its middle.
     pub fn vertical_fov(&self) -> f32 {
         self.vertical_fov
     }
@@ -142,6 +215,39 @@ mod tests {
         assert!(Camera::new(Vec3A::ONE, Vec3A::NAN, 40.0).is_err());
         assert!(Camera::new(Vec3A::ONE, Vec3A::ZERO, 180.0).is_err());
         assert!(Camera::new(Vec3A::ONE, Vec3A::ZERO, f32::NAN).is_err());
+    }
+
+    #[test]
+    fn points_are_projected_to_where_their_ray_goes_through() {
+        let turn = glam::Quat::from_euler(glam::EulerRot::YXZ, 0.7, -0.3, 0.2);
+        let to_world = Affine3A::from_rotation_translation(turn, glam::Vec3::new(2.0, 1.0, -3.0));
+        let camera = Camera::of_photograph(to_world, 0.6, Vec2::new(0.3, -0.2)).unwrap();
+        for (x, y) in [(0.0, 0.0), (320.0, 200.0), (17.0, 399.0), (639.0, 3.5)] {
+            let ray = camera.ray(x, y, 640, 400);
+            let found = camera.project(ray.at(7.0), 640, 400).unwrap();
+            // A few roundings of numbers up to 10 m, over 7 m, times 400 pixels.
+            assert!((found - Vec2::new(x, y)).length() < 2e-3, "{found} {x} {y}");
+            assert!(camera.project(ray.at(-7.0), 640, 400).is_none());
+        }
+        // The principal axis goes through the principal point: 0.3 x 200 right of the middle, 0.2 x 200 below it.
+        let axis = camera.ray(380.0, 240.0, 640, 400).direction;
+        assert!(near(axis, to_world.transform_vector3a(-Vec3A::Z)));
+        assert!(camera.moved(&to_world.inverse()).look_from().length() < 1e-5);
+    }
+
+    #[test]
+    fn what_is_no_rigid_motion_is_refused() {
+        let good = Affine3A::from_rotation_y(0.4);
+        assert!(Camera::of_photograph(good, 0.5, Vec2::ZERO).is_ok());
+        for bad in [Affine3A::from_scale(glam::Vec3::splat(1.1)), Affine3A::from_scale(glam::Vec3::new(1.0, 1.0, -1.0))]
+        {
+            assert!(Camera::of_photograph(bad * good, 0.5, Vec2::ZERO).is_err());
+        }
+        let far = Affine3A::from_translation(glam::Vec3::new(f32::INFINITY, 0.0, 0.0));
+        assert!(Camera::of_photograph(far, 0.5, Vec2::ZERO).is_err());
+        for (half_height, point) in [(0.0, 0.0), (f32::NAN, 0.0), (f32::INFINITY, 0.0), (0.5, f32::NAN)] {
+            assert!(Camera::of_photograph(good, half_height, Vec2::splat(point)).is_err());
+        }
     }
 
     #[test]

@@ -25,6 +25,8 @@ pub struct Mesh {
     pub(super) triangles: Vec<[u32; 3]>,
     /// Index into the scene's materials.
     pub(super) material: usize,
+    /// What the file calls it; empty where it has no name.
+    pub(super) name: String,
 }
 
 impl Mesh {

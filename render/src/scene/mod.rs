@@ -3,6 +3,7 @@
 mod built_in;
 mod bvh;
 mod camera;
+mod fspy;
 mod gltf;
 mod ground;
 mod hash;
@@ -10,6 +11,7 @@ mod material;
 mod material_spec;
 mod mesh;
 mod normal_map;
+mod parts;
 mod ray;
 mod texture;
 mod wide;
@@ -17,6 +19,7 @@ mod wide;
 pub use built_in::built_in_names;
 pub use bvh::{Bvh, Hit};
 pub use camera::Camera;
+pub use fspy::{FspyProject, UpAxis};
 pub use material::{AlphaField, Material, SurfacePoint, TexturedMetallicRoughness};
 pub use material_spec::{AlphaRange, MaterialSpec};
 pub use mesh::{MAX_COORDINATE, Mesh};
@@ -210,8 +213,23 @@ impl Scene {
         }
     }
 
+    /// The nearest hits of many rays; both slices have equal length.
+    pub(crate) fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        self.bvh.closest_batch(rays, hits);
+    }
+
+    /// The BRDFs that surfaces refer to.
+    pub(crate) fn brdfs(&self) -> &BrdfTable {
+        &self.brdfs
+    }
+
+    /// The number of the mesh that was hit.
+    pub(crate) fn mesh_of(&self, hit: &Hit) -> usize {
+        self.faces[hit.triangle].mesh as usize
+    }
+
     /// The surface that a ray hits.
-    fn surface(&self, ray: &Ray, hit: &Hit) -> ShadingPoint {
+    pub(crate) fn surface(&self, ray: &Ray, hit: &Hit) -> ShadingPoint {
         let face = self.faces[hit.triangle];
         let mesh = &self.meshes[face.mesh as usize];
         let triangle = face.triangle as usize;

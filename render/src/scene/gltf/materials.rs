@@ -2,27 +2,18 @@
 
 use std::{
     collections::{BTreeSet, HashMap},
-    io::Cursor,
     sync::Arc,
 };
 
 use glam::{Vec3A, Vec4};
 use gltf::json::{self, Index, texture::WrappingMode, validation::Checked};
-use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits, RgbImage};
 
 use super::{default_material, document::Document, in_field};
 use crate::{
     error::Result,
-    image::{MAX_PIXELS, without_panic},
+    image::decode_compressed,
     scene::{Material, NormalMap, Texture, TexturedMetallicRoughness, Wrap},
 };
-
-/// The largest width or height of an image. It has at most [`MAX_PIXELS`] texels, and PNG and JPEG have at most 8 bytes for each, so that
-/// 1 GiB holds what is decoded.
-const MAX_SIDE: u32 = 16_384;
-
-/// The most bytes that a decoder may take for its own use.
-const MAX_DECODER_BYTES: u64 = 1 << 30;
 
 /// The most texels that all textures of a file may have together (768 MiB). One image can be named by any number of
 /// textures, and compresses to almost nothing when it is blank.
@@ -127,44 +118,11 @@ impl Textures<'_> {
     /// Width, height and texels of a PNG or JPEG file.
     fn decode(&mut self, bytes: &[u8], field: &str) -> Result<(usize, usize, Vec<[u8; 3]>)> {
         let invalid = |reason: String| self.document.invalid(field, reason);
-        let texels_left = self.texels_left;
-        let image = without_panic(|| decode(bytes, texels_left)).unwrap_or_else(|| Err("is damaged".into()));
-        let image = image.map_err(invalid)?;
+        let image = decode_compressed(bytes, self.texels_left).map_err(invalid)?.into_rgb8();
         self.texels_left -= u64::from(image.width()) * u64::from(image.height());
         let texels = image.pixels().map(|pixel| pixel.0).collect();
         Ok((image.width() as usize, image.height() as usize, texels))
     }
-}
-
-/// Decodes a PNG or JPEG file of at most `texels_left` texels; the error is the end of a sentence that begins with the image.
-fn decode(bytes: &[u8], texels_left: u64) -> std::result::Result<RgbImage, String> {
-    let broken = |error: ImageError| format!("cannot be decoded: {error}");
-    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| broken(e.into()))?;
-    let most_texels_per_byte = match reader.format() {
-        // A byte of a deflate stream stands for at most 1032 bytes, and a texel has a bit or more.
-        Some(ImageFormat::Png) => 8 * 1032,
-        // Each block of 8 x 8 texels takes a bit or more.
-        Some(ImageFormat::Jpeg) => 8 * 64,
-        _ => return Err("is neither PNG nor JPEG".into()),
-    };
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(MAX_DECODER_BYTES);
-    reader.limits(limits);
-    // Up to here headers are read, no pixels.
-    let decoder = reader.into_decoder().map_err(broken)?;
-    let (width, height) = decoder.dimensions();
-    let texels = u64::from(width) * u64::from(height);
-    if texels > MAX_PIXELS as u64 || width.max(height) > MAX_SIDE {
-        return Err(format!("has {width} x {height} texels; up to {MAX_PIXELS}, and {MAX_SIDE} in a row, can be read"));
-    }
-    if texels > texels_left {
-        return Err(format!("with its {width} x {height} texels, textures have more than {MAX_TEXELS}"));
-    }
-    let least = texels.div_ceil(most_texels_per_byte);
-    if (bytes.len() as u64) < least {
-        return Err(format!("has {width} x {height} texels, which take at least {least} bytes, in {}", bytes.len()));
-    }
-    Ok(DynamicImage::from_decoder(decoder).map_err(broken)?.into_rgb8())
 }
 
 /// An unknown mode is the default one, as in WebGL.

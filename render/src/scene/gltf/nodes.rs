@@ -12,6 +12,8 @@ pub struct Instance {
     pub mesh: usize,
     /// From the mesh's coordinates to the world's.
     pub to_world: Affine3A,
+    /// The node's name, or else the mesh's; empty where neither has one.
+    pub name: String,
 }
 
 /// What the nodes of a scene hold.
@@ -51,8 +53,9 @@ pub fn placed(document: &Document) -> Result<Placed> {
             return Err(document.invalid(field, "the product of the transforms down to it is not finite"));
         }
         if let Some(mesh) = node.mesh {
-            document.get(mesh, &format!("{field}.mesh"))?;
-            placed.meshes.push(Instance { mesh: mesh.value(), to_world });
+            let own = document.get(mesh, &format!("{field}.mesh"))?;
+            let name = node.name.as_ref().or(own.name.as_ref()).cloned().unwrap_or_default();
+            placed.meshes.push(Instance { mesh: mesh.value(), to_world, name });
         }
         if placed.camera.is_none() {
             placed.camera = camera(document, node, &to_world, &field)?;

@@ -26,12 +26,13 @@ pub fn read_mesh(document: &Document, instance: &Instance) -> Result<Vec<Mesh>> 
     for (i, primitive) in document.root().meshes[instance.mesh].primitives.iter().enumerate() {
         let field = format!("meshes[{}].primitives[{i}]", instance.mesh);
         let Some(mesh) = read_primitive(document, primitive, &field)? else { continue };
-        let Mesh { positions, normals, texcoords, roughness_texcoords, tangent_space, triangles, material } =
+        let Mesh { positions, normals, texcoords, roughness_texcoords, tangent_space, triangles, material, .. } =
             mesh.transformed(&instance.to_world);
         // Checked a second time: the transform may have made them infinite.
         let placed = Mesh::new(positions, normals, texcoords, triangles, material).map(|mesh| Mesh {
             roughness_texcoords,
             tangent_space,
+            name: instance.name.clone(),
             ..mesh
         });
         meshes.push(placed.map_err(|error| in_field(document, &format!("{field}, placed by its node"), error))?);

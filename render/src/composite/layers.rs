@@ -1,0 +1,87 @@
+//! The layers of a composite: what is put over the photograph, and what that is multiplied by.
+
+use glam::Vec3A;
+
+use super::{film::Film, mask::Mask};
+use crate::{
+    error::Result,
+    image::{Attribute, Channel, Image, Photograph, encode_layered_exr},
+};
+
+/// Layers over a photograph, all in its units: `composite = object + (1 - alpha) (photograph x shadow + light)`.
+#[derive(Clone, Debug)]
+pub struct Layers {
+    /// The object, multiplied by its alpha.
+    pub object: Image,
+    /// `[height * width]` share of each pixel that the object covers.
+    pub alpha: Vec<f32>,
+    /// What the photograph is multiplied by where it is seen; 1 where nothing falls on it.
+    pub shadow: Image,
+    /// Light that the object throws back onto what the photograph shows.
+    pub light: Image,
+    /// The photograph.
+    pub photograph: Image,
+}
+
+impl Layers {
+    /// The layers of a film and its mask; the photograph has the film's size, and its values times `gain` are radiance.
+    pub fn new(film: &Film, mask: &Mask, photograph: &Photograph, gain: f32, in_color: bool) -> Self {
+        let (width, height, spp) = (film.width, film.height, f64::from(film.spp.max(1)));
+        let black = || Image::black(width, height);
+        let mut layers = Self {
+            object: black(),
+            alpha: vec![0.0; width * height],
+            shadow: Image { width, height, pixels: vec![[1.0; 3]; width * height] },
+            light: black(),
+            photograph: photograph.image.clone(),
+        };
+        for (index, (catcher, object)) in film.catcher.iter().zip(&film.object).enumerate() {
+            layers.alpha[index] = (f64::from(object.0) / spp) as f32;
+            layers.object.pixels[index] = (object.1 / (spp * f64::from(gain))).as_vec3().to_array();
+            let rest = f64::from(film.spp - object.0);
+            if rest > 0.0 {
+                let share = (f64::from(catcher.hits) / rest) as f32;
+                let [red, green, blue, grey] = mask.values[index];
+                let mask = if in_color { [red, green, blue] } else { [grey; 3] };
+                layers.shadow.pixels[index] = mask.map(|mask| 1.0 + share * (mask - 1.0));
+                let behind = Vec3A::from_array(photograph.image.pixels[index]);
+                let light = Vec3A::from((catcher.thrown_back / rest).as_vec3());
+                layers.light.pixels[index] = (behind * light).to_array();
+            }
+        }
+        layers
+    }
+
+    /// The layers put together.
+    pub fn composite(&self) -> Image {
+        let pixel = |index: usize| {
+            let [object, shadow, light, behind] = [&self.object, &self.shadow, &self.light, &self.photograph]
+                .map(|image| Vec3A::from_array(image.pixels[index]));
+            (object + (1.0 - self.alpha[index]) * (behind * shadow + light)).to_array()
+        };
+        Image { pixels: (0..self.alpha.len()).map(pixel).collect(), ..self.object }
+    }
+
+    /// An OpenEXR file with the composite as R, G, B and the layers `object` (with A), `shadow`, `light` and `photograph`.
+    ///
+    /// # Errors
+    /// See [`encode_layered_exr`].
+    pub fn encode_exr(&self, attributes: &[Attribute]) -> Result<Vec<u8>> {
+        let composite = self.composite();
+        let images = [
+            ("", &composite),
+            ("object.", &self.object),
+            ("shadow.", &self.shadow),
+            ("light.", &self.light),
+            ("photograph.", &self.photograph),
+        ];
+        let mut channels = vec![Channel { name: "object.A".into(), values: self.alpha.clone() }];
+        for (layer, image) in images {
+            for (k, letter) in ["R", "G", "B"].into_iter().enumerate() {
+                let values = image.pixels.iter().map(|pixel| pixel[k]).collect();
+                channels.push(Channel { name: format!("{layer}{letter}"), values });
+            }
+        }
+        encode_layered_exr(self.object.width, self.object.height, channels, attributes)
+    }
+}

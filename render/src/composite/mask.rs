@@ -1,0 +1,179 @@
+//! What can be made of samples on a catcher: forms of the mask.
+
+use std::{fmt, str::FromStr};
+
+use glam::DVec4;
+
+use super::film::{CatcherSums, Film};
+use crate::error::{Error, Result};
+
+/// How the mask of a pixel is estimated. With `w = L cos / p` of a sample, per channel, and `E` the exact irradiance:
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MaskForm {
+    /// The paper's: the share of samples that are visible, the same for all channels. It converges to the mean visibility under the sampler's own
+    /// density, which is the mask only where that is the product of luminance and cosine.
+    Paper,
+    /// `mean(w V) / E`: unbiased, and noisy where nothing casts a shadow, unless the sampler is exact.
+    Weights,
+    /// `sum(w V) / sum(w)`: 1 where nothing casts a shadow, with a bias of the order of one over the samples of the pixel.
+    Ratio,
+    /// `mean(w V) / E + b (1 - mean(w) / E)`, the weights as a control variate whose mean is known: unbiased for any `b` that does not depend on
+    /// these samples. It is the ratio of the pixels around, whose random numbers are independent, so that what a sampler's weights vary by
+    /// cancels in the light and in the shadow.
+    #[default]
+    ControlVariate,
+}
+
+impl MaskForm {
+    /// All forms.
+    pub const ALL: [Self; 4] = [Self::Paper, Self::Weights, Self::Ratio, Self::ControlVariate];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Weights => "weights",
+            Self::Ratio => "ratio",
+            Self::ControlVariate => "control-variate",
+        }
+    }
+}
+
+impl fmt::Display for MaskForm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for MaskForm {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let found = Self::ALL.into_iter().find(|form| form.name() == text);
+        found.ok_or_else(|| Error::argument("mask", "choose control-variate, ratio, weights or paper"))
+    }
+}
+
+/// A mask per channel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mask {
+    /// Pixels in a row.
+    pub width: usize,
+    /// `[height * width]` share of the irradiance that is left: red, green, blue, luminance. 1 where there is no catcher. Unbiased forms are
+    /// not cut off: noise goes a little below 0 and above 1.
+    pub values: Vec<[f32; 4]>,
+}
+
+/// The pixels around one that give its control variate its factor.
+const REACH: i32 = 2;
+
+impl Mask {
+    /// The mask in a form. For a catcher that shadows itself the exact irradiance is of no use, and `Ratio` is what `Weights` and
+    /// `ControlVariate` mean.
+    pub fn of(film: &Film, form: MaskForm) -> Self {
+        let form = if film.is_exact { form } else { form.without_irradiance() };
+        let pixel = |index: usize| {
+            let own = &film.catcher[index];
+            if own.hits == 0 {
+                return [1.0; 4];
+            }
+            let hits = f64::from(own.hits);
+            let (visible, all) = (own.visible / hits, own.all / hits);
+            let value = match form {
+                MaskForm::Paper => DVec4::splat(own.seen as f64 / own.draws.max(1) as f64),
+                MaskForm::Weights => visible,
+                MaskForm::Ratio => ratio(own.visible, own.all),
+                MaskForm::ControlVariate => visible + factor(film, index) * (DVec4::ONE - all),
+            };
+            value.as_vec4().to_array()
+        };
+        Self { width: film.width, values: (0..film.catcher.len()).map(pixel).collect() }
+    }
+
+    /// The quotient of the sums of a pass with the object and of one without it, both of the same camera: two passes.
+    pub fn of_two(with: &Film, without: &Film) -> Self {
+        let quotient = |(a, b): (&CatcherSums, &CatcherSums)| {
+            if a.hits == 0 || b.hits == 0 {
+                return [1.0; 4];
+            }
+            ratio(a.visible / f64::from(a.hits), b.all / f64::from(b.hits)).as_vec4().to_array()
+        };
+        Self { width: with.width, values: with.catcher.iter().zip(&without.catcher).map(quotient).collect() }
+    }
+}
+
+impl MaskForm {
+    fn without_irradiance(self) -> Self {
+        match self {
+            Self::Paper => Self::Paper,
+            _ => Self::Ratio,
+        }
+    }
+}
+
+/// 1 where there is no light that could be shadowed.
+fn ratio(visible: DVec4, all: DVec4) -> DVec4 {
+    let quotient = visible / all;
+    DVec4::select(all.cmpgt(DVec4::ZERO), quotient, DVec4::ONE)
+}
+
+/// The ratio of the pixels around one, in `[0, 1]`.
+fn factor(film: &Film, index: usize) -> DVec4 {
+    let (x, y) = ((index % film.width) as i32, (index / film.width) as i32);
+    let (mut visible, mut all) = (DVec4::ZERO, DVec4::ZERO);
+    for dy in -REACH..=REACH {
+        for dx in -REACH..=REACH {
+            let inside = (0..film.width as i32).contains(&(x + dx)) && (0..film.height as i32).contains(&(y + dy));
+            if inside && (dx, dy) != (0, 0) {
+                let other = &film.catcher[((y + dy) * film.width as i32 + x + dx) as usize];
+                visible += other.visible;
+                all += other.all;
+            }
+        }
+    }
+    ratio(visible, all).clamp(DVec4::ZERO, DVec4::ONE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn forms_print_as_they_parse() {
+        for form in MaskForm::ALL {
+            assert_eq!(form.to_string().parse::<MaskForm>().unwrap(), form);
+        }
+        assert!("best".parse::<MaskForm>().is_err());
+    }
+
+    fn film(sums: CatcherSums) -> Film {
+        let mut film = Film::new(3, 3, true);
+        film.catcher.fill(sums);
+        film
+    }
+
+    #[test]
+    fn unshadowed_pixels_are_white_whatever_the_weights() {
+        let sums = CatcherSums {
+            hits: 4,
+            visible: DVec4::splat(7.0),
+            all: DVec4::splat(7.0),
+            seen: 4,
+            draws: 4,
+            ..CatcherSums::default()
+        };
+        let film = film(sums);
+        for form in [MaskForm::Paper, MaskForm::Ratio, MaskForm::ControlVariate] {
+            assert_eq!(Mask::of(&film, form).values[4], [1.0; 4], "{form}");
+        }
+        assert_eq!(Mask::of(&film, MaskForm::Weights).values[4], [1.75; 4]);
+    }
+
+    #[test]
+    fn black_pixels_are_black_and_empty_ones_white() {
+        let black = CatcherSums { hits: 4, all: DVec4::splat(7.0), draws: 4, ..CatcherSums::default() };
+        for form in MaskForm::ALL {
+            assert_eq!(Mask::of(&film(black), form).values[4], [0.0; 4], "{form}");
+            assert_eq!(Mask::of(&film(CatcherSums::default()), form).values[4], [1.0; 4], "{form}");
+        }
+    }
+}

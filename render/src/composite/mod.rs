@@ -1,0 +1,26 @@
+//! Virtual objects in photographs: the light on an object, the shadow that it casts on what the photograph shows (the catcher), and the light
+//! that it throws back, in one pass.
+//!
+//! The mask of a catcher is the share of its irradiance that the object leaves over,
+//! `tau = integral V L max(0, n . w) dw / integral L max(0, n . w) dw` (Litalien et al. 2024, equation `ShadowCatcher`). A renderer that
+//! divides a picture with the object by one without it (Debevec 1998) needs two passes. Samples of the product need one: see [`MaskForm`] for what
+//! can be made of them.
+
+mod catcher;
+mod composition;
+mod film;
+mod irradiance;
+mod layers;
+mod mask;
+mod pass;
+mod view;
+mod worker;
+
+pub use catcher::{Backdrop, Catcher, Stage};
+pub use composition::{Composition, Settings};
+pub use film::{CatcherSums, Film};
+pub use irradiance::Irradiance;
+pub use layers::Layers;
+pub use mask::{Mask, MaskForm};
+pub use pass::compose;
+pub use view::rectified_view;

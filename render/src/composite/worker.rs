@@ -1,0 +1,361 @@
+//! One sample of each pixel of a tile: camera rays, the mask, light on the object, and light between object and catcher.
+
+use glam::{DVec3, DVec4, Vec3, Vec3A};
+
+use super::{
+    catcher::Backdrop,
+    composition::{Composition, Settings},
+    film::CatcherSums,
+};
+use crate::{
+    brdf::Lambert,
+    color::luminance,
+    columns::Arena,
+    estimator::Contributions,
+    morton::morton,
+    points::{Dimension, Points},
+    scene::Ray,
+    simd::{LANES, Lanes},
+    tile::{ShadingPoint, Tile},
+};
+
+/// Edge of a tile in pixels.
+const TILE: usize = 16;
+/// From this bounce on, paths end at random.
+const ROULETTE_FROM: u32 = 3;
+/// The largest chance to go on.
+const MOST_SURVIVAL: f32 = 0.95;
+
+/// The pixels of a tile with their sums.
+pub(super) struct Pixels {
+    pub places: Vec<(u16, u16)>,
+    pub sums: Vec<Sums>,
+    pub mask_rays: u64,
+    pub other_rays: u64,
+}
+
+#[derive(Clone, Copy, Default)]
+pub(super) struct Sums {
+    pub catcher: CatcherSums,
+    pub object_hits: u32,
+    pub object: DVec3,
+}
+
+impl Pixels {
+    pub fn tiles(width: usize, height: usize) -> Vec<Self> {
+        let corners = (0..height).step_by(TILE).flat_map(|top| (0..width).step_by(TILE).map(move |left| (left, top)));
+        let tile = |(left, top): (usize, usize)| {
+            let rows = top..(top + TILE).min(height);
+            let places: Vec<(u16, u16)> =
+                rows.flat_map(|y| (left..(left + TILE).min(width)).map(move |x| (x as u16, y as u16))).collect();
+            Self { sums: vec![Sums::default(); places.len()], places, mask_rays: 0, other_rays: 0 }
+        };
+        corners.map(tile).collect()
+    }
+}
+
+/// What light that is found belongs to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Goal {
+    /// The object in this pixel.
+    Object,
+    /// What the object throws back onto the catcher in this pixel.
+    ThrownBack,
+}
+
+/// The path that leads to a shading point.
+#[derive(Clone, Copy, Debug)]
+struct Path {
+    pixel: usize,
+    goal: Goal,
+    /// Whether its last surface is the catcher.
+    from_catcher: bool,
+    throughput: Vec3A,
+}
+
+/// Shading points of one kind, with the paths to them.
+#[derive(Default)]
+struct Front {
+    tile: Tile,
+    paths: Vec<Path>,
+}
+
+impl Front {
+    fn push(&mut self, point: &ShadingPoint, key: u32, path: Path) {
+        self.tile.push(point, key);
+        self.paths.push(path);
+    }
+}
+
+/// What a thread works with, kept from tile to tile.
+#[derive(Default)]
+pub(super) struct Workspace {
+    arena: Arena,
+    object: Front,
+    catcher: Front,
+    contributions: Contributions,
+    rays: Vec<Ray>,
+    visible: Vec<bool>,
+    /// Which contributions to the catcher it does not block itself.
+    open: Vec<bool>,
+}
+
+/// One sample of each pixel of a tile.
+pub(super) struct Worker<'a> {
+    pub composition: Composition<'a>,
+    pub settings: Settings,
+    pub points: Points,
+    pub workspace: &'a mut Workspace,
+    pub pixels: &'a mut Pixels,
+}
+
+impl Worker<'_> {
+    pub fn sample(mut self) {
+        self.trace_camera();
+        self.mask();
+        if self.settings.mask_only {
+            return;
+        }
+        for bounce in 0..self.settings.depth.max(1) {
+            self.points = self.points.at_bounce(bounce);
+            self.light_object();
+            if bounce > 0 {
+                self.light_catcher();
+            }
+            if bounce + 1 < self.settings.depth {
+                self.continue_paths(bounce + 1);
+            }
+        }
+    }
+
+    /// One ray through each pixel.
+    fn trace_camera(&mut self) {
+        let Self { composition, settings, points, workspace, pixels } = self;
+        let count = pixels.places.len();
+        let key = |place: usize| morton(pixels.places[place].0, pixels.places[place].1);
+        let mut jitter = workspace.arena.columns::<2>(count.div_ceil(LANES));
+        points.draw_keyed(Dimension::Camera, count, key, jitter.get_mut());
+        let [across, down] = jitter.get().map(<[Lanes]>::as_flattened);
+        let rays = pixels.places.iter().zip(across).zip(down).map(|((&(x, y), across), down)| {
+            composition.camera.ray(f32::from(x) + across, f32::from(y) + down, settings.width, settings.height)
+        });
+        let rays: Vec<Ray> = rays.collect();
+        let keys: Vec<u32> = (0..count).map(key).collect();
+        drop(jitter);
+        let path = |pixel| Path { pixel, goal: Goal::Object, from_catcher: false, throughput: Vec3A::ONE };
+        let paths: Vec<Path> = (0..count).map(path).collect();
+        self.meet(&rays, &keys, &paths);
+        let Self { workspace, pixels, .. } = self;
+        for path in &workspace.object.paths {
+            pixels.sums[path.pixel].object_hits += 1;
+        }
+        for path in &mut workspace.catcher.paths {
+            path.goal = Goal::ThrownBack;
+            pixels.sums[path.pixel].catcher.hits += 1;
+        }
+    }
+
+    /// Fills both fronts with what rays hit. Light between points of the catcher is in the photograph: it is left out.
+    fn meet(&mut self, rays: &[Ray], keys: &[u32], paths: &[Path]) {
+        let Self { composition, settings, workspace, .. } = self;
+        let stage = composition.stage;
+        let scene = if settings.without_object { &stage.catcher } else { &stage.all };
+        let mut hits = vec![None; rays.len()];
+        scene.closest_batch(rays, &mut hits);
+        for front in [&mut workspace.object, &mut workspace.catcher] {
+            front.tile.clear(scene.brdfs());
+            front.paths.clear();
+        }
+        for (index, hit) in hits.iter().enumerate() {
+            let Some(hit) = hit else { continue };
+            let (ray, path) = (&rays[index], paths[index]);
+            let point = scene.surface(ray, hit);
+            if !(settings.without_object || stage.is_catcher(hit)) {
+                workspace.object.push(&point, keys[index], path);
+            } else if stage.faces(&point) && !path.from_catcher {
+                let white = ShadingPoint { surface: Lambert { albedo: Vec3::ONE }.into(), ..point };
+                workspace.catcher.push(&white, keys[index], path);
+            }
+        }
+    }
+
+    /// The weights of the catcher that the camera sees.
+    fn mask(&mut self) {
+        self.propose(Which::Catcher);
+        self.test_shadow();
+        let Self { composition, workspace, pixels, .. } = self;
+        let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
+        pixels.mask_rays += rays.len() as u64;
+        let own = contributions.places().iter().zip(contributions.radiance()).zip(visible.iter().zip(&*open));
+        for ((&place, &radiance), (&visible, _)) in own.filter(|(_, (_, open))| **open) {
+            let n = catcher.tile.point(place as usize).ns;
+            let sums = &mut pixels.sums[catcher.paths[place as usize].pixel].catcher;
+            let weight = relative(radiance, composition.backdrop, n);
+            sums.draws += 1;
+            sums.all += weight;
+            if visible {
+                sums.seen += 1;
+                sums.visible += weight;
+            }
+        }
+    }
+
+    /// Which of the contributions to the catcher the object lets through, and which of them are open without it.
+    fn test_shadow(&mut self) {
+        let Self { composition, settings, workspace, .. } = self;
+        let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
+        let stage = composition.stage;
+        let ray = |(&place, &wi): (&u16, &Vec3A)| {
+            let (p, ng) = catcher.tile.position_and_normal(place as usize);
+            stage.all.leaving(p, ng, wi)
+        };
+        rays.clear();
+        rays.extend(contributions.places().iter().zip(contributions.wi()).map(ray));
+        open.clear();
+        open.resize(rays.len(), true);
+        if !stage.is_plane() {
+            stage.catcher.visible_batch(rays, open);
+        }
+        visible.clear();
+        visible.resize(rays.len(), true);
+        if !settings.without_object {
+            stage.object.visible_batch(rays, visible);
+        }
+        // Below the horizon a map shows the ground, which is near: nothing casts a shadow upwards.
+        for ((visible, open), wi) in visible.iter_mut().zip(&*open).zip(contributions.wi()) {
+            *visible = (*visible || wi.y <= 0.0) && *open;
+        }
+        composition.estimator.observe(&catcher.tile.rows(), contributions, visible);
+    }
+
+    fn propose(&mut self, which: Which) {
+        let Workspace { arena, object, catcher, contributions, .. } = &mut *self.workspace;
+        contributions.clear();
+        let front = if which == Which::Object { object } else { catcher };
+        if !front.tile.is_empty() {
+            self.composition.estimator.propose(&front.tile.rows(), &self.points, contributions, arena);
+        }
+    }
+
+    /// Light of the map on the object.
+    fn light_object(&mut self) {
+        self.propose(Which::Object);
+        let Self { composition, workspace, pixels, .. } = self;
+        let Workspace { object, contributions, visible, rays, .. } = &mut **workspace;
+        let scene = &composition.stage.all;
+        let ray = |(&place, &wi): (&u16, &Vec3A)| {
+            let (p, ng) = object.tile.position_and_normal(place as usize);
+            scene.leaving(p, ng, wi)
+        };
+        rays.clear();
+        rays.extend(contributions.places().iter().zip(contributions.wi()).map(ray));
+        visible.clear();
+        visible.resize(rays.len(), true);
+        scene.visible_batch(rays, visible);
+        pixels.other_rays += rays.len() as u64;
+        composition.estimator.observe(&object.tile.rows(), contributions, visible);
+        let own = contributions.places().iter().zip(contributions.radiance()).zip(&*visible);
+        for ((&place, &radiance), _) in own.filter(|(_, visible)| **visible) {
+            add(pixels, &object.paths[place as usize], radiance);
+        }
+    }
+
+    /// What the catcher sends to the object: the photograph, less what the object shadows of it.
+    fn light_catcher(&mut self) {
+        self.propose(Which::Catcher);
+        self.test_shadow();
+        let Self { composition, workspace, pixels, .. } = self;
+        let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
+        pixels.other_rays += rays.len() as u64;
+        let backdrop = composition.backdrop;
+        for (place, path) in catcher.paths.iter().enumerate() {
+            let (p, _) = catcher.tile.position_and_normal(place);
+            add(pixels, path, backdrop.radiance(p));
+        }
+        let own = contributions.places().iter().zip(contributions.radiance()).zip(visible.iter().zip(&*open));
+        for ((&place, &radiance), _) in own.filter(|(_, (visible, open))| **open && !**visible) {
+            let point = catcher.tile.point(place as usize);
+            add(pixels, &catcher.paths[place as usize], -radiance * backdrop.albedo(point.p, point.ns));
+        }
+    }
+
+    /// Paths go on by BRDF sampling.
+    fn continue_paths(&mut self, bounce: u32) {
+        let mut next = Bounced::default();
+        for which in [Which::Object, Which::Catcher] {
+            self.bounce(which, bounce, &mut next);
+        }
+        self.meet(&next.rays, &next.keys, &next.paths);
+    }
+
+    fn bounce(&mut self, which: Which, bounce: u32, next: &mut Bounced) {
+        let Self { composition, points, workspace, .. } = self;
+        let Workspace { arena, object, catcher, .. } = &mut **workspace;
+        let front = if which == Which::Object { object } else { catcher };
+        if front.tile.is_empty() {
+            return;
+        }
+        let at = front.tile.rows();
+        let mut columns = arena.columns::<10>(at.strips());
+        let [u, v, roulette, x, y, z, pdf, red, green, blue] = columns.get_mut();
+        points.draw(Dimension::Path, &at, [&mut *u, &mut *v, &mut *roulette]);
+        at.sample_brdf([u, v], [&mut *x, &mut *y, &mut *z], pdf, arena);
+        at.brdf_cosine([x, y, z], [&mut *red, &mut *green, &mut *blue], arena);
+        for (place, path) in front.paths.iter().enumerate() {
+            let (strip, lane) = (place / LANES, place % LANES);
+            let f = Vec3A::new(red[strip][lane], green[strip][lane], blue[strip][lane]);
+            let mut reflected = if pdf[strip][lane] > 0.0 { f / pdf[strip][lane] } else { Vec3A::ZERO };
+            let point = front.tile.point(place);
+            if which == Which::Catcher {
+                reflected *= match (path.goal, bounce) {
+                    // pi over the irradiance, without the albedo: the pixel is multiplied by the photograph in the end.
+                    (Goal::ThrownBack, 1) => std::f32::consts::PI * composition.backdrop.inverse_irradiance(point.ns),
+                    // A lamp in the photograph does not reflect more than it receives.
+                    _ => composition.backdrop.albedo(point.p, point.ns).min(Vec3A::ONE),
+                };
+            }
+            let mut throughput = path.throughput * reflected;
+            if bounce >= ROULETTE_FROM {
+                let survival = throughput.max_element().min(MOST_SURVIVAL);
+                throughput = if roulette[strip][lane] < survival { throughput / survival } else { Vec3A::ZERO };
+            }
+            if throughput.max_element() > 0.0 {
+                let wi = Vec3A::new(x[strip][lane], y[strip][lane], z[strip][lane]);
+                next.rays.push(composition.stage.all.leaving(point.p, point.ng, wi));
+                next.keys.push(at.key(place));
+                next.paths.push(Path { throughput, from_catcher: which == Which::Catcher, ..*path });
+            }
+        }
+    }
+}
+
+/// Rays that paths go on along.
+#[derive(Default)]
+struct Bounced {
+    rays: Vec<Ray>,
+    keys: Vec<u32>,
+    paths: Vec<Path>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Which {
+    Object,
+    Catcher,
+}
+
+/// Adds light that arrives over a path.
+fn add(pixels: &mut Pixels, path: &Path, radiance: Vec3A) {
+    let light = (path.throughput * radiance).as_dvec3();
+    let sums = &mut pixels.sums[path.pixel];
+    match path.goal {
+        Goal::Object => sums.object += light,
+        Goal::ThrownBack => sums.catcher.thrown_back += light,
+    }
+}
+
+/// What a white surface reflects, over what it would reflect unshadowed: per channel, and of luminance.
+fn relative(radiance: Vec3A, backdrop: &Backdrop<'_>, n: Vec3A) -> DVec4 {
+    let arriving = std::f32::consts::PI * radiance;
+    let grey = f64::from(luminance(arriving)) / f64::from(luminance(backdrop.irradiance(n)));
+    (arriving * backdrop.inverse_irradiance(n)).as_dvec3().extend(grey)
+}

@@ -1,0 +1,207 @@
+//! Photographs: linear radiance from OpenEXR or Radiance files, and sRGB pictures from PNG or JPEG.
+
+use std::{io::Read, path::Path};
+
+use glam::{Vec2, Vec3A};
+use image::{DynamicImage, ImageDecoder};
+
+use super::{Image, MAX_PIXELS, compressed::decode_compressed, read::open_regular, read_radiance};
+use crate::{
+    color::{srgb_decode, srgb_encode},
+    error::{Error, Result},
+};
+
+/// The largest PNG or JPEG file that is read, in bytes.
+const MAX_BYTES: u64 = 1 << 30;
+
+/// A photograph as linear Rec.709.
+#[derive(Clone, Debug)]
+pub struct Photograph {
+    /// Linear values: radiance, or what 8- or 16-bit sRGB codes stand for, in `[0, 1]`.
+    pub image: Image,
+    /// Whether the values are radiance, in the units of a map. If not, an unknown exposure lies between.
+    pub is_radiance: bool,
+}
+
+impl Photograph {
+    /// Reads an OpenEXR, Radiance, PNG or JPEG file; its first bytes decide which.
+    ///
+    /// # Errors
+    /// The file cannot be read, is none of these, or is damaged; see [`read_radiance`].
+    pub fn read(path: &Path) -> Result<Self> {
+        let (file, size) = open_regular(path).map_err(|error| Error::io(path, error))?;
+        let mut magic = Vec::new();
+        file.take(8).read_to_end(&mut magic).map_err(|error| Error::io(path, error))?;
+        if !(magic.starts_with(b"\x89PNG") || magic.starts_with(b"\xff\xd8")) {
+            return read_radiance(path).map(Self::of_radiance).map_err(|error| match error {
+                Error::Invalid { path, field, reason } if field == "first bytes" && !reason.contains("empty") => {
+                    Error::Invalid { path, field, reason: "the file is no OpenEXR, Radiance, PNG or JPEG image".into() }
+                }
+                other => other,
+            });
+        }
+        if size > MAX_BYTES {
+            return Err(Error::invalid(path, "file", format!("has {size} bytes; up to {MAX_BYTES} are read")));
+        }
+        let mut bytes = Vec::new();
+        let (file, _) = open_regular(path).map_err(|error| Error::io(path, error))?;
+        file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(|error| Error::io(path, error))?;
+        Self::decode(&bytes).map_err(|reason| Error::invalid(path, "image", reason))
+    }
+
+    /// A photograph of radiance; what is not finite or negative becomes 0.
+    pub fn of_radiance(mut image: Image) -> Self {
+        for value in image.pixels.iter_mut().flatten().filter(|value| !(value.is_finite() && **value >= 0.0)) {
+            *value = 0.0;
+        }
+        Self { image, is_radiance: true }
+    }
+
+    /// Decodes a PNG or JPEG file; the error is the end of a sentence that begins with the image.
+    pub fn decode(bytes: &[u8]) -> std::result::Result<Self, String> {
+        let mut decoded = decode_compressed(bytes, MAX_PIXELS as u64)?;
+        decoded.apply_orientation(orientation(bytes));
+        let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+        let is_deep = matches!(
+            decoded,
+            DynamicImage::ImageLuma16(_)
+                | DynamicImage::ImageLumaA16(_)
+                | DynamicImage::ImageRgb16(_)
+                | DynamicImage::ImageRgba16(_)
+        );
+        let pixels = if is_deep {
+            decoded
+                .into_rgb16()
+                .pixels()
+                .map(|pixel| pixel.0.map(|code| srgb_decode(f32::from(code) / 65535.0)))
+                .collect()
+        } else {
+            decoded.into_rgb8().pixels().map(|pixel| pixel.0.map(|code| srgb_decode(f32::from(code) / 255.0))).collect()
+        };
+        Ok(Self { image: Image { width, height, pixels }, is_radiance: false })
+    }
+
+    /// The linear colour at a point of the image (pixels from the top left corner), interpolated between pixel centres; `None` outside.
+    pub fn sample(&self, at: Vec2) -> Option<Vec3A> {
+        let size = Vec2::new(self.image.width as f32, self.image.height as f32);
+        if !(at.cmpge(Vec2::ZERO).all() && at.cmplt(size).all()) {
+            return None;
+        }
+        let inside = (at - 0.5).clamp(Vec2::ZERO, size - 1.0);
+        let (column, row) = (inside.x as usize, inside.y as usize);
+        let (right, below) = ((column + 1).min(self.image.width - 1), (row + 1).min(self.image.height - 1));
+        let mix = |y| self.image.get(column, y).lerp(self.image.get(right, y), inside.x.fract());
+        Some(mix(row).lerp(mix(below), inside.y.fract()))
+    }
+
+    /// The image in another size, each pixel the mean of what it covers.
+    ///
+    /// # Panics
+    /// If a side is 0.
+    #[must_use]
+    pub fn resized(&self, width: usize, height: usize) -> Self {
+        let across = cover(self.image.width, width);
+        let down = cover(self.image.height, height);
+        let mut image = Image::black(width, height);
+        for (y, rows) in down.iter().enumerate() {
+            for (x, columns) in across.iter().enumerate() {
+                let mut sum = Vec3A::ZERO;
+                for &(row, tall) in rows {
+                    for &(column, wide) in columns {
+                        sum += tall * wide * self.image.get(column, row);
+                    }
+                }
+                image.pixels[y * width + x] = sum.to_array();
+            }
+        }
+        Self { image, is_radiance: self.is_radiance }
+    }
+}
+
+/// The pixels of a row of `from` that each of `to` covers, with weights whose sum is 1.
+fn cover(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
+    let step = from as f64 / to as f64;
+    let pixels = |k: usize| {
+        let (start, end) = (k as f64 * step, (k + 1) as f64 * step);
+        let touched = start as usize..(end.ceil() as usize).min(from);
+        touched
+            .map(|i| (i, ((end.min((i + 1) as f64) - start.max(i as f64)) / step) as f32))
+            .filter(|(_, weight)| *weight > 0.0)
+            .collect()
+    };
+    (0..to).map(pixels).collect()
+}
+
+/// How an image is to be turned before it is shown.
+fn orientation(bytes: &[u8]) -> image::metadata::Orientation {
+    let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().ok();
+    let turned = super::without_panic(|| reader?.into_decoder().ok()?.orientation().ok()).flatten();
+    turned.unwrap_or(image::metadata::Orientation::NoTransforms)
+}
+
+/// The 8-bit sRGB code of a linear value, clipped at 1: the inverse of what [`Photograph::decode`] reads.
+pub fn srgb_code(linear: f32) -> u8 {
+    (255.0 * srgb_encode(linear) + 0.5) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::encode_png_rgb8;
+
+    fn ramp(width: usize, height: usize) -> Vec<[u8; 3]> {
+        (0..width * height).map(|k| [(k % 256) as u8, (k / 2 % 256) as u8, 255 - (k % 256) as u8]).collect()
+    }
+
+    #[test]
+    fn codes_come_back_from_linear_light() {
+        let pixels = ramp(32, 16);
+        let read = Photograph::decode(&encode_png_rgb8(32, 16, &pixels).unwrap()).unwrap();
+        assert!(!read.is_radiance);
+        let codes: Vec<[u8; 3]> = read.image.pixels.iter().map(|pixel| pixel.map(srgb_code)).collect();
+        assert_eq!(codes, pixels);
+    }
+
+    #[test]
+    fn damaged_pictures_are_refused() {
+        let good = encode_png_rgb8(32, 16, &ramp(32, 16)).unwrap();
+        for cut in [0, 3, 8, 20, 40, good.len() / 2] {
+            assert!(Photograph::decode(&good[..cut]).is_err(), "{cut} bytes");
+        }
+        let mut huge = good.clone();
+        huge[16..20].copy_from_slice(&u32::MAX.to_be_bytes());
+        assert!(Photograph::decode(&huge).is_err());
+        for place in 0..good.len() {
+            let mut damaged = good.clone();
+            damaged[place] ^= 0x55;
+            // Any answer but a panic is right.
+            let _ = Photograph::decode(&damaged);
+        }
+    }
+
+    #[test]
+    fn another_size_keeps_the_mean() {
+        let image = Image { width: 30, height: 20, pixels: (0..600).map(|k| [k as f32, 1.0, 0.5]).collect() };
+        let mean =
+            |image: &Image| image.pixels.iter().map(|p| f64::from(p[0])).sum::<f64>() / image.pixels.len() as f64;
+        let large = Photograph::of_radiance(image);
+        for (width, height) in [(15, 10), (7, 9), (30, 20), (45, 31), (1, 1)] {
+            let small = large.resized(width, height);
+            // Weights of a few f32 roundings each.
+            assert!((mean(&small.image) / mean(&large.image) - 1.0).abs() < 1e-5, "{width} x {height}");
+        }
+        assert_eq!(large.resized(30, 20).image, large.image);
+    }
+
+    #[test]
+    fn samples_are_pixels_at_their_centres_and_nothing_outside() {
+        let image = Image { width: 3, height: 2, pixels: (0..6).map(|k| [k as f32; 3]).collect() };
+        let photograph = Photograph::of_radiance(image);
+        assert_eq!(photograph.sample(Vec2::new(1.5, 1.5)).unwrap().x, 4.0);
+        assert_eq!(photograph.sample(Vec2::new(1.0, 0.5)).unwrap().x, 0.5);
+        assert_eq!(photograph.sample(Vec2::new(2.99, 1.99)).unwrap().x, 5.0);
+        for outside in [Vec2::new(-0.1, 1.0), Vec2::new(3.0, 1.0), Vec2::new(f32::NAN, 1.0)] {
+            assert!(photograph.sample(outside).is_none());
+        }
+    }
+}

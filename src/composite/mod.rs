@@ -1,0 +1,251 @@
+//! `headtail composite`: a virtual object in a photograph.
+
+mod page;
+mod setting;
+
+use std::{path::PathBuf, sync::atomic::Ordering};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use headtail_render::{
+    composite::{Composition, Film, Layers, Mask, MaskForm, Settings, compose},
+    file,
+    image::{Attribute, Image, encode_png_rgb8, srgb_code, write_exr},
+    scene::MaterialSpec,
+    spec::SamplerSpec,
+};
+
+use crate::{
+    arguments::{Triple, make_folder, note_use},
+    progress,
+    report::picture,
+};
+pub use setting::Setting;
+
+/// Put a virtual object into a photograph, with the shadow that it casts and the light that it throws back, in one pass.
+#[derive(Args, Clone)]
+#[command(after_help = "Examples:
+  headtail view --env room.hdr --out out/room.exr
+  headtail composite --photo out/room.exr --camera out/room.fspy --env room.hdr --scene spot.glb --material lambert --out out/composite
+  headtail composite --photo desk.jpg --camera desk.fspy --env desk.hdr --turn-env 40 --scene cup.glb --size 0.12 --move 0.1,0,-0.2 --preview --out out/cup
+  headtail composite --photo wall.png --look-from 0,1.6,4 --look-at 0,1,0 --fov 40 --env room.hdr --scene room.glb --catcher Walls --out out/wall
+
+DIR holds composite.png, composite.exr, layers.exr (layers object with alpha, shadow, light, photograph, for Nuke, Blender or Natron: \
+object + (1 - object.A) (photograph x shadow + light)), mask.png, and composite.html with before and after under a slider. \
+Ctrl-C writes what there is.")]
+pub struct Arguments {
+    /// The photograph: OpenEXR or Radiance in the map's units, or PNG or JPEG. Default: the one in the .fspy file.
+    #[arg(long, value_name = "FILE", required_unless_present = "camera")]
+    pub photo: Option<PathBuf>,
+    /// The photograph's camera, an fSpy project.
+    #[arg(long, value_name = "FILE.fspy", conflicts_with = "look_from", required_unless_present = "look_from")]
+    pub camera: Option<PathBuf>,
+    /// The axis of the fSpy project that points up.
+    #[arg(long, value_name = "AXIS", default_value = "z", requires = "camera")]
+    pub up: Up,
+    /// Camera position in metres, instead of a project.
+    #[arg(long, value_name = "X,Y,Z", requires = "look_at", allow_hyphen_values = true)]
+    pub look_from: Option<Triple>,
+    /// The point that the camera looks at.
+    #[arg(long, value_name = "X,Y,Z", requires = "look_from", allow_hyphen_values = true)]
+    pub look_at: Option<Triple>,
+    /// Vertical field of view in degrees, with --look-from.
+    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, conflicts_with = "camera")]
+    pub fov: f32,
+    /// The light: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr map.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub env: String,
+    /// Turn the map around the vertical, counter-clockwise from above.
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_hyphen_values = true)]
+    pub turn_env: f32,
+    /// The object: a built-in scene or a glTF 2.0 file (.glb, .gltf).
+    #[arg(long, value_name = "NAME|FILE")]
+    pub scene: String,
+    /// Give the object one material: lambert[:albedo=A], ggx:alpha=A, ggx:alpha=LOW..HIGH.
+    #[arg(long, value_name = "SPEC")]
+    pub material: Option<MaterialSpec>,
+    /// Where the middle of the object's underside is put, Y up.
+    #[arg(long = "move", value_name = "X,Y,Z", default_value = "0,0,0", allow_hyphen_values = true)]
+    pub place: Triple,
+    /// Make the object so many times as large.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    pub scale: f32,
+    /// Make the object's longest edge so long, in the unit of the camera.
+    #[arg(long, value_name = "LENGTH", conflicts_with = "scale")]
+    pub size: Option<f32>,
+    /// Turn the object around the vertical, counter-clockwise from above.
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_hyphen_values = true)]
+    pub turn: f32,
+    /// What catches the shadow: plane, or the name of a mesh of the scene.
+    #[arg(long, value_name = "plane|MESH", default_value = "plane")]
+    pub catcher: String,
+    /// A point of the plane.
+    #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", allow_hyphen_values = true)]
+    pub plane_at: Triple,
+    /// The plane's normal.
+    #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", allow_hyphen_values = true)]
+    pub plane_normal: Triple,
+    /// Sampler of directions: any that render knows.
+    #[arg(long, value_name = "SPEC", default_value = "patches")]
+    pub sampler: SamplerSpec,
+    /// How the mask is estimated: control-variate (unbiased), weights (unbiased, noisier), ratio (bias of the order of 1 / spp) or paper (the
+    /// mean visibility, right where the sampler is the exact product).
+    #[arg(long, value_name = "FORM", default_value = "control-variate")]
+    pub mask: MaskForm,
+    /// One mask for all channels, of luminance. Shadows under a blue sky and a warm sun are coloured.
+    #[arg(long)]
+    pub grey_mask: bool,
+    /// Surfaces that light may visit on its way to the camera. From 2 on, the object throws light back onto the catcher, and reflects it.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub depth: u32,
+    /// Samples per pixel. Default: 64, for a preview 8.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub spp: Option<u32>,
+    /// Width of the composite in pixels. Default: that of the photograph, for a preview a quarter.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(8..=16384))]
+    pub width: Option<u32>,
+    /// What the photograph's values are multiplied by to be in the map's units. Default: 1 for OpenEXR and Radiance; for PNG and JPEG what gives
+    /// them the brightness that the map has in the same view.
+    #[arg(long, value_name = "FACTOR")]
+    pub gain: Option<f32>,
+    /// Quickly: a quarter of the width and few samples.
+    #[arg(long)]
+    pub preview: bool,
+    /// Seed of the samples.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Threads to render with. Default: all cores.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Folder for the results.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+/// The axis of an fSpy project that points up.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub enum Up {
+    /// +Y.
+    Y,
+    /// +Z, as Blender has it.
+    Z,
+}
+
+/// Composites and writes everything.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(threads) = arguments.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
+    }
+    let setting = Setting::open(arguments)?;
+    let estimator = arguments.sampler.build(&setting.environment)?;
+    note_use(&arguments.sampler)?;
+    if !setting.stage.is_plane() && !matches!(arguments.mask, MaskForm::Ratio | MaskForm::Paper) {
+        eprintln!(
+            "note: '{}' may shadow itself, so that its unshadowed light is not known exactly: the mask is a ratio",
+            arguments.catcher
+        );
+    }
+    make_folder(&arguments.out)?;
+    let stop = progress::stop_flag()?;
+    let bar = progress::bar(1000, "compositing");
+    let backdrop = setting.backdrop();
+    let composition =
+        Composition { stage: &setting.stage, backdrop: &backdrop, camera: &setting.camera, estimator: &*estimator };
+    let settings = Settings {
+        width: setting.photograph.image.width,
+        height: setting.photograph.image.height,
+        spp: arguments.spp.unwrap_or(if arguments.preview { 8 } else { 64 }),
+        depth: arguments.depth,
+        seed: arguments.seed,
+        mask_only: false,
+        without_object: false,
+    };
+    let film = compose(composition, settings, &stop, &|done| bar.set_position((1000.0 * done) as u64));
+    bar.finish_and_clear();
+    check_sight(&film)?;
+    let mask = Mask::of(&film, arguments.mask);
+    let layers = Layers::new(&film, &mask, &setting.photograph, setting.gain, !arguments.grey_mask);
+    write(arguments, &setting, &film, &layers)?;
+    if stop.load(Ordering::Relaxed) {
+        bail!(progress::Interrupted::new(format!(
+            "{} of {} samples per pixel were done and are written",
+            film.spp, settings.spp
+        )));
+    }
+    Ok(())
+}
+
+/// Says what is wrong with a view in which there is nothing.
+fn check_sight(film: &Film) -> Result<()> {
+    ensure!(
+        film.object.iter().any(|object| object.0 > 0),
+        "the camera does not see the object: try --move, --size, or --up y"
+    );
+    if film.catcher.iter().all(|sums| sums.hits == 0) {
+        eprintln!("warning: the camera does not see the catcher; there will be no shadow");
+    }
+    Ok(())
+}
+
+/// How pictures become 8-bit: a photograph of sRGB codes keeps them, one of radiance gets an exposure and a tone curve.
+#[derive(Clone, Copy)]
+pub struct Development {
+    /// Stops before the tone curve; `None` for sRGB codes.
+    exposure: Option<f32>,
+}
+
+impl Development {
+    /// For a composite into this photograph.
+    pub fn of(setting: &Setting) -> Self {
+        let photograph = &setting.photograph;
+        Self { exposure: photograph.is_radiance.then(|| crate::view::automatic_exposure(&photograph.image) + 0.5) }
+    }
+
+    /// A PNG.
+    pub fn png(self, image: &Image) -> Result<Vec<u8>> {
+        Ok(match self.exposure {
+            Some(stops) => headtail_render::image::encode_png(image, stops)?,
+            None => codes(image)?,
+        })
+    }
+}
+
+/// A PNG of values in `[0, 1]`, sRGB.
+fn codes(image: &Image) -> Result<Vec<u8>> {
+    let codes: Vec<[u8; 3]> = image.pixels.iter().map(|pixel| pixel.map(srgb_code)).collect();
+    Ok(encode_png_rgb8(image.width, image.height, &codes)?)
+}
+
+fn write(arguments: &Arguments, setting: &Setting, film: &Film, layers: &Layers) -> Result<()> {
+    let composite = layers.composite();
+    let attributes = [
+        Attribute::new("sampler", arguments.sampler.to_string()),
+        Attribute::new("mask", arguments.mask.to_string()),
+        Attribute::new("spp", film.spp as i32),
+        Attribute::new("gain", setting.gain),
+        Attribute::new("headtail.version", env!("CARGO_PKG_VERSION")),
+    ];
+    let development = Development::of(setting);
+    let out = |name: &str| arguments.out.join(name);
+    let composite_png = development.png(&composite)?;
+    file::replace(&out("composite.png"), &composite_png)?;
+    write_exr(&out("composite.exr"), &composite, &attributes)?;
+    file::replace(&out("layers.exr"), &layers.encode_exr(&attributes)?)?;
+    let mask_png = codes(&layers.shadow)?;
+    file::replace(&out("mask.png"), &mask_png)?;
+    let pictures = page::Pictures {
+        photograph: picture::data_address(&development.png(&layers.photograph)?),
+        composite: picture::data_address(&composite_png),
+        object: picture::data_address(&development.png(&layers.object)?),
+        mask: picture::data_address(&mask_png),
+        light: picture::data_address(&development.png(&layers.light)?),
+    };
+    let page = page::page(arguments, setting, film, &pictures);
+    file::replace(&out("composite.html"), page.as_bytes())?;
+    println!(
+        "{} spp in {:.2} s: {} shadow rays of the mask, {} others",
+        film.spp, film.seconds, film.mask_rays, film.other_rays
+    );
+    println!("{} written; the page to open is {}", out("composite.png").display(), out("composite.html").display());
+    Ok(())
+}

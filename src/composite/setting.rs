@@ -1,0 +1,162 @@
+//! What a composite is made of, opened: photograph, camera, map, object and catcher.
+
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail, ensure};
+use glam::{Affine3A, Quat, Vec3, Vec3A};
+use headtail_render::{
+    color::luminance,
+    composite::{Backdrop, Catcher, Stage, rectified_view},
+    environment::Environment,
+    image::{Image, Photograph},
+    scene::{Camera, FspyProject, Scene, UpAxis},
+};
+
+use super::{Arguments, Up};
+use crate::arguments::open_environment;
+
+/// Everything in the coordinates of the map.
+pub struct Setting {
+    /// The photograph in the size of the composite.
+    pub photograph: Photograph,
+    /// Its camera.
+    pub camera: Camera,
+    /// The map.
+    pub environment: Arc<Environment>,
+    /// Object and catcher.
+    pub stage: Stage,
+    /// What the photograph's values are multiplied by to be in the map's units.
+    pub gain: f32,
+}
+
+/// The least width of a preview.
+const PREVIEW_WIDTH: usize = 160;
+
+impl Setting {
+    /// Opens what the arguments name.
+    pub fn open(arguments: &Arguments) -> Result<Self> {
+        let (photograph, camera) = photograph_and_camera(arguments)?;
+        let environment = open_environment(&arguments.env)?;
+        ensure!(arguments.turn_env.is_finite(), "--turn-env: not an angle");
+        // Instead of the map, for which samplers were made, everything else is turned the other way.
+        let turn = Affine3A::from_rotation_y(-arguments.turn_env.to_radians());
+        let camera = camera.moved(&turn);
+        let stage = stage(arguments, &camera, &turn)?;
+        let photograph = sized(arguments, photograph);
+        let gain = match arguments.gain {
+            Some(gain) => {
+                ensure!(gain > 0.0 && gain.is_finite(), "--gain: {gain} is not a positive factor");
+                gain
+            }
+            None if photograph.is_radiance => 1.0,
+            None => {
+                let gain = automatic_gain(&photograph.image, &environment, &camera);
+                eprintln!("note: the photograph's values times {gain:.4} are taken for the map's (--gain)");
+                gain
+            }
+        };
+        Ok(Self { photograph, camera, environment, stage, gain })
+    }
+
+    /// What the catcher looks like.
+    pub fn backdrop(&self) -> Backdrop<'_> {
+        Backdrop::new(&self.stage, &self.environment, &self.photograph, self.camera, self.gain)
+    }
+}
+
+fn photograph_and_camera(arguments: &Arguments) -> Result<(Photograph, Camera)> {
+    let named = arguments.photo.as_ref().map(|file| Photograph::read(file)).transpose()?;
+    let Some(file) = &arguments.camera else {
+        let (Some(from), Some(at), Some(photograph)) = (arguments.look_from, arguments.look_at, named) else {
+            bail!("give --camera FILE.fspy, or --photo with --look-from and --look-at");
+        };
+        return Ok((photograph, Camera::new(from.0, at.0, arguments.fov)?));
+    };
+    let up = match arguments.up {
+        Up::Y => UpAxis::Y,
+        Up::Z => UpAxis::Z,
+    };
+    let project = FspyProject::read(file, up)?;
+    let photograph = match named {
+        Some(photograph) => photograph,
+        None => project.photograph().map_err(|error| error.in_file(file))?,
+    };
+    let own = photograph.image.width as f64 / photograph.image.height as f64;
+    let calibrated = f64::from(project.width) / f64::from(project.height);
+    ensure!(
+        (own / calibrated - 1.0).abs() < 0.01,
+        "{}: the project is of a picture of {} x {} pixels, and the photograph has {} x {}: another shape",
+        file.display(),
+        project.width,
+        project.height,
+        photograph.image.width,
+        photograph.image.height
+    );
+    Ok((photograph, project.camera))
+}
+
+fn sized(arguments: &Arguments, photograph: Photograph) -> Photograph {
+    let Image { width, height, .. } = photograph.image;
+    let wanted = match arguments.width {
+        Some(width) => width as usize,
+        None if arguments.preview => (width / 4).max(PREVIEW_WIDTH).min(width),
+        None => width,
+    };
+    if wanted == width {
+        return photograph;
+    }
+    let scaled = (height as f64 * wanted as f64 / width as f64).round().max(1.0) as usize;
+    photograph.resized(wanted, scaled)
+}
+
+/// The object on its catcher, in the coordinates of the map.
+fn stage(arguments: &Arguments, camera: &Camera, turn: &Affine3A) -> Result<Stage> {
+    let mut scene = Scene::open(&arguments.scene)?;
+    if let Some(spec) = &arguments.material {
+        let bounds = scene.bounds();
+        scene = scene.with_material(spec.material(&bounds));
+    }
+    let is_plane = arguments.catcher == "plane";
+    let to_world = *turn * placement(arguments, &scene, is_plane)?;
+    let stage = if is_plane {
+        let object = scene.moved(&to_world)?;
+        let (at, normal) =
+            (turn.transform_point3a(arguments.plane_at.0), turn.transform_vector3a(arguments.plane_normal.0));
+        let catcher = Catcher::plane(at, normal, &object, camera).context("--plane-normal")?;
+        Stage::new(object, catcher)?
+    } else {
+        let (catcher, object) = scene.divided(&arguments.catcher).context("--catcher")?;
+        Stage::new(object.moved(&to_world)?, Catcher::mesh(catcher.moved(&to_world)?))?
+    };
+    Ok(stage)
+}
+
+/// From the object's coordinates to those of the photograph. An object without a catcher of its own stands with the middle of its underside in its
+/// place; one that brings its catcher keeps its origin.
+fn placement(arguments: &Arguments, scene: &Scene, stands: bool) -> Result<Affine3A> {
+    let bounds = scene.bounds();
+    let scale = match arguments.size {
+        Some(size) => size / bounds.extent().max_element().max(f32::MIN_POSITIVE),
+        None => arguments.scale,
+    };
+    ensure!(scale > 0.0 && scale.is_finite(), "--scale: {scale} is not a positive factor");
+    ensure!(arguments.turn.is_finite(), "--turn: not an angle");
+    let center = bounds.center();
+    let foot = if stands { Vec3A::new(center.x, bounds.min.y, center.z) } else { Vec3A::ZERO };
+    let turn = Quat::from_rotation_y(arguments.turn.to_radians());
+    let to_place = Affine3A::from_scale_rotation_translation(Vec3::splat(scale), turn, arguments.place.0.into());
+    Ok(to_place * Affine3A::from_translation((-foot).into()))
+}
+
+/// What gives the photograph the brightness of the map's own view: the ratio of geometric means over pixels that are neither black nor clipped.
+fn automatic_gain(photograph: &Image, environment: &Environment, camera: &Camera) -> f32 {
+    const SIDE: usize = 96;
+    let height = (SIDE * photograph.height).div_ceil(photograph.width).max(1);
+    let map = rectified_view(environment, camera, SIDE, height);
+    let small = Photograph { image: photograph.clone(), is_radiance: false }.resized(SIDE, height).image;
+    let pairs = small.pixels.iter().zip(&map.pixels).filter(|(own, _)| own.iter().all(|&value| value < 0.95));
+    let logs = pairs.map(|(&own, &map)| (luminance(own.into()), luminance(map.into())));
+    let logs: Vec<f32> =
+        logs.filter(|(own, map)| *own > 1e-3 && *map > 0.0).map(|(own, map)| (map / own).ln()).collect();
+    if logs.is_empty() { 1.0 } else { (logs.iter().sum::<f32>() / logs.len() as f32).exp() }
+}

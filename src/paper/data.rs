@@ -1,0 +1,154 @@
+//! Maps and scenes: those of a folder, or the built-in ones.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use anyhow::{Context, Result, ensure};
+use glam::{Affine3A, Quat, Vec3};
+use headtail_render::{
+    environment::Environment,
+    scene::{Camera, MaterialSpec, Scene},
+};
+
+use super::is_folder;
+use crate::arguments::open_environment;
+
+/// Where maps and scenes come from.
+pub struct Data {
+    /// Names or paths of maps, the quieter ones first.
+    maps: Vec<String>,
+    /// Files of scenes.
+    scenes: Vec<PathBuf>,
+    is_built_in: bool,
+}
+
+/// A scene with its camera.
+pub struct View {
+    /// What it is called here.
+    pub name: String,
+    /// The surfaces.
+    pub scene: Scene,
+    /// The camera.
+    pub camera: Camera,
+}
+
+/// Maps that come first, where they are there: one of each kind.
+const FIRST: [&str; 6] = ["lebombo", "studio_small", "venice_sunset", "drachenfels", "dancing_hall", "forest_slope"];
+
+/// Words in the names of files that stand in for scenes of the paper.
+const STAND_INS: [(&str, &[&str]); 3] =
+    [("temple", &["temple"]), ("droid", &["droid", "robot"]), ("diorama", &["diorama", "garden"])];
+
+impl Data {
+    /// The maps and scenes of a folder.
+    ///
+    /// # Errors
+    /// The folder cannot be read, or has no maps.
+    pub fn open(folder: Option<&Path>, quick: bool) -> Result<Self> {
+        let Some(folder) = folder else {
+            let maps = ["studio", "window", "sunset", "overcast"].map(str::to_owned).to_vec();
+            return Ok(Self { maps, scenes: Vec::new(), is_built_in: true });
+        };
+        ensure!(is_folder(folder), "--data: {}: there is no such folder", folder.display());
+        let maps = files(folder, "envmaps", &["hdr", "exr"])?;
+        ensure!(!maps.is_empty(), "--data: {}: there is no .hdr or .exr file in it, nor in envmaps", folder.display());
+        let mut maps: Vec<String> = maps.into_iter().map(|path| path.to_string_lossy().into_owned()).collect();
+        let rank = |name: &String| FIRST.iter().position(|first| name.contains(first)).unwrap_or(FIRST.len());
+        maps.sort_by_key(|name| (rank(name), name.clone()));
+        // Two maps would do for a quick page; the shadow catcher wants three.
+        maps.truncate(if quick { 3 } else { usize::MAX });
+        Ok(Self { maps, scenes: files(folder, "scenes", &["glb", "gltf"])?, is_built_in: false })
+    }
+
+    /// A text that differs where maps or scenes do.
+    pub fn key(&self) -> String {
+        let size = |path: &str| fs::metadata(path).map_or(0, |metadata| metadata.len());
+        let maps = self.maps.iter().map(|map| format!("{map} {}", size(map)));
+        let scenes = self.scenes.iter().map(|scene| format!("{} {}", scene.display(), size(&scene.to_string_lossy())));
+        maps.chain(scenes).collect::<Vec<_>>().join(", ")
+    }
+
+    /// In words.
+    pub fn words(&self) -> String {
+        match self.is_built_in {
+            true => "built-in maps and scenes".into(),
+            false => format!("{} maps and {} scenes of --data", self.maps.len(), self.scenes.len()),
+        }
+    }
+
+    /// How many maps there are.
+    pub fn map_count(&self) -> usize {
+        self.maps.len()
+    }
+
+    /// A map; they repeat when there are fewer.
+    pub fn map(&self, index: usize) -> Result<Arc<Environment>> {
+        open_environment(&self.maps[index % self.maps.len()])
+    }
+
+    /// What stands for a scene of the paper, on a ground where it is from a file, all of one material.
+    pub fn view(&self, name: &str, material: &str) -> Result<View> {
+        let words = STAND_INS.iter().find(|(own, _)| *own == name).map_or(&[][..], |(_, words)| words);
+        let is_it = |path: &&PathBuf| {
+            path.file_stem().is_some_and(|stem| words.iter().any(|word| stem.to_string_lossy().contains(word)))
+        };
+        let file = self.scenes.iter().find(is_it);
+        let mut scene = match file {
+            Some(path) => Scene::load(path)?,
+            None => Scene::built_in(name).context("a built-in scene")?,
+        };
+        let (camera, bounds) = (scene.camera(), scene.bounds());
+        if file.is_some() {
+            scene.add_ground();
+        }
+        let spec: MaterialSpec = material.parse()?;
+        let name = scene.name().to_owned();
+        Ok(View { name, scene: scene.with_material(spec.material(&bounds)), camera })
+    }
+
+    /// Something to be put into a photograph, without a ground of its own: a file, or something made of balls.
+    pub fn object(&self, index: usize) -> Result<(String, Scene)> {
+        let wanted = ["spot", "shaderball", "robot"];
+        let file = self.scenes.iter().find(|path| path.to_string_lossy().contains(wanted[index % 3]));
+        if let Some(path) = file {
+            let scene = Scene::load(path)?;
+            return Ok((scene.name().to_owned(), scene));
+        }
+        let ball = Scene::built_in("sphere").context("a built-in scene")?;
+        let made = |material: &str| -> Result<Scene> {
+            Ok(ball
+                .moved(&Affine3A::IDENTITY)?
+                .with_material(material.parse::<MaterialSpec>()?.material(&ball.bounds())))
+        };
+        Ok(match index % 3 {
+            0 => ("ball".into(), made("lambert:albedo=0.6")?),
+            1 => ("metal ball".into(), made("ggx:alpha=0.15,f0=0.8")?),
+            _ => {
+                let place = |y: f32, size: f32| {
+                    Affine3A::from_scale_rotation_translation(Vec3::splat(size), Quat::IDENTITY, Vec3::new(0.0, y, 0.0))
+                };
+                let white = made("lambert:albedo=0.8")?;
+                let upper = white.moved(&place(1.45, 0.7))?.joined(&white.moved(&place(2.4, 0.45))?)?;
+                ("three balls".into(), white.joined(&upper)?)
+            }
+        })
+    }
+}
+
+/// The files of a subfolder (or, without one, of the folder itself) that end so, sorted.
+fn files(folder: &Path, under: &str, endings: &[&str]) -> Result<Vec<PathBuf>> {
+    let own = folder.join(under);
+    let folder = if is_folder(&own) { own } else { folder.to_owned() };
+    let entries = fs::read_dir(&folder).with_context(|| format!("{}", folder.display()))?;
+    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let mut paths: Vec<PathBuf> = paths
+        .filter(|path| {
+            path.extension().is_some_and(|own| endings.iter().any(|ending| own.eq_ignore_ascii_case(ending)))
+        })
+        .collect();
+    paths.sort();
+    Ok(paths)
+}

@@ -1,0 +1,114 @@
+//! Trained heads, each trained once and kept in a file.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::{Arc, atomic::AtomicBool},
+};
+
+use anyhow::{Result, bail};
+use headtail_render::{
+    environment::Environment,
+    export::{ExportedSampler, Intermediate},
+    head::Head,
+};
+use headtail_train::{
+    FitConfig, Loss, Material, Preset, Run, Summary, Target, TrainingLight, Viewpoints, build_target, exported_sampler,
+    fit, native_head,
+};
+
+use super::effort::Effort;
+use crate::arguments::make_folder;
+
+/// The heads of a page.
+pub struct Heads {
+    folder: PathBuf,
+    effort: Effort,
+    stop: Arc<AtomicBool>,
+}
+
+/// A trained head.
+pub struct Trained {
+    /// For rendering.
+    pub head: Head,
+    /// Its file.
+    pub file: PathBuf,
+    /// Seconds of its training.
+    pub seconds: f64,
+}
+
+impl Heads {
+    /// Those in a folder.
+    pub fn new(folder: &Path, effort: Effort, stop: Arc<AtomicBool>) -> Result<Self> {
+        make_folder(folder)?;
+        Ok(Self { folder: folder.to_owned(), effort, stop })
+    }
+
+    /// How a head is trained that stands for the paper's: this program's fast preset, without the share beside BRDF sampling that it would learn.
+    pub fn config(&self, material: Material) -> FitConfig {
+        let mut config = Preset::fast_for(material).config().for_material(material);
+        config.head.share = false;
+        config.fall_back = false;
+        config.validate_every = 0;
+        config.steps = if material == Material::Lambert { self.effort.cosine_steps } else { self.effort.ggx_steps };
+        config
+    }
+
+    /// The head of a material for a map: from its file, or trained now.
+    ///
+    /// # Errors
+    /// See [`fit()`]; an interrupted training is an error.
+    pub fn of(&self, environment: &Environment, material: Material) -> Result<Trained> {
+        let config = self.config(material);
+        let name = format!("{}-{material}-{}", environment.name(), config.steps);
+        let name: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+        let file = self.folder.join(name).with_extension("safetensors");
+        if let Ok(exported) = ExportedSampler::read(&file)
+            && exported.check_environment(environment).is_ok()
+            && let Intermediate::Head(head) = exported.intermediate
+        {
+            let seconds = exported.training.and_then(|training| training.seconds).unwrap_or(f64::NAN);
+            return Ok(Trained { head, file, seconds });
+        }
+        let light = TrainingLight::new(&config, environment)?;
+        let target = build_target(&config, &light.tail, Viewpoints::Sphere);
+        let fitted = fit(&config, &*target, &mut |_| {}, &self.stop)?;
+        self.check(&fitted.summary)?;
+        exported_sampler(&fitted.head, &config, &fitted.summary, environment, &light, true)?.write(&file)?;
+        Ok(Trained { head: native_head(&fitted.head)?, file, seconds: fitted.summary.seconds })
+    }
+
+    /// A head that has no file: without a tail, or for a target of its own.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn train(&self, config: &FitConfig, target: &dyn Target) -> Result<(Head, Summary)> {
+        let fitted = fit(config, target, &mut |_| {}, &self.stop)?;
+        self.check(&fitted.summary)?;
+        Ok((native_head(&fitted.head)?, fitted.summary))
+    }
+
+    /// The light of a configuration; a flow tail is fitted to it.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn light(&self, config: &FitConfig, environment: &Environment) -> Result<TrainingLight> {
+        let run = Run { progress: &mut |_| Ok(()), interrupt: &self.stop, checkpoints: None, warn: &mut |_| {} };
+        let (light, _) = TrainingLight::fit(config, environment, run)?;
+        if self.stop.load(std::sync::atomic::Ordering::Relaxed) {
+            bail!(crate::progress::Interrupted::new("while a flow tail was fitted"));
+        }
+        Ok(light)
+    }
+
+    /// The configuration of a head without a tail, of the same size.
+    pub fn naive(&self, material: Material) -> FitConfig {
+        FitConfig { naive: true, loss: Loss::ForwardKl, learning_rate: 4e-3, ..self.config(material) }
+    }
+
+    fn check(&self, summary: &Summary) -> Result<()> {
+        if summary.interrupted {
+            bail!(crate::progress::Interrupted::new("while a head was trained; heads that were done are kept"));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,166 @@
+//! `headtail view`: a rectified view of a map with its camera, a photograph to composite into.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
+use headtail_render::{
+    color::luminance,
+    composite::rectified_view,
+    file,
+    image::{Attribute, Image, encode_png_rgb8, srgb_code, write_exr},
+    scene::{Camera, FspyProject, UpAxis},
+};
+
+use crate::arguments::{make_folder, open_environment};
+
+/// Take a photograph of a map: FILE.exr in the map's units, FILE.png to look at, and FILE.fspy with both the picture and its camera.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail view --env room.hdr --out out/room.exr
+  headtail view --env room.hdr --azimuth 120 --pitch -20 --fov 45 --width 1280 --height 720 --out out/window.exr
+
+The camera stands --eye-height above the ground, and the origin of the world is on the ground in the lower middle of the picture, where \
+composite puts objects. The .fspy file has Z up, as Blender's importer expects it. The PNG is sRGB without a tone curve, so that it is \
+light that composite can read back; what is too bright for it is clipped.")]
+pub struct Arguments {
+    /// A built-in environment (overcast, window, studio, sunset) or a .hdr or .exr map.
+    #[arg(long, value_name = "NAME|FILE")]
+    env: String,
+    /// Where the camera looks to, in degrees around the vertical; 0 is the middle of Mitsuba's map (-Z), 90 is +X.
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_hyphen_values = true)]
+    azimuth: f32,
+    /// How far the camera looks up (negative: down), in degrees.
+    #[arg(long, value_name = "DEGREES", default_value_t = -12.0, allow_hyphen_values = true)]
+    pitch: f32,
+    /// Vertical field of view in degrees.
+    #[arg(long, value_name = "DEGREES", default_value_t = 45.0)]
+    fov: f32,
+    /// Height of the camera above the ground, in metres.
+    #[arg(long, value_name = "METRES", default_value_t = 1.6)]
+    eye_height: f32,
+    /// Image width in pixels.
+    #[arg(long, default_value_t = 960, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    width: u32,
+    /// Image height in pixels.
+    #[arg(long, default_value_t = 640, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    height: u32,
+    /// Stops by which the PNG is made brighter than its automatic exposure.
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    exposure: f32,
+    /// Linear OpenEXR file; PNG and .fspy lie beside it.
+    #[arg(long, value_name = "FILE.exr")]
+    out: PathBuf,
+}
+
+/// How far down the picture the origin of the world is.
+const ORIGIN_ROW: f32 = 0.66;
+/// Distance of the origin where the camera does not see the ground, over the height of the camera.
+const FAR: f32 = 4.0;
+/// The luminance that a photograph's mean is exposed to.
+const MIDDLE_GREY: f32 = 0.22;
+
+/// Writes the three files.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let is_exr = arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+    ensure!(is_exr, "--out {}: the file's name must end in .exr", arguments.out.display());
+    let environment = open_environment(&arguments.env)?;
+    let camera = camera(arguments)?;
+    let (width, height) = (arguments.width as usize, arguments.height as usize);
+    let image = rectified_view(&environment, &camera, width, height);
+    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        make_folder(folder)?;
+    }
+    let stops = automatic_exposure(&image) + arguments.exposure;
+    let attributes = [Attribute::new("environment", environment.name()), Attribute::new("png.exposure", stops)];
+    write_exr(&arguments.out, &image, &attributes)?;
+    let codes: Vec<[u8; 3]> =
+        image.pixels.iter().map(|pixel| pixel.map(|value| srgb_code(value * stops.exp2()))).collect();
+    let png = encode_png_rgb8(width, height, &codes)?;
+    file::replace(&arguments.out.with_extension("png"), &png)?;
+    let project = FspyProject { camera, width: arguments.width, height: arguments.height, image: png };
+    file::replace(&arguments.out.with_extension("fspy"), &project.encode(UpAxis::Z))?;
+    let at = camera.look_from();
+    println!(
+        "{}, .png (exposed by {stops:.2} stops) and .fspy written; camera at {:.2}, {:.2}, {:.2}",
+        arguments.out.display(),
+        at.x,
+        at.y,
+        at.z
+    );
+    Ok(())
+}
+
+/// The camera that sees the origin in the lower middle of its picture.
+fn camera(arguments: &Arguments) -> Result<Camera> {
+    ensure!(arguments.fov > 0.0 && arguments.fov < 180.0, "--fov: {} is not between 0 and 180 degrees", arguments.fov);
+    ensure!(arguments.pitch.abs() <= 90.0, "--pitch: {} is not between -90 and 90 degrees", arguments.pitch);
+    ensure!(arguments.azimuth.is_finite(), "--azimuth: not an angle");
+    let eye = arguments.eye_height;
+    ensure!(eye > 0.0 && eye < 1e6, "--eye-height: {eye} is not between 0 and 1e6 m");
+    // Positive azimuths are to the right of -Z.
+    let turn =
+        Quat::from_rotation_y(-arguments.azimuth.to_radians()) * Quat::from_rotation_x(arguments.pitch.to_radians());
+    let half_height = (0.5 * arguments.fov.to_radians()).tan();
+    let origin = Camera::of_photograph(Affine3A::from_quat(turn), half_height, Vec2::ZERO)?;
+    let down = origin.ray(0.5, ORIGIN_ROW, 1, 1).direction;
+    let ahead = Vec3A::from(turn * Vec3::NEG_Z);
+    let offset = if down.y < -1.0 / FAR {
+        down * (eye / -down.y)
+    } else {
+        eye * (FAR * Vec3A::new(ahead.x, 0.0, ahead.z).normalize_or_zero() - Vec3A::Y)
+    };
+    Ok(origin.moved(&Affine3A::from_translation((-offset).into())))
+}
+
+/// The stops that bring the mean of a picture to middle grey, with little of it clipped.
+pub fn automatic_exposure(image: &Image) -> f32 {
+    let mut luminances: Vec<f32> =
+        image.pixels.iter().map(|&pixel| luminance(pixel.into())).filter(|l| *l > 0.0).collect();
+    if luminances.is_empty() {
+        return 0.0;
+    }
+    luminances.sort_by(f32::total_cmp);
+    // Without the brightest twentieth, so that a window does not make the room black.
+    let kept = &luminances[..(luminances.len() * 19 / 20).max(1)];
+    let mean = kept.iter().sum::<f32>() / kept.len() as f32;
+    (MIDDLE_GREY / mean).log2().clamp(-40.0, 40.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn arguments(azimuth: f32, pitch: f32) -> Arguments {
+        Arguments {
+            env: String::new(),
+            azimuth,
+            pitch,
+            fov: 45.0,
+            eye_height: 1.6,
+            width: 960,
+            height: 640,
+            exposure: 0.0,
+            out: PathBuf::new(),
+        }
+    }
+
+    #[test]
+    fn the_origin_is_on_the_ground_in_the_lower_middle() {
+        for azimuth in [0.0, 90.0, -130.0] {
+            let camera = camera(&arguments(azimuth, -12.0)).unwrap();
+            assert!((camera.look_from().y - 1.6).abs() < 1e-5);
+            let seen = camera.project(Vec3A::ZERO, 960, 640).unwrap();
+            assert!((seen.x - 480.0).abs() < 0.1 && seen.y > 320.0 && seen.y < 640.0, "{seen}");
+        }
+        let right = camera(&arguments(90.0, 0.0)).unwrap();
+        assert!(right.ray(480.0, 320.0, 960, 640).direction.x > 0.999);
+    }
+
+    #[test]
+    fn a_camera_that_sees_no_ground_has_the_origin_before_it() {
+        let up = camera(&arguments(0.0, 40.0)).unwrap();
+        assert!((up.look_from() - Vec3A::new(0.0, 1.6, 6.4)).length() < 1e-4);
+    }
+}

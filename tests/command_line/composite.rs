@@ -1,0 +1,201 @@
+//! `view`, `composite` and `paper` from outside.
+
+use std::fs;
+
+use headtail_render::{
+    image::{Image, Photograph, write_exr},
+    scene::{FspyProject, UpAxis},
+};
+
+use super::{fail, folder, is_png, names, picture, succeed, text};
+
+const VIEW: &str = "view --env window --width 60 --height 40 --out shot.exr";
+
+#[test]
+fn an_object_is_put_into_a_view_of_a_map() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, VIEW);
+    assert_eq!(names(path), ["shot.exr", "shot.fspy", "shot.png"]);
+    let said = succeed(
+        path,
+        "composite --photo shot.exr --camera shot.fspy --env window --scene sphere --size 0.8 --spp 8 --out out",
+    );
+    assert!(said.contains("8 spp") && said.contains("composite.html"), "{said}");
+    assert_eq!(
+        names(&path.join("out")),
+        ["composite.exr", "composite.html", "composite.png", "layers.exr", "mask.png"]
+    );
+    assert!(is_png(&path.join("out/composite.png")) && is_png(&path.join("out/mask.png")));
+    let (before, after) = (picture(&path.join("shot.exr")), picture(&path.join("out/composite.exr")));
+    assert_eq!((after.width, after.height), (60, 40));
+    // The sky stays as it is, to the bit; the object does not.
+    assert_eq!(before.pixels[..60 * 8], after.pixels[..60 * 8]);
+    assert!(before != after && after.pixels.as_flattened().iter().all(|value| value.is_finite()));
+    assert_eq!(picture(&path.join("out/layers.exr")), after);
+}
+
+#[test]
+fn the_projects_own_picture_and_a_preview_do() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, "view --env studio --width 800 --height 400 --out shot.exr");
+    succeed(
+        path,
+        "composite --camera shot.fspy --env studio --scene sphere --size 0.8 --preview --mask paper --grey-mask --out out",
+    );
+    let image = picture(&path.join("out/composite.exr"));
+    assert_eq!((image.width, image.height), (200, 100));
+    // A photograph of sRGB codes keeps them where nothing falls on it.
+    let png = Photograph::decode(&fs::read(path.join("out/composite.png")).unwrap()).unwrap().image;
+    for (code, value) in png.pixels[..400].as_flattened().iter().zip(image.pixels[..400].as_flattened()) {
+        assert!((code - value).abs() < 0.01, "{code} {value}");
+    }
+}
+
+/// The light that a PNG of a view is composited under is that of the map: the gain undoes its exposure.
+#[test]
+fn a_photograph_of_codes_is_lit_as_one_of_radiance() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, VIEW);
+    let composite = |photo: &str, out: &str| {
+        succeed(
+            path,
+            &format!(
+                "composite --photo {photo} --camera shot.fspy --env window --scene sphere --size 1.2 --spp 16 --out {out}"
+            ),
+        );
+        let (photo, image) =
+            (Photograph::read(&path.join(photo)).unwrap().image, picture(&path.join(out).join("composite.exr")));
+        let sum = |image: &Image| image.pixels.iter().map(|pixel| f64::from(pixel[1])).sum::<f64>();
+        sum(&image) / sum(&photo)
+    };
+    let (exact, coded) = (composite("shot.exr", "a"), composite("shot.png", "b"));
+    // 8-bit codes are within half a percent; what is clipped is left out of the gain, but not of the sums.
+    assert!((exact / coded - 1.0).abs() < 0.1, "{exact} {coded}");
+}
+
+#[test]
+fn a_scene_brings_its_own_catcher() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, VIEW);
+    // Two squares, one above the other, named by their nodes.
+    let positions: Vec<u8> = [-0.3_f32, 0.0, 0.3, 0.3, 0.0, 0.3, 0.3, 0.0, -0.3, -0.3, 0.0, -0.3]
+        .iter()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
+    fs::write(path.join("data.bin"), [positions, [0_u8, 1, 2, 0, 2, 3].to_vec()].concat()).unwrap();
+    let gltf = r#"{"asset":{"version":"2.0"},"scenes":[{"nodes":[0,1]}],
+        "nodes":[{"mesh":0,"name":"Floor","scale":[9,1,9]},{"mesh":0,"name":"Lid","translation":[0,0.4,0]}],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],
+        "accessors":[{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3","min":[-0.3,0,-0.3],"max":[0.3,0,0.3]},
+                     {"bufferView":1,"componentType":5121,"count":6,"type":"SCALAR"}],
+        "bufferViews":[{"buffer":0,"byteLength":48},{"buffer":0,"byteOffset":48,"byteLength":6}],
+        "buffers":[{"uri":"data.bin","byteLength":54}]}"#;
+    fs::write(path.join("lid.gltf"), gltf).unwrap();
+    let command = "composite --photo shot.exr --camera shot.fspy --env window --scene lid.gltf --spp 8";
+    succeed(path, &format!("{command} --catcher Floor --out out"));
+    assert_ne!(picture(&path.join("out/composite.exr")), picture(&path.join("shot.exr")));
+    let message = fail(path, &format!("{command} --catcher Wall --out wall"));
+    assert!(message.contains("mesh 'Wall'") && message.contains("Floor, Lid"), "{message}");
+}
+
+#[test]
+fn bad_projects_and_pictures_are_refused_with_a_sentence() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, VIEW);
+    let good = fs::read(path.join("shot.fspy")).unwrap();
+    let command = "composite --photo shot.exr --env window --scene sphere --spp 1 --out out --camera";
+    let refused = |name: &str, bytes: &[u8], word: &str| {
+        fs::write(path.join(name), bytes).unwrap();
+        let message = fail(path, &format!("{command} {name}"));
+        assert!(message.contains(name) && message.contains(word), "{message}");
+    };
+    refused("cut.fspy", &good[..200], "but 184 follow the header");
+    refused("large.fspy", &[&good[..8], &[0xff; 4], &good[12..]].concat(), "state size");
+    refused("version.fspy", &[b"fspy\x02\0\0\0", &good[8..]].concat(), "version");
+    let state = br#"{"cameraParameters":null}"#;
+    let null = [b"fspy\x01\0\0\0", &(state.len() as u32).to_le_bytes()[..], &[0; 4], state].concat();
+    refused("null.fspy", &null, "the vanishing points give no camera");
+    refused("empty.fspy", b"", "first bytes");
+    let message = fail(path, "composite --photo shot.fspy --camera shot.fspy --env window --scene sphere --out out");
+    assert!(message.contains("no OpenEXR, Radiance, PNG or JPEG"), "{message}");
+    let message = fail(path, &format!("{command} missing.fspy"));
+    assert!(message.contains("missing.fspy"), "{message}");
+    let mut narrow = FspyProject::decode(&good, UpAxis::Z).unwrap();
+    (narrow.width, narrow.height) = (40, 60);
+    refused("narrow.fspy", &narrow.encode(UpAxis::Z), "another shape");
+}
+
+#[test]
+fn what_cannot_be_composited_says_why() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, VIEW);
+    let with = |arguments: &str| {
+        fail(
+            path,
+            &format!(
+                "composite --photo shot.exr --camera shot.fspy --env window --scene sphere --spp 1 {arguments} --out out"
+            ),
+        )
+    };
+    assert!(with("--move 0,0,900").contains("does not see the object"));
+    assert!(with("--scale 0").contains("--scale"));
+    assert!(with("--gain 0").contains("--gain"));
+    assert!(with("--plane-normal 0,0,0").contains("--plane-normal"));
+    write_exr(&path.join("dark.exr"), &Image::black(60, 40), &[]).unwrap();
+    succeed(
+        path,
+        "composite --photo dark.exr --look-from 0,1,4 --look-at 0,0.5,0 --env window --scene sphere --spp 1 --out dark",
+    );
+}
+
+#[test]
+fn the_paper_is_made_section_by_section() {
+    let here = folder();
+    let path = here.path();
+    let section = |name: &str| path.join("out/sections").join(name).with_extension("html");
+    let said = succeed(path, "paper --quick --only neural --out out");
+    assert!(said.contains("1 of 8 sections"), "{said}");
+    let page = fs::read_to_string(path.join("out/paper.html")).unwrap();
+    assert!(
+        page.contains("Not implemented")
+            && page.contains("not made yet")
+            && !page.contains("http:")
+            && !page.contains("https:")
+    );
+    // What is there is kept, and made anew when something else was asked for.
+    let kept = fs::read_to_string(section("neural")).unwrap();
+    fs::write(section("neural"), kept.replace("Not implemented", "Kept")).unwrap();
+    succeed(path, "paper --quick --only neural --out out");
+    assert!(fs::read_to_string(path.join("out/paper.html")).unwrap().contains("Kept"));
+    succeed(path, "paper --only neural --out out");
+    assert!(!fs::read_to_string(path.join("out/paper.html")).unwrap().contains("Kept"));
+    let message = fail(path, "paper --quick --only nothing --out out");
+    assert!(message.contains("--only"), "{message}");
+    let message = fail(path, "paper --quick --data missing --out out");
+    assert!(message.contains("missing"), "{message}");
+    fs::create_dir(path.join("empty")).unwrap();
+    assert!(fail(path, "paper --quick --data empty --out out").contains("no .hdr or .exr"));
+}
+
+/// A signal leaves the sections that were done, and the same command goes on.
+#[cfg(target_os = "linux")]
+#[test]
+fn an_interrupted_paper_goes_on() {
+    let here = folder();
+    let path = here.path();
+    let mut command = super::command(path, "paper --quick --only neural --only example --out out");
+    let child = command.stderr(std::process::Stdio::piped()).spawn().unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(600));
+    let status = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(status.success());
+    let output = child.wait_with_output().unwrap();
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{message}");
+    assert!(message.contains("interrupted"), "{message}");
+}
