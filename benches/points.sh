@@ -26,7 +26,7 @@ for map in "${maps[@]}"; do
         for material in lambert:albedo=0.5 ggx:alpha=0.4; do
             folder="$out/${material%%:*}-$(name "$scene")-$(name "$map")"
             [ -f "$folder/results.csv" ] && continue
-            list="mis,mis2,mis-comp,ris:4,patches"
+            list="mis,mis2,mis-comp,ris:4,patches,patches+vis"
             [[ "$material" != lambert* ]] || list="$list,direct:$table"
             ground=()
             [[ "$scene" != */* ]] || ground=(--ground)
