@@ -137,6 +137,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
     let setting = Setting::open(arguments)?;
+    ensure!(
+        !matches!(arguments.sampler, SamplerSpec::Learning(_)),
+        "--sampler {}: masks are taken in one pass, in which nothing can be learned: name a sampler without +vis",
+        arguments.sampler
+    );
     let estimator = arguments.sampler.build(&setting.environment)?;
     note_use(&arguments.sampler)?;
     if !setting.stage.is_plane() && !matches!(arguments.mask, MaskForm::Ratio | MaskForm::Paper) {

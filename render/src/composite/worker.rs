@@ -225,7 +225,6 @@ impl Worker<'_> {
         for ((visible, open), wi) in visible.iter_mut().zip(&*open).zip(contributions.wi()) {
             *visible = (*visible || wi.y <= 0.0) && *open;
         }
-        composition.estimator.observe(&catcher.tile.rows(), contributions, visible);
     }
 
     fn propose(&mut self, which: Which) {
@@ -253,7 +252,6 @@ impl Worker<'_> {
         visible.resize(rays.len(), true);
         scene.visible_batch(rays, visible);
         pixels.other_rays += rays.len() as u64;
-        composition.estimator.observe(&object.tile.rows(), contributions, visible);
         let own = contributions.places().iter().zip(contributions.radiance()).zip(&*visible);
         for ((&place, &radiance), _) in own.filter(|(_, visible)| **visible) {
             add(pixels, &object.paths[place as usize], radiance);
