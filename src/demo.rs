@@ -42,7 +42,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
     let config = FitConfig::default();
     let light = TrainingLight::new(&config, &environment)?;
-    let fitted = fit::train(&light, &config, fit::Outputs::NONE, &stop)?;
+    let fitted = fit::train(&light, &config, &stop)?;
     if stop.load(Ordering::Relaxed) {
         bail!(progress::Interrupted::new("while training; nothing was written"));
     }

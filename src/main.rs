@@ -11,8 +11,10 @@ mod inspect;
 mod progress;
 mod render;
 mod report;
+mod run;
 mod scenes;
 mod stability;
+mod sweep;
 
 use std::process::ExitCode;
 
@@ -35,6 +37,7 @@ enum Command {
     Compare(compare::Arguments),
     Chart(chart::Arguments),
     Inspect(inspect::Arguments),
+    Sweep(sweep::Arguments),
     Stability(stability::Arguments),
     Scenes(scenes::Arguments),
     Backends(backends::Arguments),
@@ -67,6 +70,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Chart(arguments) => chart::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Sweep(arguments) => sweep::run(&arguments),
         Command::Stability(arguments) => stability::run(&arguments),
         Command::Scenes(arguments) => scenes::run(&arguments),
         Command::Backends(arguments) => backends::run(&arguments),

@@ -3,7 +3,7 @@
 mod chart;
 mod csv;
 mod gallery;
-mod html;
+pub mod html;
 pub mod number;
 mod overview;
 pub mod picture;
