@@ -1,6 +1,7 @@
 //! headtail: neural product importance sampling by warp composition. The command line.
 
 mod arguments;
+mod autosize;
 mod backends;
 mod bake;
 mod chart;
@@ -37,6 +38,7 @@ enum Command {
     Compare(compare::Arguments),
     Chart(chart::Arguments),
     Inspect(inspect::Arguments),
+    Autosize(autosize::Arguments),
     Sweep(sweep::Arguments),
     Stability(stability::Arguments),
     Scenes(scenes::Arguments),
@@ -70,6 +72,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Chart(arguments) => chart::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Autosize(arguments) => autosize::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),
         Command::Stability(arguments) => stability::run(&arguments),
         Command::Scenes(arguments) => scenes::run(&arguments),

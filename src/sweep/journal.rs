@@ -135,8 +135,8 @@ pub struct Record {
     retry: f64,
     /// Starts: when, and at which step.
     starts: Vec<(f64, usize)>,
-    /// The last end of work in order: when, and at which step.
-    stop: (f64, usize),
+    /// When work last came to an end in order.
+    stop: f64,
     /// Seconds of work that came to an end in order.
     pub seconds: f64,
 }
@@ -153,7 +153,7 @@ impl Record {
         if let Some((_, reason)) = self.failure.as_ref().filter(|(time, _)| *time > self.retry) {
             return Some(reason.clone());
         }
-        let after = self.retry.max(self.stop.0);
+        let after = self.retry.max(self.stop);
         let mut starts: Vec<usize> =
             self.starts.iter().filter(|(time, _)| *time > after).map(|(_, step)| *step).collect();
         starts.sort_unstable();
@@ -164,14 +164,7 @@ impl Record {
     /// Whether work was begun and has neither ended in order nor failed since.
     pub fn is_open(&self) -> bool {
         let last = self.starts.iter().map(|(time, _)| *time).fold(0.0, f64::max);
-        self.done.is_none() && last > self.stop.0.max(self.failure.as_ref().map_or(0.0, |(time, _)| *time))
-    }
-
-    /// Steps that are known to be done.
-    pub fn step(&self) -> usize {
-        let rung = self.rungs.keys().last().copied().unwrap_or(0);
-        let started = self.starts.iter().map(|(_, step)| *step).max().unwrap_or(0);
-        rung.max(started).max(self.stop.1)
+        self.done.is_none() && last > self.stop.max(self.failure.as_ref().map_or(0.0, |(time, _)| *time))
     }
 }
 
@@ -242,15 +235,15 @@ impl Ledger {
                 self.suggested.entry(number).or_insert(assignment);
             }
             Event::Started { trial, step } => self.of(trial).starts.push((time, step)),
-            Event::Stopped { trial, step, seconds } => self.of(trial).end(time, step, seconds),
+            Event::Stopped { trial, seconds, .. } => self.of(trial).end(time, seconds),
             Event::Rung { trial, step, measures, seconds } => {
                 let record = self.of(trial);
-                record.end(time, step, seconds);
+                record.end(time, seconds);
                 record.rungs.insert(step, measures);
             }
             Event::Done { trial, measures, seconds } => {
                 let record = self.of(trial);
-                record.end(time, 0, seconds);
+                record.end(time, seconds);
                 record.done = Some(measures);
             }
             Event::Failed { trial, reason } => {
@@ -282,9 +275,9 @@ impl Ledger {
 }
 
 impl Record {
-    fn end(&mut self, time: f64, step: usize, seconds: f64) {
+    fn end(&mut self, time: f64, seconds: f64) {
         self.seconds += seconds;
-        self.stop = (self.stop.0.max(time), self.stop.1.max(step));
+        self.stop = self.stop.max(time);
     }
 }
 
