@@ -5,6 +5,7 @@
 mod browser;
 #[cfg(target_os = "linux")]
 mod interruption;
+mod sweep;
 
 use std::{
     fs,
