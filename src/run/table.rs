@@ -369,12 +369,26 @@ impl RunConfig {
     /// # Errors
     /// For a seed above 2^63 - 1, which TOML cannot write.
     pub fn to_toml(&self) -> Result<String> {
-        let Self { env, export, viewpoints, measure, .. } = self.clone();
-        let keys = Keys { env: Some(env), export, viewpoints, measure, ..Keys::default() };
+        let keys = self.keys();
         // By way of a text: a number of single precision keeps its short form.
         let mut table: Table = toml::to_string(&keys)?.parse()?;
         table.extend(self.fit.to_table()?);
         Ok(toml::to_string(&table)?)
+    }
+
+    /// BLAKE3 of every setting, as [`Self::to_toml`] has them, and of the program's version, in hexadecimal digits.
+    ///
+    /// # Errors
+    /// If a setting cannot be written as JSON.
+    pub fn hash(&self) -> Result<String> {
+        // JSON, because it is written many times as fast.
+        let content = serde_json::to_string(&(env!("CARGO_PKG_VERSION"), self.keys(), &self.fit))?;
+        Ok(blake3::hash(content.as_bytes()).to_hex().to_string())
+    }
+
+    fn keys(&self) -> Keys {
+        let Self { env, export, viewpoints, measure, .. } = self.clone();
+        Keys { env: Some(env), export, viewpoints, measure, ..Keys::default() }
     }
 }
 

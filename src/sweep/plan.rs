@@ -106,10 +106,9 @@ pub fn resolve(space: &Space, assignment: &Assignment) -> Result<RunConfig> {
     run.with_context(|| format!("the trial {{{}}}", text(assignment)))
 }
 
-/// The first 64 bits of BLAKE3 of the program's version and the resolved settings, in hexadecimal digits.
+/// The first 64 bits of the hash of a run.
 fn identity(run: &RunConfig) -> Result<String> {
-    let content = format!("{}\n{}", env!("CARGO_PKG_VERSION"), run.to_toml()?);
-    Ok(blake3::hash(content.as_bytes()).to_hex()[..16].to_owned())
+    Ok(run.hash()?[..16].to_owned())
 }
 
 /// An assignment in words: `head.bins = 8, learning_rate = 0.004`.

@@ -11,7 +11,8 @@ use std::{
 
 use super::{fail, folder, headtail, names, succeed, text};
 
-const SPACE: &str = r#"
+/// Eight trials: four configurations, two seeds.
+pub const SPACE: &str = r#"
 objectives = ["relative_variance", "weights"]
 [run]
 env = "studio"
