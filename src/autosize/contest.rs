@@ -22,7 +22,7 @@ use super::{
     Arguments,
     candidates::{Candidate, HeadMaterial, HeadShape, Recipe, STEPS, baked, heads, plain, tables},
     lineup::{Ready, ready},
-    measurement::Measurement,
+    measurement::{Measurement, Yardstick},
     page,
     score::{at_time, is_out, ratio},
 };
@@ -59,6 +59,7 @@ pub struct Contest<'a> {
     opened: &'a OpenedView,
     material: HeadMaterial,
     covered: Vec<bool>,
+    yardstick: Yardstick,
     /// Seconds of rendering of a trial picture.
     slice: f64,
     /// Those that were measured.
@@ -70,7 +71,7 @@ pub struct Contest<'a> {
 /// Samples per pixel of `mis` in the time of a trial picture.
 const SAMPLES: u32 = 16;
 /// Trial pictures in each round.
-const ROUNDS: [usize; 4] = [2, 4, 8, 16];
+const ROUNDS: [usize; 4] = [4, 8, 16, 32];
 /// By how much the errors of tables of neighbouring sizes, and of heads of different shapes, differ at most.
 const TABLES_DIFFER: f64 = 8.0;
 const HEADS_DIFFER: f64 = 4.0;
@@ -91,7 +92,9 @@ impl<'a> Contest<'a> {
         let covered: Vec<bool> = rendering.coverage.iter().map(|&share| share == 1.0).collect();
         anyhow::ensure!(covered.contains(&true), "no pixel is covered by a surface");
         let slice = quietly(opened.view(), &*mis, Budget::Spp(SAMPLES), points).seconds;
-        Ok(Self { arguments, view, opened, material, covered, slice, entries: Vec::new(), untrained: None })
+        let yardstick = Yardstick::new(opened, mis, SAMPLES / 4);
+        let (entries, untrained) = (Vec::new(), None);
+        Ok(Self { arguments, view, opened, material, covered, yardstick, slice, entries, untrained })
     }
 
     /// Measures everything as far as it takes to decide.
@@ -120,7 +123,7 @@ impl<'a> Contest<'a> {
     /// Whether a candidate is so far behind that others of its family, which differ by no more than this factor, need not be tried.
     fn is_hopeless(&mut self, index: usize, differ: f64) -> bool {
         let entry = &mut self.entries[index];
-        entry.measurement.extend(self.opened, &*entry.ready.estimator, ROUNDS[0], &self.covered);
+        entry.measurement.extend(self.opened, &*entry.ready.estimator, &self.yardstick, ROUNDS[0], &self.covered);
         let Some(best) = self.best() else { return false };
         !self.arguments.exhaustive && mean(&self.scores(index)) > differ * mean(&self.scores(best))
     }
@@ -129,10 +132,15 @@ impl<'a> Contest<'a> {
     fn enter(&mut self, candidate: Candidate, stop: &AtomicBool) -> Result<usize> {
         let folder = self.arguments.out.join("candidates");
         make_folder(&folder)?;
-        let ready = ready(&candidate, &self.view.env, self.opened, self.material, &folder, stop)
+        let mut ready = ready(&candidate, &self.view.env, self.opened, self.material, &folder, stop)
             .with_context(|| candidate.name.clone())?;
         let spp = self.samples_in_slice(&*ready.estimator);
         let Candidate { name, recipe } = candidate;
+        if let Recipe::Baked(shape, steps) = recipe {
+            // A table of a head takes the training, too.
+            let head = self.entries.iter().find(|entry| entry.recipe == Recipe::Head(shape, steps));
+            ready.prepared += head.map_or(0.0, |head| head.ready.prepared);
+        }
         let is_in = ready.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
         self.entries.push(Entry { name, recipe, ready, measurement: Measurement::new(spp), is_in });
         Ok(self.entries.len() - 1)
@@ -147,13 +155,24 @@ impl<'a> Contest<'a> {
 
     /// Rounds of more and more pictures; after each, those that are out are dropped.
     fn rounds(&mut self, count: usize, stop: &AtomicBool) {
+        let mut done = 0;
         for &pictures in &ROUNDS[..count] {
-            for entry in self.entries.iter_mut().filter(|entry| entry.is_in) {
-                if stop.load(atomic::Ordering::Relaxed) {
-                    return;
+            // One picture of each in turn: a machine that slows down for a while slows all down.
+            for picture in done..pictures {
+                for entry in self.entries.iter_mut().filter(|entry| entry.is_in) {
+                    if stop.load(atomic::Ordering::Relaxed) {
+                        return;
+                    }
+                    entry.measurement.extend(
+                        self.opened,
+                        &*entry.ready.estimator,
+                        &self.yardstick,
+                        picture + 1,
+                        &self.covered,
+                    );
                 }
-                entry.measurement.extend(self.opened, &*entry.ready.estimator, pictures, &self.covered);
             }
+            done = pictures;
             if !self.arguments.exhaustive {
                 self.drop_those_behind();
             }
@@ -175,13 +194,26 @@ impl<'a> Contest<'a> {
         let perfect = if self.arguments.exhaustive { 0.0 } else { self.perfect_share()? };
         let map = &self.opened.environment;
         let has_compact = without_compact_emitters(map.width(), map.height(), &map.luminance()).is_some();
-        let mut open = Vec::new();
+        let (mut open, mut speeds) = (Vec::new(), Vec::new());
         for head in heads(STEPS[0]) {
             let Recipe::Head(shape, _) = head.recipe else { continue };
             if shape.name.contains("compact") && !has_compact {
                 continue;
             }
-            if self.arguments.exhaustive || self.could_win(shape, perfect, stop)? {
+            // Heads of one size and mode take the same time.
+            let like = shape
+                .name
+                .split(' ')
+                .take(2 + usize::from(shape.name.ends_with("autoregressive")))
+                .collect::<Vec<_>>()
+                .join(" ");
+            let known = speeds.iter().find(|(name, _)| *name == like).map(|(_, could)| *could);
+            let could = match known {
+                Some(could) => could,
+                None => self.arguments.exhaustive || self.could_win(shape, perfect, stop)?,
+            };
+            speeds.push((like, could));
+            if could {
                 open.push(head);
             }
         }
@@ -210,7 +242,13 @@ impl<'a> Contest<'a> {
             }
             for &index in &entered {
                 let entry = &mut self.entries[index];
-                entry.measurement.extend(self.opened, &*entry.ready.estimator, ROUNDS[1], &self.covered);
+                entry.measurement.extend(
+                    self.opened,
+                    &*entry.ready.estimator,
+                    &self.yardstick,
+                    ROUNDS[0],
+                    &self.covered,
+                );
             }
             let Some(best) = self.best() else { return Ok(()) };
             let goal = if self.arguments.exhaustive { f64::INFINITY } else { mean(&self.scores(best)) };
@@ -219,7 +257,7 @@ impl<'a> Contest<'a> {
             let can_win = |index: &usize| {
                 let entry = &self.entries[*index];
                 let prepared = next * entry.ready.prepared;
-                prepared < limit && self.bound(entry.measurement.sample_seconds, perfect, prepared) < goal
+                prepared < limit && self.bound(self.sample_seconds(&entry.measurement), perfect, prepared) < goal
             };
             let mut hopeful: Vec<usize> = entered.into_iter().filter(can_win).collect();
             hopeful.sort_by(|&a, &b| mean(&self.scores(a)).total_cmp(&mean(&self.scores(b))));
@@ -251,9 +289,9 @@ impl<'a> Contest<'a> {
         let candidate = Candidate { name: shape.name.to_owned(), recipe: Recipe::Head(shape, 1) };
         let ready = ready(&candidate, &self.view.env, self.opened, self.material, &folder, stop)?;
         let mut measurement = Measurement::new(self.samples_in_slice(&*ready.estimator));
-        measurement.extend(self.opened, &*ready.estimator, ROUNDS[0], &self.covered);
+        measurement.extend(self.opened, &*ready.estimator, &self.yardstick, ROUNDS[0], &self.covered);
         let Some(best) = self.best() else { return Ok(true) };
-        Ok(self.bound(measurement.sample_seconds, perfect, ready.prepared) < mean(&self.scores(best)))
+        Ok(self.bound(self.sample_seconds(&measurement), perfect, ready.prepared) < mean(&self.scores(best)))
     }
 
     /// The error of the exact product over that of the best sampler so far, at equal samples and of few points: what is left to gain by a better
@@ -267,7 +305,7 @@ impl<'a> Contest<'a> {
         let everywhere = vec![true; (SIDE * SIDE * 3 / 4) as usize];
         let error = |estimator: &dyn Estimator| {
             let mut measurement = Measurement::new(1);
-            measurement.extend(&opened, estimator, PICTURES, &everywhere);
+            measurement.extend(&opened, estimator, &self.yardstick, PICTURES, &everywhere);
             mean(&measurement.errors())
         };
         let oracle = SamplerSpec::oracle().build(&opened.environment)?;
@@ -285,9 +323,16 @@ impl<'a> Contest<'a> {
     /// The error of each picture, as it would be once the time is up.
     pub fn scores(&self, index: usize) -> Vec<f64> {
         let entry = &self.entries[index];
-        let seconds = entry.measurement.sample_seconds * f64::from(entry.measurement.spp);
-        let score = |error: f64| at_time(error, seconds, entry.ready.prepared, self.arguments.render_seconds);
-        entry.measurement.errors().into_iter().map(score).collect()
+        let seconds = self.yardstick.sample_seconds * f64::from(entry.measurement.spp);
+        let (prepared, total) = (entry.ready.prepared, self.arguments.render_seconds);
+        // With the time of its own, so that intervals hold for times too.
+        let pictures = entry.measurement.errors().into_iter().zip(entry.measurement.ratios());
+        pictures.map(|(error, ratio)| at_time(error, ratio * seconds, prepared, total)).collect()
+    }
+
+    /// Seconds of a sample of every pixel.
+    pub fn sample_seconds(&self, measurement: &Measurement) -> f64 {
+        measurement.ratio() * self.yardstick.sample_seconds
     }
 
     /// Index of the entry with the least error.

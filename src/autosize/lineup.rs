@@ -48,7 +48,7 @@ pub fn ready(
         Recipe::Direct(normals, cells) => {
             let (normals, cells) = (NormalGrid::new(normals.0, normals.1)?, CellGrid::new(cells.0, cells.1)?);
             let file = folder.join(file_name(&candidate.name));
-            bake::direct(&opened.environment, TailArgument::Hierarchical, normals, cells)?.write(&file)?;
+            bake::direct(env, &opened.environment, TailArgument::Hierarchical, normals, cells)?.write(&file)?;
             SamplerSpec::file(FileKind::Direct, file)
         }
         Recipe::Head(shape, steps) => {

@@ -3,7 +3,7 @@
 use headtail_render::{
     estimator::Estimator,
     image::Image,
-    integrator::Budget,
+    integrator::{Budget, Rendering},
     points::{PointSet, Points},
 };
 
@@ -15,28 +15,81 @@ pub struct Measurement {
     /// Samples per pixel of each picture.
     pub spp: u32,
     pictures: Vec<Image>,
-    /// The least time of a sample of every pixel, in seconds: that of the processor, shared by the threads, where the system tells it (Linux), so that
-    /// what else the machine does matters little; else that of the clock.
+    /// The time of a sample of each picture over that of the yardstick, which was rendered just before it.
+    ratios: Vec<f64>,
+}
+
+/// What times are measured against: a sampler that is timed just before every picture, so that what else the machine does slows down both.
+pub struct Yardstick {
+    estimator: Box<dyn Estimator>,
+    spp: u32,
+    /// Seconds of its sample of every pixel on a machine that does nothing else, as far as that was seen.
     pub sample_seconds: f64,
+}
+
+impl Yardstick {
+    /// By the least of a few times.
+    pub fn new(opened: &OpenedView, estimator: Box<dyn Estimator>, spp: u32) -> Self {
+        let mut yardstick = Self { estimator, spp, sample_seconds: f64::INFINITY };
+        for _ in 0..4 {
+            yardstick.sample_seconds = yardstick.sample_seconds.min(yardstick.measure(opened));
+        }
+        yardstick
+    }
+
+    fn measure(&self, opened: &OpenedView) -> f64 {
+        timed(opened, &*self.estimator, self.spp, 0).1
+    }
+}
+
+/// A picture, and the seconds of a sample of every pixel: those of the processor, shared by the threads, where the system tells them (Linux), else
+/// those of the clock.
+fn timed(opened: &OpenedView, estimator: &dyn Estimator, spp: u32, seed: u64) -> (Rendering, f64) {
+    let before = processor_seconds();
+    let rendering = quietly(opened.view(), estimator, Budget::Spp(spp), Points::new(PointSet::Sobol, seed));
+    let used = processor_seconds().zip(before).map(|(after, before)| after - before);
+    let seconds = used.map_or(rendering.seconds, |used| used / rayon::current_num_threads() as f64);
+    (rendering, seconds / f64::from(spp))
 }
 
 impl Measurement {
     /// Before the first picture of `spp` samples.
     pub fn new(spp: u32) -> Self {
-        Self { spp, pictures: Vec::new(), sample_seconds: f64::INFINITY }
+        Self { spp, pictures: Vec::new(), ratios: Vec::new() }
     }
 
     /// Renders up to `count` pictures; number `k` has the seed `k`, for every sampler.
-    pub fn extend(&mut self, opened: &OpenedView, estimator: &dyn Estimator, count: usize, covered: &[bool]) {
+    pub fn extend(
+        &mut self,
+        opened: &OpenedView,
+        estimator: &dyn Estimator,
+        yardstick: &Yardstick,
+        count: usize,
+        covered: &[bool],
+    ) {
         while self.pictures.len() < count {
-            let points = Points::new(PointSet::Sobol, 1 + self.pictures.len() as u64);
-            let before = processor_seconds();
-            let rendering = quietly(opened.view(), estimator, Budget::Spp(self.spp), points);
-            let used = processor_seconds().zip(before).map(|(after, before)| after - before);
-            let seconds = used.map_or(rendering.seconds, |used| used / rayon::current_num_threads() as f64);
-            self.sample_seconds = self.sample_seconds.min(seconds / f64::from(self.spp));
+            let before = yardstick.measure(opened);
+            let (rendering, seconds) = timed(opened, estimator, self.spp, 1 + self.pictures.len() as u64);
+            let after = yardstick.measure(opened);
+            self.ratios.push(seconds / (0.5 * (before + after)));
             self.pictures.push(compare::select(&rendering.surfaces, covered));
         }
+    }
+
+    /// Times of a sample of every pixel over those of the yardstick, one for each picture. Those of a picture during which something else began or ended
+    /// are moved to within a factor of the median.
+    pub fn ratios(&self) -> Vec<f64> {
+        const FACTOR: f64 = 1.5;
+        let mut sorted = self.ratios.clone();
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(1.0);
+        self.ratios.iter().map(|ratio| ratio.clamp(median / FACTOR, median * FACTOR)).collect()
+    }
+
+    /// Their mean; infinite before the first picture.
+    pub fn ratio(&self) -> f64 {
+        let ratios = self.ratios();
+        if ratios.is_empty() { f64::INFINITY } else { ratios.iter().sum::<f64>() / ratios.len() as f64 }
     }
 
     /// The mean squared error of each picture, estimated from the others: every sampler is unbiased and seeds are independent, so that
@@ -98,7 +151,7 @@ mod tests {
         };
         for count in [2, 5] {
             let pictures = (0..count).map(|_| picture()).collect();
-            let errors = Measurement { spp: 1, pictures, sample_seconds: 1.0 }.errors();
+            let errors = Measurement { spp: 1, pictures, ratios: Vec::new() }.errors();
             let mean = errors.iter().sum::<f64>() / f64::from(count);
             // 15,000 numbers whose squares have a relative deviation of about 1.5: 1.2 %; four of them.
             assert!((mean * 12.0 - 1.0).abs() < 0.05, "{count}: {mean}");

@@ -50,7 +50,7 @@ pub fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
             sampler: contest.spec(index),
             prepared_seconds,
             bytes,
-            sample_seconds: entry.measurement.sample_seconds,
+            sample_seconds: contest.sample_seconds(&entry.measurement),
             pictures: errors.len(),
             error_of_sample: errors.iter().sum::<f64>() / errors.len() as f64 * f64::from(entry.measurement.spp),
             behind: behind.map(|ratio| ratio.ratio),

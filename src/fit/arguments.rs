@@ -176,7 +176,7 @@ impl Arguments {
         match &self.conditions_from {
             Some(scene) => table.set_viewpoints(Picture::new(scene.clone(), camera)),
             None => {
-                ensure!(camera.look_from.is_none() && camera.fov.is_none(), "a camera needs --conditions-from SCENE")
+                ensure!(camera.look_from.is_none() && camera.fov.is_none(), "a camera needs --conditions-from SCENE");
             }
         }
         if let Some(folder) = &self.checkpoint_dir {

@@ -53,7 +53,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
     let sweep = arguments.place.open()?;
     make_folder(&sweep.folder.logs())?;
-    let mut crew = Crew::new(arguments, sweep, stop)?;
+    let mut crew = Crew::new(arguments, sweep, stop);
     crew.run()?;
     crew.conclude()
 }
@@ -76,14 +76,14 @@ struct Crew<'a> {
 const LOOK: Duration = Duration::from_millis(500);
 
 impl<'a> Crew<'a> {
-    fn new(arguments: &'a Arguments, sweep: Sweep, stop: Arc<AtomicBool>) -> Result<Self> {
+    fn new(arguments: &'a Arguments, sweep: Sweep, stop: Arc<AtomicBool>) -> Self {
         let (send, receive) = channel();
         let all = MultiProgress::new();
         let total = all.add(ProgressBar::new(0));
         total.set_style(style("{prefix:>12} [{bar:32}] {pos}/{len} trials  {elapsed} done, {msg}"));
         total.set_prefix("sweep");
         let (workers, bars) = (HashMap::new(), HashMap::new());
-        Ok(Self { arguments, sweep, stop, workers, started: 0, bars, all, total, send, receive })
+        Self { arguments, sweep, stop, workers, started: 0, bars, all, total, send, receive }
     }
 
     /// Starts workers, shows what they say, and starts others in the place of those that were killed.

@@ -141,7 +141,7 @@ pub fn task(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result
         match output {
             Ok(output) if output.status.success() => eprintln!("note: job {job} is queued again"),
             Ok(Output { stderr, .. }) => {
-                eprintln!("note: job {job} is not queued again: {}", String::from_utf8_lossy(&stderr).trim())
+                eprintln!("note: job {job} is not queued again: {}", String::from_utf8_lossy(&stderr).trim());
             }
             Err(error) => eprintln!("note: job {job} is not queued again: scontrol: {error}"),
         }

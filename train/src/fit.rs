@@ -172,9 +172,11 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
     }
     let mut last = divergence(&state);
     let mut weights = state.best_weights().to_vec();
-    if let Some(kept) =
-        state.kept.as_ref().filter(|kept| !(last.relative_variance <= kept.divergence.relative_variance))
-    {
+    let least = state
+        .kept
+        .as_ref()
+        .filter(|kept| last.relative_variance.is_nan() || last.relative_variance > kept.divergence.relative_variance);
+    if let Some(kept) = least {
         last = kept.divergence;
         weights = kept.best_weights().to_vec();
     }

@@ -27,10 +27,12 @@ impl TrainingState {
             return Verdict::Worse;
         }
         let found = divergence.relative_variance;
+        let fell =
+            |kept: &Kept| found.is_nan() || found > f64::from(config.setback) * kept.divergence.relative_variance;
         match &self.kept {
             Some(kept) if found < kept.divergence.relative_variance && divergence.kl.is_finite() => {}
             None if found.is_finite() && divergence.kl.is_finite() => {}
-            Some(kept) if !(found <= f64::from(config.setback) * kept.divergence.relative_variance) => {
+            Some(kept) if fell(kept) => {
                 self.weights.clone_from(&kept.weights);
                 self.average.clone_from(&kept.average);
                 self.optimizer.clone_from(&kept.optimizer);

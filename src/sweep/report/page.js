@@ -99,18 +99,24 @@
     return parts.join("");
   };
   const measured = data.trials.map((_, index) => index).filter((index) => data.trials[index].figures.some((figure) => figure !== null));
-  const many = measured.length > 400 ? " many" : "";
-  make(parallel, "path", { class: "lines off" + many, d: path(measured) });
-  const on = make(parallel, "path", { class: "lines on" + many, d: "" });
+  // More lines than this say nothing more. In several paths, so that lines on top of each other are darker.
+  const LINES = 2000, PATHS = 20;
+  const step = Math.ceil(measured.length / LINES);
+  const drawn = measured.filter((_, index) => index % step === 0);
+  const many = drawn.length > 200 ? " many" : "";
+  if (step > 1) make(parallel.parentElement.querySelector("figcaption"), "span", {}, " One trial in " + step + " is drawn.");
+  const parts = (trials) => Array.from({ length: PATHS }, (_, part) => path(trials.filter((_, index) => index % PATHS === part)));
+  parts(drawn).forEach((d) => make(parallel, "path", { class: "lines off" + many, d }));
+  const on = parts([]).map((d) => make(parallel, "path", { class: "lines on" + many, d }));
   columns.forEach((column, k) => {
     const x = left(k);
     make(parallel, "line", { class: "axis-line", x1: x, x2: x, y1: TOP, y2: BOTTOM });
     const short = column.name.length > 18 ? column.name.slice(0, 17) + "\u2026" : column.name;
     const title = make(parallel, "text", { class: "axis", x, y: TOP - 14 - (k % 2) * 16, "text-anchor": "middle" }, short);
     make(title, "title", {}, column.name);
-    const ticks = scales[k].ticks, step = Math.ceil(ticks.length / 8);
+    const ticks = scales[k].ticks, every = Math.ceil(ticks.length / 8);
     ticks.forEach((tick, i) => {
-      if (i % step) return;
+      if (i % every) return;
       const text = column.words ? column.words[tick].split("/").pop() : words(tick);
       make(parallel, "text", { class: "tick", x: x + 5, y: scales[k].place(tick) + 4 }, text.length > 14 ? text.slice(0, 13) + "\u2026" : text);
     });
@@ -209,7 +215,7 @@
       if (asked.every((test) => test(trial))) kept.push(index);
     });
     const seen = new Set(kept);
-    on.setAttribute("d", path(measured.filter((index) => seen.has(index))));
+    parts(drawn.filter((index) => seen.has(index))).forEach((d, part) => on[part].setAttribute("d", d));
     draw();
   };
   let waiting;
