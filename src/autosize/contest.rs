@@ -4,7 +4,6 @@ use std::{
     cmp::Ordering,
     path::PathBuf,
     sync::atomic::{self, AtomicBool},
-    time::Duration,
 };
 
 use anyhow::{Context, Result};
@@ -38,7 +37,7 @@ pub struct Entry {
     /// How it came about.
     pub recipe: Recipe,
     ready: Ready,
-    /// Trial pictures at equal time.
+    /// Trial pictures.
     pub measurement: Measurement,
     /// Whether it is still in the contest.
     pub is_in: bool,
@@ -60,15 +59,14 @@ pub struct Contest<'a> {
     material: HeadMaterial,
     covered: Vec<bool>,
     yardstick: Yardstick,
-    /// Seconds of rendering of a trial picture.
-    slice: f64,
     /// Those that were measured.
     pub entries: Vec<Entry>,
     /// Why heads were not trained, if they were not.
     untrained: Option<String>,
 }
 
-/// Samples per pixel of `mis` in the time of a trial picture.
+/// Samples per pixel of every trial picture: a power of two, which is what low-discrepancy points are best at. With as many as fit into some time, errors would
+/// depend on what else the machine does.
 const SAMPLES: u32 = 16;
 /// Trial pictures in each round.
 const ROUNDS: [usize; 4] = [4, 8, 16, 32];
@@ -91,10 +89,9 @@ impl<'a> Contest<'a> {
         let rendering = quietly(opened.view(), &*mis, Budget::Spp(SAMPLES), points);
         let covered: Vec<bool> = rendering.coverage.iter().map(|&share| share == 1.0).collect();
         anyhow::ensure!(covered.contains(&true), "no pixel is covered by a surface");
-        let slice = quietly(opened.view(), &*mis, Budget::Spp(SAMPLES), points).seconds;
         let yardstick = Yardstick::new(opened, mis, SAMPLES / 4);
         let (entries, untrained) = (Vec::new(), None);
-        Ok(Self { arguments, view, opened, material, covered, yardstick, slice, entries, untrained })
+        Ok(Self { arguments, view, opened, material, covered, yardstick, entries, untrained })
     }
 
     /// Measures everything as far as it takes to decide.
@@ -134,7 +131,6 @@ impl<'a> Contest<'a> {
         make_folder(&folder)?;
         let mut ready = ready(&candidate, &self.view.env, self.opened, self.material, &folder, stop)
             .with_context(|| candidate.name.clone())?;
-        let spp = self.samples_in_slice(&*ready.estimator);
         let Candidate { name, recipe } = candidate;
         if let Recipe::Baked(shape, steps) = recipe {
             // A table of a head takes the training, too.
@@ -142,15 +138,8 @@ impl<'a> Contest<'a> {
             ready.prepared += head.map_or(0.0, |head| head.ready.prepared);
         }
         let is_in = ready.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
-        self.entries.push(Entry { name, recipe, ready, measurement: Measurement::new(spp), is_in });
+        self.entries.push(Entry { name, recipe, ready, measurement: Measurement::new(SAMPLES), is_in });
         Ok(self.entries.len() - 1)
-    }
-
-    /// Samples per pixel that fit into the time of a trial picture.
-    fn samples_in_slice(&self, estimator: &dyn Estimator) -> u32 {
-        let budget = Budget::Time(Duration::from_secs_f64(0.25 * self.slice));
-        let rendering = quietly(self.opened.view(), estimator, budget, Points::new(PointSet::Sobol, 0));
-        ((f64::from(rendering.spp) * self.slice / rendering.seconds).round() as u32).max(1)
     }
 
     /// Rounds of more and more pictures; after each, those that are out are dropped.
@@ -288,7 +277,7 @@ impl<'a> Contest<'a> {
         make_folder(&folder)?;
         let candidate = Candidate { name: shape.name.to_owned(), recipe: Recipe::Head(shape, 1) };
         let ready = ready(&candidate, &self.view.env, self.opened, self.material, &folder, stop)?;
-        let mut measurement = Measurement::new(self.samples_in_slice(&*ready.estimator));
+        let mut measurement = Measurement::new(SAMPLES);
         measurement.extend(self.opened, &*ready.estimator, &self.yardstick, ROUNDS[0], &self.covered);
         let Some(best) = self.best() else { return Ok(true) };
         Ok(self.bound(self.sample_seconds(&measurement), perfect, ready.prepared) < mean(&self.scores(best)))

@@ -95,9 +95,6 @@ struct Work {
     place: Place,
     #[command(flatten)]
     checkpoints: Checkpoints,
-    /// Only this trial of the plan.
-    #[arg(long)]
-    only: Option<usize>,
     /// A task of a Slurm array.
     #[arg(long)]
     task: bool,
@@ -162,7 +159,6 @@ fn work(arguments: &Work) -> Result<()> {
     let mut sweep = arguments.place.open()?;
     let manner = worker::Manner {
         every: arguments.checkpoints.checkpoint_every as usize,
-        only: arguments.only,
         ticks: !arguments.task,
         watch_input: !arguments.task,
     };

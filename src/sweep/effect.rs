@@ -30,23 +30,9 @@ const PARTS: usize = 5;
 
 /// The effects of an axis on an objective; empty where it has one value only.
 ///
-/// Trials are compared with the geometric mean of those that have the same map (every aggregated axis but `seed`), so that maps, which differ most,
-/// cancel. The trials of one seed are one observation; without an axis `seed` every trial is one.
+/// Trials are compared with the geometric mean of those that have the same map, so that maps, which differ most, cancel. The trials of one seed are one observation; without an axis `seed` every trial is one.
 pub fn effects(sweep: &Sweep, rows: &[Row<'_>], axis: &Axis, objective: &str) -> Vec<Effect> {
-    let known: Vec<(&Row<'_>, f64)> = rows
-        .iter()
-        .filter_map(|row| Some((row, row.measures?.get(objective).copied()?.ln())))
-        .filter(|(_, log)| log.is_finite())
-        .collect();
-    let map = |row: &Row<'_>| {
-        let axes = sweep.space.replicated().filter(|axis| axis.key != "seed");
-        axes.map(|axis| row.trial.assignment.get(&axis.key).map_or(String::new(), plain)).collect::<Vec<_>>()
-    };
-    let mut of_map: BTreeMap<Vec<String>, (f64, f64)> = BTreeMap::new();
-    for (row, log) in &known {
-        let sum = of_map.entry(map(row)).or_default();
-        *sum = (sum.0 + log, sum.1 + 1.0);
-    }
+    let known = relative(sweep, rows, objective);
     let parts =
         parts(axis, &known.iter().filter_map(|(row, _)| row.trial.assignment.get(&axis.key)).collect::<Vec<_>>());
     let mut found = Vec::new();
@@ -58,9 +44,8 @@ pub fn effects(sweep: &Sweep, rows: &[Row<'_>], axis: &Axis, objective: &str) ->
                 continue;
             }
             let seed = row.trial.assignment.get("seed").filter(|_| axis.key != "seed");
-            let (sum, count) = of_map[&map(row)];
             let sums = seeds.entry(seed.map_or_else(|| format!("#{index}"), plain)).or_default();
-            *sums = (sums.0 + log - sum / count, sums.1 + 1.0);
+            *sums = (sums.0 + log, sums.1 + 1.0);
             trials += 1;
         }
         let means: Vec<f64> = seeds.values().map(|(sum, count)| sum / count).collect();
@@ -69,6 +54,34 @@ pub fn effects(sweep: &Sweep, rows: &[Row<'_>], axis: &Axis, objective: &str) ->
         found.push(Effect { value: name.clone(), ratio: interval.mean.exp(), ends, trials });
     }
     if found.len() > 1 { found } else { Vec::new() }
+}
+
+/// Logarithms of an objective of the trials that have one, less their mean over the trials of the same map (every aggregated axis but `seed`).
+pub fn relative<'a>(sweep: &Sweep, rows: &'a [Row<'a>], objective: &str) -> Vec<(&'a Row<'a>, f64)> {
+    let known: Vec<(&Row<'_>, f64)> = rows
+        .iter()
+        .filter_map(|row| Some((row, row.measures?.get(objective).copied()?.ln())))
+        .filter(|(_, log)| log.is_finite())
+        .collect();
+    let map = |row: &Row<'_>| {
+        let axes = sweep.space.axes.iter().filter(|axis| is_map(sweep, axis));
+        axes.map(|axis| row.trial.assignment.get(&axis.key).map_or(String::new(), plain)).collect::<Vec<_>>()
+    };
+    let mut of_map: BTreeMap<Vec<String>, (f64, f64)> = BTreeMap::new();
+    for (row, log) in &known {
+        let sum = of_map.entry(map(row)).or_default();
+        *sum = (sum.0 + log, sum.1 + 1.0);
+    }
+    let less = |(row, log): (&'a Row<'a>, f64)| {
+        let (sum, count) = of_map[&map(row)];
+        (row, log - sum / count)
+    };
+    known.into_iter().map(less).collect()
+}
+
+/// Whether trials of different values of an axis are not to be compared: an aggregated axis that is not the seed.
+pub fn is_map(sweep: &Sweep, axis: &Axis) -> bool {
+    axis.key != "seed" && sweep.space.replicated().any(|other| other.key == axis.key)
 }
 
 type Part = (String, Box<dyn Fn(&Value) -> bool>);

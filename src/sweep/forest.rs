@@ -1,5 +1,7 @@
 //! Which settings matter: permutation importance over a random forest (Breiman 2001).
 
+use std::collections::HashSet;
+
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -20,18 +22,23 @@ pub fn importance(rows: &[Vec<f64>], values: &[f64], seed: u64) -> Option<(Vec<f
     let columns = rows.first()?.len();
     let mean = chosen.iter().map(|&row| values[row]).sum::<f64>() / chosen.len() as f64;
     let variance = chosen.iter().map(|&row| (values[row] - mean).powi(2)).sum::<f64>() / chosen.len() as f64;
-    if chosen.len() < 8 || columns == 0 || variance <= 1e-12 * mean * mean {
+    if chosen.len() < 8 || columns == 0 || variance <= 1e-12 * (1.0 + mean * mean) {
         return None;
     }
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let (mut lost, mut error, mut judged) = (vec![0.0; columns], 0.0, 0.0);
+    let (mut lost, mut judged) = (vec![0.0; columns], 0.0);
+    // What the trees that have not seen a row say of it: their sum, and how many they are.
+    let mut said = vec![(0.0, 0.0); rows.len()];
     for _ in 0..TREES {
         let bag: Vec<usize> = chosen.iter().map(|_| chosen[below(&mut random, chosen.len())]).collect();
         let tree = Node::grow(rows, values, bag.clone(), 0, &mut random);
-        let out: Vec<usize> = chosen.iter().copied().filter(|row| !bag.contains(row)).collect();
+        let in_bag: HashSet<usize> = bag.iter().copied().collect();
+        let out: Vec<usize> = chosen.iter().copied().filter(|row| !in_bag.contains(row)).collect();
         let loss = |row: usize, seen: &[f64]| (tree.predict(seen) - values[row]).powi(2);
         let plain: f64 = out.iter().map(|&row| loss(row, &rows[row])).sum();
-        error += plain;
+        for &row in &out {
+            said[row] = (said[row].0 + tree.predict(&rows[row]), said[row].1 + 1.0);
+        }
         judged += out.len() as f64;
         for (column, lost) in lost.iter_mut().enumerate() {
             let mut order = out.clone();
@@ -48,7 +55,10 @@ pub fn importance(rows: &[Vec<f64>], values: &[f64], seed: u64) -> Option<(Vec<f
         }
     }
     let scale = judged * variance;
-    Some((lost.into_iter().map(|lost| (lost / scale).max(0.0)).collect(), 1.0 - error / scale))
+    let known: Vec<usize> = chosen.into_iter().filter(|&row| said[row].1 > 0.0).collect();
+    let error: f64 = known.iter().map(|&row| (said[row].0 / said[row].1 - values[row]).powi(2)).sum();
+    let explained = 1.0 - error / (known.len() as f64 * variance);
+    Some((lost.into_iter().map(|lost| (lost / scale).max(0.0)).collect(), explained))
 }
 
 fn below(random: &mut impl Rng, count: usize) -> usize {

@@ -177,8 +177,6 @@ pub struct Ledger {
     /// By the trials' identities.
     pub records: HashMap<String, Record>,
     suggested: BTreeMap<u64, Assignment>,
-    /// The time of the first line of all.
-    pub began: Option<f64>,
 }
 
 impl Ledger {
@@ -229,7 +227,6 @@ impl Ledger {
     }
 
     fn add(&mut self, Line { time, event }: Line) {
-        self.began = Some(self.began.map_or(time, |began| began.min(time)));
         match event {
             Event::Suggested { number, assignment } => {
                 self.suggested.entry(number).or_insert(assignment);
@@ -315,7 +312,7 @@ mod tests {
         ledger.refresh().unwrap();
         assert!(ledger.records["a"].done.is_some());
         // A line that was only slow is read once it is whole.
-        let rest = &torn.replace("measu", "measures\":{},\"seconds\":3.0}\n")[torn.len() - 5..];
+        let rest = &torn.replace("measu", "measures\":{},\"seconds\":3.0}\n")[torn.len()..];
         OpenOptions::new().append(true).open(path).unwrap().write_all(rest.as_bytes()).unwrap();
         ledger.refresh().unwrap();
         assert_eq!(ledger.records["a"].seconds, 5.0);

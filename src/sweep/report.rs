@@ -10,7 +10,7 @@ use super::{
     Sweep,
     axis::{Axis, Values},
     collect::{self, Row, plain},
-    effect::{Effect, effects},
+    effect::{Effect, effects, is_map, relative},
     forest,
     status::State,
 };
@@ -37,6 +37,8 @@ struct Data {
     curves: Vec<Curve>,
     effects: Vec<(String, Vec<Effect>)>,
     importance: Option<Importance>,
+    /// Whether intervals are over seeds; else over trials.
+    has_seeds: bool,
 }
 
 #[derive(Serialize)]
@@ -137,12 +139,14 @@ fn data(sweep: &Sweep, rows: &[Row<'_>]) -> Data {
             error: row.error.clone(),
         })
         .collect();
-    let effects = sweep.space.axes.iter().map(|axis| (axis.key.clone(), effects(sweep, rows, axis, first)));
+    let settings = sweep.space.axes.iter().filter(|axis| !is_map(sweep, axis));
+    let effects = settings.map(|axis| (axis.key.clone(), effects(sweep, rows, axis, first)));
     Data {
         configurations: configurations(sweep, rows, &objectives),
         curves: curves(sweep, &trials),
         effects: effects.filter(|(_, effects)| !effects.is_empty()).collect(),
-        importance: importance(&axes, &trials, first),
+        importance: importance(sweep, &axes, rows, first),
+        has_seeds: sweep.space.axes.iter().any(|axis| axis.key == "seed"),
         objectives,
         axes,
         trials,
@@ -229,14 +233,19 @@ fn curves(sweep: &Sweep, trials: &[TrialData]) -> Vec<Curve> {
     order.into_iter().take(CURVES).filter_map(read).collect()
 }
 
-fn importance(axes: &[AxisData], trials: &[TrialData], objective: &str) -> Option<Importance> {
-    let known: Vec<&TrialData> =
-        trials.iter().filter(|trial| trial.figures[0].is_some_and(|figure| figure > 0.0)).collect();
-    let rows: Vec<Vec<f64>> =
-        known.iter().map(|trial| trial.at.iter().map(|at| at.unwrap_or(f64::NAN)).collect()).collect();
-    let values: Vec<f64> = known.iter().filter_map(|trial| trial.figures[0]).map(f64::ln).collect();
-    let (shares, explained) = forest::importance(&rows, &values, 0)?;
-    let mut shares: Vec<(String, f64)> = axes.iter().map(|axis| axis.key.clone()).zip(shares).collect();
+/// The importance of every setting that tells comparable trials apart.
+fn importance(sweep: &Sweep, axes: &[AxisData], rows: &[Row<'_>], objective: &str) -> Option<Importance> {
+    let settings: Vec<(&Axis, &AxisData)> =
+        sweep.space.axes.iter().zip(axes).filter(|(axis, _)| !is_map(sweep, axis)).collect();
+    let place = |row: &Row<'_>, (axis, data): &(&Axis, &AxisData)| {
+        row.trial.assignment.get(&axis.key).and_then(|value| data.place(value)).unwrap_or(f64::NAN)
+    };
+    let known = relative(sweep, rows, objective);
+    let columns: Vec<Vec<f64>> =
+        known.iter().map(|(row, _)| settings.iter().map(|setting| place(row, setting)).collect()).collect();
+    let values: Vec<f64> = known.iter().map(|(_, log)| *log).collect();
+    let (shares, explained) = forest::importance(&columns, &values, 0)?;
+    let mut shares: Vec<(String, f64)> = settings.iter().map(|(axis, _)| axis.key.clone()).zip(shares).collect();
     shares.sort_by(|a, b| b.1.total_cmp(&a.1));
     Some(Importance { objective: objective.to_owned(), explained, trees: forest::TREES, shares })
 }

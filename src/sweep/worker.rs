@@ -3,6 +3,7 @@
 use std::{
     io::{Read, Write},
     panic::{AssertUnwindSafe, catch_unwind},
+    path::Path,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -49,8 +50,6 @@ const WAIT: Duration = Duration::from_millis(250);
 pub struct Manner {
     /// Steps between checkpoints.
     pub every: usize,
-    /// Only this trial of the plan.
-    pub only: Option<usize>,
     /// Whether progress is written to standard output.
     pub ticks: bool,
     /// Whether the end of standard input means that whoever started the worker is gone.
@@ -69,11 +68,10 @@ pub fn work(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result
     while !stop.load(Ordering::Relaxed) {
         sweep.refresh()?;
         let open: Vec<Job> = jobs::jobs(&sweep.space, &sweep.plan, &sweep.ledger);
-        let open: Vec<Job> = open.into_iter().filter(|job| manner.only.is_none_or(|only| only == job.trial)).collect();
         if let Some((job, lock)) = take(sweep, &open)? {
             perform(sweep, &job, manner, &mut journal, stop)?;
             drop(lock);
-        } else if sweep.wants_suggestions() && manner.only.is_none() {
+        } else if sweep.wants_suggestions() {
             suggest(sweep, &mut journal)?;
         } else if open.is_empty() || sweep.space.halving.is_none() {
             // What others are at is theirs; with halving, what they find can make new work.
@@ -121,21 +119,19 @@ fn suggest(sweep: &mut Sweep, journal: &mut Journal) -> Result<()> {
 fn perform(sweep: &Sweep, job: &Job, manner: Manner, journal: &mut Journal, stop: &Arc<AtomicBool>) -> Result<()> {
     let trial = &sweep.plan.trials[job.trial];
     let start = Instant::now();
-    let mut begun = None;
+    let folder = sweep.folder.trial(&trial.id);
+    let checkpoints = folder.join("checkpoints");
+    // Before anything that could end the process.
+    let begun = last_checkpoint(&checkpoints);
+    journal.add(Event::Started { trial: trial.id.clone(), step: begun })?;
     let outcome = {
         let mut last = None::<Instant>;
         let mut watch = |progress: &Progress| {
-            if begun.is_none() {
-                begun = Some(progress.step);
-                // A line that cannot be written will fail again at the end of the trial, where it is told.
-                let _ = journal.add(Event::Started { trial: trial.id.clone(), step: progress.step });
-            }
             if manner.ticks && (progress.divergence.is_some() || last.is_none_or(|last| last.elapsed() > TICK)) {
                 last = Some(Instant::now());
                 tick(&trial.id, progress);
             }
         };
-        let folder = sweep.folder.trial(&trial.id);
         let around = Surroundings {
             references: sweep.folder.references(),
             tensorboard: None,
@@ -143,12 +139,11 @@ fn perform(sweep: &Sweep, job: &Job, manner: Manner, journal: &mut Journal, stop
             until: job.until,
             stop,
             watch: &mut watch,
-            out: folder.clone(),
+            out: folder,
         };
         let attempt = || -> Result<Finished> {
             let mut run = plan::resolve(&sweep.space, &trial.assignment)?;
-            run.checkpoints =
-                Some(Checkpoints { folder: folder.join("checkpoints"), every: manner.every, resume: true });
+            run.checkpoints = Some(Checkpoints { folder: checkpoints, every: manner.every, resume: true });
             run::perform(&run, around)
         };
         catch_unwind(AssertUnwindSafe(attempt))
@@ -166,11 +161,18 @@ fn perform(sweep: &Sweep, job: &Job, manner: Manner, journal: &mut Journal, stop
                 _ => Event::Stopped { trial: id, step, seconds },
             }
         }
-        Ok(Err(error)) if error.is::<Interrupted>() => Event::Stopped { trial: id, step: begun.unwrap_or(0), seconds },
+        Ok(Err(error)) if error.is::<Interrupted>() => Event::Stopped { trial: id, step: begun, seconds },
         Ok(Err(error)) => Event::Failed { trial: id, reason: format!("{error:#}") },
         Err(_) => Event::Failed { trial: id, reason: "the program panicked; the worker's log says where".into() },
     };
     journal.add(event)
+}
+
+/// The step of the last checkpoint in a folder; 0 without one.
+fn last_checkpoint(folder: &Path) -> usize {
+    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    names.filter_map(|name| name.strip_prefix("step-")?.parse().ok()).max().unwrap_or(0)
 }
 
 /// Tells whoever started the worker how far it is; nobody may be listening.

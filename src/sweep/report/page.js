@@ -291,7 +291,7 @@
     }
   };
   if (data.effects.length) {
-    get("effects-note").textContent = data.objectives[0] + " under each value over that of all trials, geometric means: less than 1 is better. Lines are 95 % intervals over seeds. Ranges are divided into parts with equally many trials.";
+    get("effects-note").textContent = data.objectives[0] + " under each value over that of all trials, geometric means: less than 1 is better. Lines are 95 % intervals over " + (data.has_seeds ? "seeds" : "trials") + ". Trials are compared with those of the same map. Ranges are divided into parts with equally many trials.";
     let low = 0.5, high = 2;
     for (const [, effects] of data.effects) for (const { ratio } of effects) { low = Math.min(low, ratio / 1.2); high = Math.max(high, ratio * 1.2); }
     for (const [key, effects] of data.effects) {
@@ -311,7 +311,7 @@
       make(make(line, "span", { class: "bar-track" }), "span", { class: "bar s2" }).style.cssText = "left:0;width:" + 100 * share / most + "%";
       make(line, "span", { class: "bar-value" }, words(share));
     }
-    get("importance-note").textContent = "Permutation importance over a random forest of " + trees + " trees: the share of the variance of ln " + objective + " that the forest no longer explains, out of bag, once the setting is shuffled among trials. The forest explains " + Math.round(100 * explained) + " %.";
+    get("importance-note").textContent = "Permutation importance over a random forest of " + trees + " trees: the share of the variance of ln " + objective + " that the forest no longer explains, out of bag, once the setting is shuffled among trials. Trials are compared with those of the same map. The forest explains " + Math.round(100 * explained) + " %.";
   } else get("importance-section").hidden = true;
 
   // Learning curves.
