@@ -42,12 +42,16 @@ impl Yardstick {
     }
 }
 
+/// So late at most does Linux tell what a thread that still runs has used; shorter pictures are timed by the clock.
+const TICK: f64 = 4e-3;
+
 /// A picture, and the seconds of a sample of every pixel: those of the processor, shared by the threads, where the system tells them (Linux), else
 /// those of the clock.
 fn timed(opened: &OpenedView, estimator: &dyn Estimator, spp: u32, seed: u64) -> (Rendering, f64) {
     let before = processor_seconds();
     let rendering = quietly(opened.view(), estimator, Budget::Spp(spp), Points::new(PointSet::Sobol, seed));
     let used = processor_seconds().zip(before).map(|(after, before)| after - before);
+    let used = used.filter(|used| *used > 5.0 * TICK);
     let seconds = used.map_or(rendering.seconds, |used| used / rayon::current_num_threads() as f64);
     (rendering, seconds / f64::from(spp))
 }

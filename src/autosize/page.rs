@@ -8,7 +8,7 @@ use crate::{
     report::{
         chart::pareto::{Place, scatter},
         html,
-        number::{duration, ends, escape, text, times},
+        number::{duration, ends, escape, text},
     },
 };
 
@@ -68,8 +68,8 @@ pub fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
 /// The page; times are those for preparation and rendering, and what the choice took.
 pub fn page(title: &str, (prepare, render, took): (f64, f64, f64), records: &[Record], why_not: &str) -> String {
     let name = |record: &Record| match (record.winner, record.cheapest) {
-        (true, _) => format!("{} (the best)", record.name),
-        (_, true) => format!("{} (the choice for its price)", record.name),
+        (true, _) => format!("best: {}", record.name),
+        (_, true) => format!("cheap: {}", record.name),
         _ => record.name.clone(),
     };
     let places: Vec<Place> = records
@@ -79,14 +79,14 @@ pub fn page(title: &str, (prepare, render, took): (f64, f64, f64), records: &[Re
         .map(|(index, record)| Place::new(name(record), index, record.sample_seconds, record.error_of_sample))
         .collect();
     let row = |record: &Record| {
-        let behind = record.behind.map_or("\u{2013}".to_owned(), times);
+        let behind = record.behind.map_or("\u{2013}".to_owned(), text);
         let mark = if record.winner || record.cheapest { " class=\"best\"" } else { "" };
         format!(
             "<tr><th scope=\"row\"{mark}>{}</th><td class=\"number\">{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td>\
              <td class=\"number\">{behind}<span class=\"ci\">{}</span></td><td class=\"number\">{}</td></tr>\n",
             escape(&name(record)),
             duration(record.prepared_seconds),
-            duration(record.sample_seconds),
+            text(1e3 * record.sample_seconds),
             text(record.error_of_sample),
             record.interval,
             record.pictures,
@@ -106,7 +106,7 @@ pub fn page(title: &str, (prepare, render, took): (f64, f64, f64), records: &[Re
          <li>{render} s in all</li><li>chosen in {}</li><li>{}</li></ul>\n{verdict}</header>\n<main>\n<section>\n<h2>Error against time</h2>\n\
          <figure>{}<figcaption class=\"note\">A sample of every pixel: its time, and the mean squared error of trial pictures times their samples. The broad line \
          is the Pareto front. Preparation is not in it.</figcaption></figure>\n</section>\n<section>\n<h2>Candidates</h2>\n<div class=\"scroll\"><table class=\"plain\">\
-         <thead><tr><th scope=\"col\">Sampler</th><th scope=\"col\" class=\"number\">Preparation</th><th scope=\"col\" class=\"number\">Sample</th>\
+         <thead><tr><th scope=\"col\">Sampler</th><th scope=\"col\" class=\"number\">Preparation</th><th scope=\"col\" class=\"number\">Sample (ms)</th>\
          <th scope=\"col\" class=\"number\">Error</th><th scope=\"col\" class=\"number\">Behind</th><th scope=\"col\" class=\"number\">Pictures</th></tr></thead>\n\
          <tbody>{}</tbody></table></div>\n<p class=\"note\">Behind: the error once the time is up, preparation counted in, over that of the best, with its 95\u{a0}% \
          interval over pictures that are paired by their seeds. Few pictures: dropped early.</p>\n</section>\n</main>\n</body>\n</html>\n",
