@@ -85,9 +85,7 @@ impl Reference {
         let note = format!("Rendered with {by} at {} samples per pixel ({POINTS} points).", rendering.spp);
         Ok(Self { image, covered: covered(&rendering.coverage), note })
     }
-}
 
-impl Reference {
     /// Takes a reference from a folder that several processes share, or renders one and puts it there.
     ///
     /// # Errors
