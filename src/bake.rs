@@ -8,7 +8,7 @@ use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     environment::Environment,
     export::{ExportedSampler, Intermediate},
-    tail::Tail,
+    tail::{Tail, TailKind},
 };
 use headtail_train::learned_bake;
 
@@ -60,11 +60,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 bail!("{}: the file holds a table already; name a trained head", file.display());
             };
             let table = learned_bake(head, &exported.tail, normals, cells)?;
-            ExportedSampler { intermediate: Intermediate::Bake(table), ..exported }
+            let run = exported.run.as_ref().map(|run| format!("{run}\n{}", settings(false, normals, cells)));
+            ExportedSampler { intermediate: Intermediate::Bake(table), run, ..exported }
         }
         (None, Some(map)) => {
             let environment = open_environment(map)?;
-            direct(&environment, arguments.tail, normals, cells)?
+            direct(map, &environment, arguments.tail, normals, cells)?
         }
         (None, None) => bail!("give --from FILE, or --direct with --env MAP"),
     };
@@ -76,15 +77,24 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The direct bake for a map.
+/// What a table is set by, as a part of the settings that its file holds.
+fn settings(direct: bool, normals: NormalGrid, cells: CellGrid) -> String {
+    let ((polar, azimuth), (rows, columns)) = (normals.shape(), cells.shape());
+    format!("[bake]\ndirect = {direct}\nnormals = [{polar}, {azimuth}]\ncells = [{rows}, {columns}]\n")
+}
+
+/// The direct bake for a map, of which `name` is what the user calls it.
 pub fn direct(
+    name: &str,
     environment: &Environment,
     tail: TailArgument,
     normals: NormalGrid,
     cells: CellGrid,
 ) -> Result<ExportedSampler> {
-    let kind = tail.into();
+    let kind: TailKind = tail.into();
     let warp = Tail::new(kind, environment.width(), environment.height(), &environment.luminance())?;
     let table = direct_bake(&warp, normals, cells)?;
-    Ok(ExportedSampler::new(Intermediate::DirectBake(table), kind, environment, None)?)
+    let [map, tail] = [toml::Value::from(name), toml::Value::try_from(kind)?];
+    let run = format!("env = {map}\ntail = {tail}\n\n{}", settings(true, normals, cells));
+    Ok(ExportedSampler::new(Intermediate::DirectBake(table), kind, environment, None)?.with_run(run))
 }

@@ -13,8 +13,9 @@ use headtail_render::{
     integrator::Budget,
     spec::{FileKind, SamplerSpec},
 };
-use reference::Reference;
+pub use reference::Reference;
 use work::Work;
+pub use work::select;
 
 use crate::{
     arguments::{OpenedView, ViewArguments, budget, make_folder, note_use},

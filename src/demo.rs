@@ -13,6 +13,7 @@ use headtail_train::{FitConfig, TrainingLight, exported_sampler};
 use crate::{
     arguments::{CameraArguments, PointsArgument, TailArgument, ViewArguments, make_folder, open_environment},
     bake, compare, fit, progress,
+    run::RunTable,
 };
 
 /// Train, bake, render and compare on a built-in scene; ends with the page to open. Needs no files, takes under 2 minutes.
@@ -42,7 +43,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
     let config = FitConfig::default();
     let light = TrainingLight::new(&config, &environment)?;
-    let fitted = fit::train(&light, &config, fit::Outputs::NONE, &stop)?;
+    let fitted = fit::train(&light, &config, &stop)?;
     if stop.load(Ordering::Relaxed) {
         bail!(progress::Interrupted::new("while training; nothing was written"));
     }
@@ -50,12 +51,20 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let (before, after) = (summary.initial, summary.divergence);
     println!("   {} steps, {:.1} s: KL {:.3} -> {:.3} nats", summary.steps, summary.seconds, before.kl, after.kl);
     let head = arguments.out.join("head.safetensors");
-    exported_sampler(&fitted.head, &config, summary, &environment, &light, true)?.write(&head)?;
+    let mut described = RunTable::default();
+    described.set_env(arguments.env.clone());
+    let settings = described.with_fit(config.clone())?.to_toml()?;
+    exported_sampler(&fitted.head, &config, summary, &environment, &light, true)?.with_run(settings).write(&head)?;
 
     println!("2. Bake light x cosine directly, without training.");
     let baking = Instant::now();
-    let direct =
-        bake::direct(&environment, TailArgument::Hierarchical, NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
+    let direct = bake::direct(
+        &arguments.env,
+        &environment,
+        TailArgument::Hierarchical,
+        NormalGrid::new(16, 32)?,
+        CellGrid::new(32, 32)?,
+    )?;
     let table = arguments.out.join("direct.safetensors");
     direct.write(&table)?;
     println!("   {:.2} s", baking.elapsed().as_secs_f64());

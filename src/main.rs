@@ -1,6 +1,7 @@
 //! headtail: neural product importance sampling by warp composition. The command line.
 
 mod arguments;
+mod autosize;
 mod backends;
 mod bake;
 mod chart;
@@ -13,8 +14,10 @@ mod paper;
 mod progress;
 mod render;
 mod report;
+mod run;
 mod scenes;
 mod stability;
+mod sweep;
 mod view;
 
 use std::process::ExitCode;
@@ -38,6 +41,8 @@ enum Command {
     Compare(compare::Arguments),
     Chart(chart::Arguments),
     Inspect(inspect::Arguments),
+    Autosize(autosize::Arguments),
+    Sweep(sweep::Arguments),
     Stability(stability::Arguments),
     Composite(composite::Arguments),
     View(view::Arguments),
@@ -73,6 +78,8 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Chart(arguments) => chart::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Autosize(arguments) => autosize::run(&arguments),
+        Command::Sweep(arguments) => sweep::run(&arguments),
         Command::Stability(arguments) => stability::run(&arguments),
         Command::Composite(arguments) => composite::run(&arguments),
         Command::View(arguments) => view::run(&arguments),

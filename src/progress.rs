@@ -46,6 +46,27 @@ pub fn stop_flag() -> Result<Arc<AtomicBool>> {
     Ok(INTERRUPTION.get_or_init(|| Interruption { stop, status }).stop.clone())
 }
 
+/// Lets SIGUSR1 set the same flag: a batch system's "the time is almost up".
+///
+/// # Errors
+/// If the system refuses a signal handler.
+#[cfg(unix)]
+pub fn stop_at_user_signal() -> Result<()> {
+    use signal_hook::consts::SIGUSR1;
+    stop_flag()?;
+    if let Some(known) = INTERRUPTION.get() {
+        flag::register_usize(SIGUSR1, known.status.clone(), 138).context("signal handler")?;
+        flag::register(SIGUSR1, known.stop.clone()).context("signal handler")?;
+    }
+    Ok(())
+}
+
+/// There is no such signal on this system.
+#[cfg(not(unix))]
+pub fn stop_at_user_signal() -> Result<()> {
+    Ok(())
+}
+
 /// The signals that interrupt, each with the exit status that follows: 128 and its number, as shells have it. A terminal
 /// that goes away (SIGHUP) ends a program as SIGTERM does, unless `nohup` started it.
 fn signals() -> Vec<(i32, i32)> {

@@ -332,13 +332,27 @@ fn flipped_bytes_never_panic() {
 }
 
 #[test]
+fn the_settings_of_a_run_survive_a_file() {
+    let folder = Folder::new();
+    let sampler = samplers().swap_remove(0);
+    let settings = "steps = 7\nenv = \"a \\\"room\\\".hdr\"\n";
+    let with = sampler.clone().with_run(settings.into());
+    assert_eq!((sampler.description().format_version, with.description().format_version), (1, 3));
+    let path = folder.path("with settings");
+    with.write(&path).unwrap();
+    let read = ExportedSampler::read(&path).unwrap();
+    assert_eq!(read.run.as_deref(), Some(settings));
+    assert_eq!(draws(&read, 200), draws(&sampler, 200));
+}
+
+#[test]
 fn wrong_descriptions_are_refused_by_name() {
     let folder = Folder::new();
     let head = folder.bytes_of(&samplers()[1]);
     let refused = |change: &dyn Fn(&mut Value)| folder.refused(&Parts::of(&head).describe(change));
     let expect = |error: &str, words: &[&str]| words.iter().for_each(|word| assert!(error.contains(word), "{error}"));
 
-    expect(&refused(&|d| d["format_version"] = json!(3)), &["format_version", "is 3", "reads versions 1 to 2"]);
+    expect(&refused(&|d| d["format_version"] = json!(4)), &["format_version", "is 4", "reads versions 1 to 3"]);
     expect(&refused(&|d| d["format_version"] = json!(-1)), &["format_version"]);
     expect(&refused(&|d| d["format_version"] = json!("1")), &["format_version"]);
     expect(&refused(&|d| drop(d.as_object_mut().unwrap().remove("format_version"))), &["format_version", "none"]);

@@ -18,7 +18,7 @@ use headtail_render::{
 
 use super::Arguments;
 use crate::{
-    arguments::{OpenedView, make_folder},
+    arguments::{OpenedView, ViewArguments, make_folder},
     progress::{self, Interrupted},
     render::attributes,
 };
@@ -46,6 +46,11 @@ impl Reference {
     /// If an image cannot be read or written or has another size; [`Interrupted`] if the stop flag ends a rendering, of which
     /// nothing is written.
     pub fn obtain(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool) -> Result<Self> {
+        Self::copied(arguments, opened, stop, Some(&arguments.out.join("reference.exr")))
+    }
+
+    /// [`Self::obtain`], with a copy of an image that was not read from a file.
+    fn copied(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool, copy: Option<&Path>) -> Result<Self> {
         let size = (arguments.view.camera.width as usize, arguments.view.camera.height as usize);
         if let Some(file) = &arguments.reference {
             let image = read_sized(file, size)?;
@@ -53,7 +58,6 @@ impl Reference {
             return Ok(Self { image, covered, note: format!("Read from {}.", file.display()) });
         }
         let cached = arguments.reference_cache.as_ref().map(|folder| folder.join(key(arguments, opened)));
-        let copy = arguments.out.join("reference.exr");
         if let Some(stem) = &cached
             && let [image, coverage] = files(stem)
             && image.exists()
@@ -61,7 +65,7 @@ impl Reference {
         {
             let (image, coverage) = (read_sized(&image, size)?, read_sized(&coverage, size)?);
             let coverage: Vec<f32> = coverage.pixels.iter().map(|pixel| pixel[0]).collect();
-            write_exr(&copy, &image, &[])?;
+            copy.map_or(Ok(()), |copy| write_exr(copy, &image, &[]))?;
             let note = format!(
                 "Rendered before at {} samples per pixel ({POINTS} points), and found in the cache.",
                 arguments.reference_spp
@@ -70,7 +74,7 @@ impl Reference {
         }
         let (rendering, by) = converged(arguments, opened, arguments.reference_spp, stop)?;
         let image = rendering.composite();
-        write_exr(&copy, &image, &attributes(by, &rendering, seed(arguments)))?;
+        copy.map_or(Ok(()), |copy| write_exr(copy, &image, &attributes(by, &rendering, seed(arguments))))?;
         if let Some(stem) = &cached {
             make_folder(stem.parent().unwrap_or(Path::new(".")))?;
             let [image_file, coverage_file] = files(stem);
@@ -80,6 +84,18 @@ impl Reference {
         }
         let note = format!("Rendered with {by} at {} samples per pixel ({POINTS} points).", rendering.spp);
         Ok(Self { image, covered: covered(&rendering.coverage), note })
+    }
+
+    /// Takes a reference from a folder that several processes share, or renders one and puts it there.
+    ///
+    /// # Errors
+    /// As [`Self::obtain`].
+    pub fn shared(view: &ViewArguments, opened: &OpenedView, spp: u32, cache: &Path) -> Result<Self> {
+        let mut arguments = Arguments::new(view.clone(), Vec::new(), cache.to_owned());
+        arguments.reference_spp = spp;
+        arguments.reference_cache = Some(cache.to_owned());
+        let stop = AtomicBool::new(false);
+        Self::copied(&arguments, opened, &stop, None)
     }
 }
 

@@ -176,7 +176,7 @@ fn error_image(image: &Image, reference: &Image, covered: &[bool]) -> Image {
 }
 
 /// The chosen pixels as an image of one row.
-fn select(image: &Image, chosen: &[bool]) -> Image {
+pub fn select(image: &Image, chosen: &[bool]) -> Image {
     let pixels: Vec<_> =
         image.pixels.iter().zip(chosen).filter(|(_, chosen)| **chosen).map(|(pixel, _)| *pixel).collect();
     Image { width: pixels.len(), height: 1, pixels }

@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
-use headtail_train::{
-    Backend, CheckpointFolder, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset, config::Points,
-};
+use headtail_train::{Backend, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset, config::Points};
 
-use crate::arguments::{CameraArguments, TailArgument};
+use crate::{
+    arguments::{CameraArguments, TailArgument},
+    run::{Checkpoints, Picture, RunTable},
+};
 
 /// Train a head for an environment map and write DIR/sampler.safetensors.
 #[derive(Args)]
@@ -17,17 +18,19 @@ use crate::arguments::{CameraArguments, TailArgument};
   headtail fit --env room.hdr --material ggx:alpha=0.2..0.8 --steps 3000 --out out/room
   headtail fit --env sky.exr --preset paper-ggx --set head.bins=16 --print-config
   headtail fit --env sky.exr --config run.toml --backend ndarray --seed 7 --out out/sky
+  headtail fit --config whole-run.toml
 
-A configuration is a preset, then the keys of --config, then those of --set, then the flags below. The fast presets learn how \
+A configuration is a preset, then the keys of --config, then those of --set, then the flags below. A file can describe the whole run: its \
+keys env, out, viewpoints, checkpoints, export and measure are in docs/sweeps.md. The fast presets learn how \
 often to draw from BRDF sampling, and keep the untrained head, which makes head+mis the sampler mis, where training did not lower the variance.")]
 pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
-    #[arg(long, value_name = "MAP", required_unless_present = "print_config")]
-    pub env: Option<String>,
+    #[arg(long, value_name = "MAP", required_unless_present_any = ["print_config", "config"])]
+    env: Option<String>,
     /// The settings to begin with: paper-cosine, paper-ggx, fast-cosine, fast-ggx. Default: the fast one for the material.
     #[arg(long)]
     preset: Option<Preset>,
-    /// A TOML file of settings, with the keys that --print-config shows.
+    /// A TOML file of settings, with the keys that --print-config shows, or of a whole run.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// One setting, as in head.bins=8; may be repeated.
@@ -57,7 +60,7 @@ pub struct Arguments {
     naive: bool,
     /// Train and measure only.
     #[arg(long)]
-    pub no_export: bool,
+    no_export: bool,
     /// Where to train.
     #[arg(long)]
     backend: Option<BackendArgument>,
@@ -75,12 +78,12 @@ pub struct Arguments {
     loss: Option<LossArgument>,
     /// Take conditions from what a camera sees of this scene (a built-in one or a glTF file) instead of from everywhere.
     #[arg(long, value_name = "NAME|FILE")]
-    pub conditions_from: Option<String>,
+    conditions_from: Option<String>,
     #[command(flatten)]
-    pub camera: CameraArguments,
+    camera: CameraArguments,
     /// Keep checkpoints in this folder, the last three.
     #[arg(long, value_name = "DIR")]
-    pub checkpoint_dir: Option<PathBuf>,
+    checkpoint_dir: Option<PathBuf>,
     /// Steps between checkpoints; there is one at the end and at an interruption (Ctrl-C, SIGTERM) too.
     #[arg(long, value_name = "STEPS", default_value_t = 250, requires = "checkpoint_dir")]
     checkpoint_every: usize,
@@ -95,9 +98,9 @@ pub struct Arguments {
     pub pictures: Option<PathBuf>,
     /// Leave the training time out of the file, so that the same command writes the same bytes.
     #[arg(long)]
-    pub reproducible: bool,
+    reproducible: bool,
     /// Folder for the result and for metrics.jsonl, which has a line for each validation.
-    #[arg(long, value_name = "DIR", required_unless_present = "print_config")]
+    #[arg(long, value_name = "DIR", required_unless_present_any = ["print_config", "config"])]
     pub out: Option<PathBuf>,
 }
 
@@ -162,13 +165,37 @@ impl From<LossArgument> for Loss {
 }
 
 impl Arguments {
-    /// The configuration that preset, file, values and flags make.
-    pub fn config(&self) -> Result<FitConfig> {
-        let preset = self.preset.unwrap_or_else(|| Preset::fast_for(self.material.unwrap_or(Material::Lambert)));
-        let mut builder = ConfigBuilder::new(preset);
-        if let Some(file) = &self.config {
-            builder.file(file)?;
+    /// The table of the run: that of the file, changed by the flags that are not settings of the training.
+    pub fn table(&self) -> Result<RunTable> {
+        let file = self.config.as_deref().map(RunTable::open).transpose()?;
+        let mut table = file.unwrap_or_default();
+        let camera = &self.camera;
+        if let Some(env) = &self.env {
+            table.set_env(env.clone());
         }
+        match &self.conditions_from {
+            Some(scene) => table.set_viewpoints(Picture::new(scene.clone(), camera)),
+            None => {
+                ensure!(camera.look_from.is_none() && camera.fov.is_none(), "a camera needs --conditions-from SCENE");
+            }
+        }
+        if let Some(folder) = &self.checkpoint_dir {
+            let (folder, every, resume) = (folder.clone(), self.checkpoint_every, self.resume);
+            table.set_checkpoints(Checkpoints { folder, every, resume });
+        }
+        table.change_export(self.no_export, self.reproducible);
+        Ok(table)
+    }
+
+    /// The configuration that preset, file, values and flags make.
+    pub fn config(&self, described: &RunTable) -> Result<FitConfig> {
+        let material = self.material.or_else(|| described.material()).unwrap_or(Material::Lambert);
+        let preset = match self.preset {
+            Some(preset) => preset,
+            None => described.preset()?.unwrap_or(Preset::fast_for(material)),
+        };
+        let mut builder = ConfigBuilder::new(preset);
+        described.lay_over(&mut builder)?;
         for assignment in &self.set {
             builder.assignment(assignment)?;
         }
@@ -194,11 +221,5 @@ impl Arguments {
         };
         config.validate()?;
         Ok(config)
-    }
-
-    /// Where checkpoints are kept. `target` is what the configuration does not say of the target.
-    pub fn checkpoints(&self, target: String) -> Option<CheckpointFolder> {
-        let folder = self.checkpoint_dir.clone()?;
-        Some(CheckpointFolder { folder, every: self.checkpoint_every, resume: self.resume, target })
     }
 }

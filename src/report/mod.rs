@@ -1,6 +1,6 @@
 //! The comparison report: `results.csv` with every number, and `report.html`, one self-contained page to read them by.
 
-mod chart;
+pub mod chart;
 mod csv;
 mod gallery;
 pub mod html;

@@ -80,4 +80,15 @@ fn pages_work_in_a_browser() {
         probe(&browser, &path.join("into/composite.html"), false),
         "moved=true chosen=true zoomed=true charts=0 images=true"
     );
+
+    fs::write(path.join("space.toml"), super::sweep::SPACE.replace("steps = 400", "steps = 100")).unwrap();
+    succeed(path, "sweep run space.toml --jobs 2 --threads 1");
+    succeed(path, "sweep report space.toml");
+    for dark in [false, true] {
+        let found = probe(&browser, &path.join("space.sweep/report.html"), dark);
+        assert_eq!(
+            found,
+            "rows=8 sorted=true filtered=4 brushed=true released=8 points=4 detail=true axis=true charts=3 images=true"
+        );
+    }
 }

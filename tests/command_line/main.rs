@@ -6,6 +6,7 @@ mod browser;
 mod composite;
 #[cfg(target_os = "linux")]
 mod interruption;
+mod sweep;
 
 use std::{
     fs,
@@ -13,7 +14,10 @@ use std::{
     process::{Command, Output},
 };
 
-use headtail_render::image::{Image, read_radiance, write_exr};
+use headtail_render::{
+    export::ExportedSampler,
+    image::{Image, read_radiance, write_exr},
+};
 use tempfile::TempDir;
 
 /// Runs the program in `folder`, so that paths in arguments and messages are short.
@@ -125,7 +129,8 @@ fn a_head_is_fitted_baked_rendered_and_inspected() {
     let path = here.path();
     let said = succeed(path, "fit --env overcast --material lambert --steps 30 --seed 3 --out fitted");
     assert!(said.contains("KL ") && said.contains("30 steps"), "{said}");
-    assert_eq!(names(&path.join("fitted")), ["metrics.jsonl", "sampler.safetensors"]);
+    let files = ["measures.json", "metrics.jsonl", "resolved.toml", "sampler.safetensors"];
+    assert_eq!(names(&path.join("fitted")), files);
 
     succeed(path, "bake --from fitted/sampler.safetensors --normals 6x8 --cells 8x8 --out baked.safetensors");
     succeed(path, "inspect fitted/sampler.safetensors --normal 1,0.5,-0.2 --out pictures/head.png");
@@ -146,6 +151,50 @@ fn a_head_is_fitted_baked_rendered_and_inspected() {
         // 432 pixels at 64 samples of relative deviation below 1: the mean is known to well under 1 %.
         assert!((found / expected - 1.0).abs() < 0.02, "{name}: {found}, mis: {expected}");
     }
+}
+
+#[test]
+fn a_run_is_one_file_that_its_results_repeat() {
+    let here = folder();
+    let path = here.path();
+    let run = "env = 'studio'\nout = 'first'\nsteps = 10\nconditions = 8\nhead.bins = 5\n[export]\nreproducible = true\n\
+               [measure]\ntime = true\n[[measure.views]]\nname = 'ball'\nscene = 'sphere'\nwidth = 16\nheight = 12\nspp = 2\n\
+               seconds = 0.02\nreference_spp = 16\n";
+    fs::write(path.join("run.toml"), run).unwrap();
+    let said = succeed(path, "fit --config run.toml");
+    assert!(said.contains("10 steps") && said.contains("mse:ball") && said.contains("ns_per_sample"), "{said}");
+    succeed(path, "fit --config first/resolved.toml --out second");
+    let bytes = |file: &str| fs::read(path.join(file)).unwrap();
+    assert_eq!(bytes("first/sampler.safetensors"), bytes("second/sampler.safetensors"));
+    assert_eq!(bytes("first/resolved.toml"), bytes("second/resolved.toml"));
+    // Every setting is inside of the file, and the table that made a table, too.
+    let exported = ExportedSampler::read(&path.join("first/sampler.safetensors")).unwrap();
+    assert_eq!(exported.run.as_deref().map(str::as_bytes), Some(&bytes("first/resolved.toml")[..]));
+    succeed(path, "bake --from first/sampler.safetensors --normals 4x8 --cells 4x4 --out baked");
+    let baked = ExportedSampler::read(&path.join("baked")).unwrap().run.unwrap();
+    assert!(baked.starts_with(exported.run.as_deref().unwrap()) && baked.contains("normals = [4, 8]"), "{baked}");
+    let flags = succeed(path, "fit --config run.toml --set head.bins=6 --out third --no-export");
+    assert!(flags.contains("nothing was exported"), "{flags}");
+    assert!(String::from_utf8(bytes("third/resolved.toml")).unwrap().contains("bins = 6"));
+    assert!(fail(path, "fit --config first/resolved.toml").contains("--out"));
+}
+
+#[test]
+fn the_smallest_sufficient_sampler_is_named_and_written() {
+    let here = folder();
+    let path = here.path();
+    let view = "--env overcast --scene sphere --material lambert --width 16 --height 12";
+    let said = succeed(path, &format!("autosize {view} --prepare-seconds 1 --render-seconds 2 --out auto"));
+    assert!(said.contains("the best: ") && said.contains("autosize.html"), "{said}");
+    for role in ["winner", "cheapest"] {
+        let spec = fs::read_to_string(path.join("auto").join(role)).unwrap();
+        succeed(
+            path,
+            &format!("render --scene sphere --env overcast {SMALL} --sampler {} --spp 1 --out {role}.exr", spec.trim()),
+        );
+    }
+    let page = fs::read_to_string(path.join("auto/autosize.html")).unwrap();
+    assert!(page.contains("Error against time") && page.contains("best: ") && page.ends_with("</html>\n"));
 }
 
 #[test]
@@ -547,7 +596,7 @@ fn sampler_files_are_checked_before_they_are_used() {
     succeed(path, "bake --direct --env overcast --normals 4x6 --cells 4x4 --out direct");
     let bytes = fs::read(path.join("direct")).unwrap();
     fs::write(path.join("cut"), &bytes[..bytes.len() / 2]).unwrap();
-    fs::write(path.join("newer"), replace(&bytes, b"\\\"format_version\\\":1", b"\\\"format_version\\\":9")).unwrap();
+    fs::write(path.join("newer"), replace(&bytes, b"\\\"format_version\\\":3", b"\\\"format_version\\\":9")).unwrap();
 
     let render = |env: &str, sampler: &str| {
         fail(path, &format!("render --scene sphere --env {env} --sampler {sampler} --spp 1 {SMALL} --out a.exr"))

@@ -22,6 +22,10 @@ pub struct FitConfig {
     /// Whether a head whose relative variance is not below that of the untrained one is given up for that one. With a learned
     /// share the untrained one is one-sample MIS.
     pub fall_back: bool,
+    /// Where validation finds more than this many times the least relative variance so far, weights and moments go back to those of that least one,
+    /// and the learning rate is halved from there on; in the end, the best weights of all validations are taken. 0 takes the last weights, whatever
+    /// they are.
+    pub setback: f32,
     /// How training points are drawn.
     pub points: Points,
     /// Fit the head to the product in X, without a tail: the paper's strawman.
@@ -130,6 +134,9 @@ impl FitConfig {
         within("strata", self.strata, 1..=1024, "in 1..=1024")?;
         within("brdf_samples", self.brdf_samples, 0..=1 << 20, "in 0..=1048576")?;
         within("entropic", self.entropic, 0.0..=1.0, "in [0, 1]")?;
+        if self.setback != 0.0 {
+            within("setback", self.setback, 1.0..=1e6, "0 or in 1..=1e6")?;
+        }
         within("ema_decay", self.ema_decay, 0.0..=0.999_999, "in [0, 1)")?;
         within("validation_conditions", self.validation_conditions, 1..=1 << 16, "in 1..=65536")?;
         within("validation_strata", self.validation_strata, 1..=1024, "in 1..=1024")?;

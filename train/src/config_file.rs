@@ -1,6 +1,6 @@
 //! Configurations from presets, TOML files and single values.
 
-use std::path::Path;
+use std::{path::Path, sync::OnceLock};
 
 use toml::{Table, Value};
 
@@ -15,7 +15,11 @@ pub struct ConfigBuilder {
 impl ConfigBuilder {
     /// Begins with a preset.
     pub fn new(preset: Preset) -> Self {
-        Self { table: table_of(&preset.config()) }
+        // A sweep begins with the same few presets thousands of times.
+        static TABLES: OnceLock<Vec<(Preset, Table)>> = OnceLock::new();
+        let tables = TABLES.get_or_init(|| Preset::ALL.map(|preset| (preset, table_of(&preset.config()))).into());
+        let known = tables.iter().find(|(known, _)| *known == preset);
+        Self { table: known.map_or_else(|| table_of(&preset.config()), |(_, table)| table.clone()) }
     }
 
     /// Lays the keys of a TOML file over what is there.
@@ -51,6 +55,14 @@ impl ConfigBuilder {
 
     fn overlay(&mut self, name: &str, text: &str) -> Result<()> {
         let overlay: Table = text.parse().map_err(|error: toml::de::Error| refuse(name, &error.to_string()))?;
+        self.table(name, overlay)
+    }
+
+    /// Lays the keys of a table over what is there; `name` is where the table is from, for errors.
+    ///
+    /// # Errors
+    /// [`Error::ConfigFile`] names the key that is unknown or has a wrong value.
+    pub fn table(&mut self, name: &str, overlay: Table) -> Result<()> {
         check_keys(name, "", &self.table, &overlay)?;
         let names_condition = overlay.get("head").is_some_and(|head| head.get("condition").is_some());
         let material = overlay.get("material").and_then(Value::as_str).and_then(|text| text.parse::<Material>().ok());
@@ -87,6 +99,15 @@ impl FitConfig {
         toml::to_string_pretty(self).map_err(|error| refuse("the configuration", &error.to_string()))
     }
 
+    /// The configuration as a table.
+    ///
+    /// # Errors
+    /// As [`Self::to_toml`].
+    pub fn to_table(&self) -> Result<Table> {
+        // By way of a text: a number of single precision keeps its short form.
+        Ok(self.to_toml()?.parse().expect("what was written as TOML can be read"))
+    }
+
     /// Sets the material, and what its head is conditioned on.
     #[must_use]
     pub fn for_material(mut self, material: Material) -> Self {
@@ -97,9 +118,7 @@ impl FitConfig {
 }
 
 fn table_of(config: &FitConfig) -> Table {
-    // By way of a text: a number of single precision keeps its short form.
-    let text = toml::to_string(config).expect("a preset can be written as TOML");
-    text.parse().expect("what was written as TOML can be read")
+    config.to_table().expect("a preset can be written as TOML")
 }
 
 /// One sentence: what the parser says in several lines is joined.

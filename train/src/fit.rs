@@ -160,13 +160,26 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
         }
         // Never due where `validate_every` is 0: no step is a multiple of it.
         let due = state.step.is_multiple_of(config.validate_every);
+        let found = due.then(|| divergence(&state));
         // Before the checkpoint: a run that goes on from it has been told of everything up to it.
-        progress(&report(&state, due.then(|| divergence(&state))))?;
+        progress(&report(&state, found))?;
+        if let Some(found) = found {
+            state.judge(config, found);
+        }
         if checkpoints.is_some_and(|checkpoints| checkpoints.is_due(state.step)) {
             save(&state)?;
         }
     }
     let mut last = divergence(&state);
+    let mut weights = state.best_weights().to_vec();
+    let least = state
+        .kept
+        .as_ref()
+        .filter(|kept| last.relative_variance.is_nan() || last.relative_variance > kept.divergence.relative_variance);
+    if let Some(kept) = least {
+        last = kept.divergence;
+        weights = kept.best_weights().to_vec();
+    }
     let fell_back =
         config.fall_back && last.relative_variance.partial_cmp(&initial.relative_variance) != Some(cmp::Ordering::Less);
     if fell_back {
@@ -185,7 +198,8 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
         skipped: state.skipped,
         fell_back,
     };
-    Ok(Fitted { head: if fell_back { blank.clone() } else { head(&state) }, summary })
+    let head = if fell_back { blank.clone() } else { blank.clone().with_flat_weights(&weights, &device) };
+    Ok(Fitted { head, summary })
 }
 
 /// Checks that the target has what the configuration asks of it.
@@ -378,7 +392,11 @@ mod tests {
     fn a_run_in_pieces_ends_with_the_bits_of_a_whole_one() {
         let folder = tempfile::tempdir().unwrap();
         let target = CosineTarget::new(&sky);
-        for (name, config) in [("plain", small()), ("averaged", FitConfig { ema_decay: 0.9, ..small() })] {
+        // A rate at which validation goes up and down, and often enough to go back.
+        let wild = FitConfig { learning_rate: 0.5, setback: 1.0, validate_every: 3, ..small() };
+        for (name, config) in
+            [("plain", small()), ("averaged", FitConfig { ema_decay: 0.9, ..small() }), ("wild", wild)]
+        {
             let whole = quiet(&config, &target).unwrap();
             let checkpoints =
                 CheckpointFolder { folder: folder.path().join(name), every: 7, resume: true, target: "sky".into() };
@@ -401,6 +419,22 @@ mod tests {
             assert_eq!(end.head.flat_weights(), whole.head.flat_weights());
             assert_eq!(end.summary.divergence, whole.summary.divergence);
         }
+    }
+
+    #[test]
+    fn a_run_ends_with_the_best_of_its_validations() {
+        let config = FitConfig { learning_rate: 0.5, setback: 2.0, validate_every: 2, ..small() };
+        let mut seen = Vec::new();
+        let mut progress = |progress: &Progress| seen.extend(progress.divergence.map(|d| (progress.step, d)));
+        let fitted = fit(&config, &CosineTarget::new(&sky), &mut progress, &AtomicBool::new(false)).unwrap();
+        let trained = seen.iter().filter(|(step, _)| *step > 0).map(|(_, divergence)| divergence.relative_variance);
+        let best = trained.fold(f64::INFINITY, f64::min);
+        let worst = seen.iter().map(|(_, divergence)| divergence.relative_variance).fold(0.0, f64::max);
+        let end = fitted.summary.divergence.relative_variance;
+        assert!(
+            end == best.min(fitted.summary.initial.relative_variance) && worst > 2.0 * best,
+            "{end} {best} {worst}"
+        );
     }
 
     #[test]

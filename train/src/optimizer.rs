@@ -47,9 +47,9 @@ impl OptimizerState {
         Self { moves: 0, first_moments: vec![0.0; weights], second_moments: vec![0.0; weights] }
     }
 
-    /// Moves `weights` against `gradients`, with the settings of `config`. Nothing changes, and the answer is `false`, if these are
+    /// Moves `weights` against `gradients` at a learning rate, with the other settings of `config`. Nothing changes, and the answer is `false`, if these are
     /// not finite.
-    pub fn step(&mut self, config: &FitConfig, step: usize, weights: &mut [f32], gradients: &[f32]) -> bool {
+    pub fn step(&mut self, config: &FitConfig, rate: f64, weights: &mut [f32], gradients: &[f32]) -> bool {
         let norm = gradients.iter().map(|&g| f64::from(g) * f64::from(g)).sum::<f64>().sqrt();
         if !norm.is_finite() {
             return false;
@@ -57,7 +57,6 @@ impl OptimizerState {
         let clip = if norm > config.clip_norm { (config.clip_norm / norm) as f32 } else { 1.0 };
         self.moves += 1;
         let moves = self.moves as f64;
-        let rate = Schedule::new(config).rate(step);
         let (beta_1, beta_2) = (config.beta_1, config.beta_2);
         // The bias corrections belong to the step, not to the weights.
         let rate_1 = (rate / (1.0 - f64::from(beta_1).powf(moves))) as f32;
@@ -104,7 +103,12 @@ mod tests {
             let (y, c) = tensors(&batch, &device);
             let loss = head.log_density(&y, c).mean().neg();
             let gradients = GradientsParams::from_grads(loss.backward(), &head);
-            assert!(own.step(&config, step, &mut weights, &head.flat_gradients(&gradients)));
+            assert!(own.step(
+                &config,
+                Schedule::new(&config).rate(step),
+                &mut weights,
+                &head.flat_gradients(&gradients)
+            ));
             head = burns.step(Schedule::new(&config).rate(step), head, gradients);
             // Steps of 1.6e-2; Adam divides by the gradient's size, and the smallest differ by rounding.
             let apart = head.flat_weights().iter().zip(&weights).filter(|(a, b)| (**a - **b).abs() > 1e-5).count();
@@ -120,7 +124,7 @@ mod tests {
             let config = FitConfig { clip_norm, ..FitConfig::default() };
             let mut optimizer = OptimizerState::new(50);
             let scaled: Vec<f32> = gradients.iter().map(|g| g * factor).collect();
-            assert!(optimizer.step(&config, 0, &mut [0.1; 50], &scaled));
+            assert!(optimizer.step(&config, 1e-3, &mut [0.1; 50], &scaled));
             optimizer.first_moments
         };
         let norm = |moments: &[f32]| moments.iter().map(|m| m * m).sum::<f32>().sqrt();
@@ -133,7 +137,7 @@ mod tests {
         let (config, mut optimizer) = (FitConfig::default(), OptimizerState::new(2));
         let (mut weights, before) = ([0.1, 0.2], optimizer.clone());
         for bad in [f32::NAN, f32::INFINITY] {
-            assert!(!optimizer.step(&config, 0, &mut weights, &[0.1, bad]));
+            assert!(!optimizer.step(&config, 1e-3, &mut weights, &[0.1, bad]));
             assert_eq!((weights, &optimizer), ([0.1, 0.2], &before));
         }
     }

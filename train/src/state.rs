@@ -3,7 +3,7 @@
 use headtail_render::random::Purpose;
 
 use crate::{
-    Error, FitConfig, GradientSource, Result, StepGradient, Target,
+    Divergence, Error, FitConfig, GradientSource, Result, StepGradient, Target,
     integrand::Batch,
     optimizer::{OptimizerState, Schedule},
 };
@@ -23,13 +23,38 @@ pub struct TrainingState {
     pub average: Vec<f32>,
     /// The optimiser's memory.
     pub optimizer: OptimizerState,
+    /// What the learning rate is multiplied by: 1, and half as much after each fall (see [`crate::setback`]).
+    pub rate_factor: f64,
+    /// The state at the best validation so far, where it is kept.
+    pub kept: Option<Kept>,
+}
+
+/// What to go back to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Kept {
+    /// What validation said.
+    pub divergence: Divergence,
+    /// The weights.
+    pub weights: Vec<f32>,
+    /// Their moving average; empty where it is off.
+    pub average: Vec<f32>,
+    /// The optimiser's memory.
+    pub optimizer: OptimizerState,
+}
+
+impl Kept {
+    /// The weights for use: the moving average where there is one.
+    pub fn best_weights(&self) -> &[f32] {
+        if self.average.is_empty() { &self.weights } else { &self.average }
+    }
 }
 
 impl TrainingState {
     /// Before the first step.
     pub fn new(config: &FitConfig, weights: Vec<f32>) -> Self {
         let average = if config.ema_decay > 0.0 { weights.clone() } else { Vec::new() };
-        Self { step: 0, skipped: 0, loss: f32::NAN, optimizer: OptimizerState::new(weights.len()), weights, average }
+        let optimizer = OptimizerState::new(weights.len());
+        Self { step: 0, skipped: 0, loss: f32::NAN, optimizer, weights, average, rate_factor: 1.0, kept: None }
     }
 
     /// The weights for use: the moving average where there is one.
@@ -39,7 +64,7 @@ impl TrainingState {
 
     /// The learning rate of the step that was done last.
     pub fn last_rate(&self, config: &FitConfig) -> f64 {
-        Schedule::new(config).rate(self.step.saturating_sub(1))
+        self.rate_factor * Schedule::new(config).rate(self.step.saturating_sub(1))
     }
 
     /// One step; it changes nothing but the count if no condition of its batch sees any light.
@@ -67,8 +92,9 @@ impl TrainingState {
     pub fn apply(&mut self, config: &FitConfig, gradient: Option<StepGradient>) -> Result<()> {
         if let Some(gradient) = gradient {
             self.loss = gradient.loss;
-            let moved = gradient.loss.is_finite()
-                && self.optimizer.step(config, self.step, &mut self.weights, &gradient.d_weight);
+            let rate = self.rate_factor * Schedule::new(config).rate(self.step);
+            let moved =
+                gradient.loss.is_finite() && self.optimizer.step(config, rate, &mut self.weights, &gradient.d_weight);
             if moved {
                 self.average_weights(config.ema_decay);
             } else {

@@ -25,8 +25,9 @@ use crate::{
     tail::{Tail, TailKind},
 };
 
-/// The newest version of the format. A file has the lowest one that holds it: 2 with compact emitters or a flow tail, else 1.
-pub const FORMAT_VERSION: u32 = 2;
+/// The newest version of the format. A file has the lowest one that holds it: 3 with the settings of its run, else 2 with compact emitters or a
+/// flow tail, else 1.
+pub const FORMAT_VERSION: u32 = 3;
 
 /// What an exported file says of itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,6 +52,9 @@ pub struct Description {
     pub environment_hash: String,
     /// How it was trained; absent for a direct bake.
     pub training: Option<TrainingSummary>,
+    /// All settings of the run that made the file, as a TOML text.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
 }
 
 /// The intermediate density's kind and architecture.
@@ -127,6 +131,8 @@ pub struct ExportedSampler {
     pub environment_hash: String,
     /// How it was trained.
     pub training: Option<TrainingSummary>,
+    /// All settings of the run that made it, as a TOML text; this crate does not look into it.
+    pub run: Option<String>,
 }
 
 impl ExportedSampler {
@@ -162,7 +168,14 @@ impl ExportedSampler {
             environment: environment.name().to_owned(),
             environment_hash: environment.hash().to_owned(),
             training,
+            run: None,
         }
+    }
+
+    /// The sampler with the settings of the run that made it.
+    #[must_use]
+    pub fn with_run(self, settings: String) -> Self {
+        Self { run: Some(settings), ..self }
     }
 
     /// Whether it holds a head that has learned its share beside BRDF sampling.
@@ -247,8 +260,9 @@ impl ExportedSampler {
             Intermediate::DirectBake(_) => IntermediateDescription::DirectBake,
         };
         let is_plain = !self.compact_emitters && self.tail.kind() != TailKind::Flow;
+        let lowest = if is_plain { 1 } else { 2 };
         Description {
-            format_version: if is_plain { 1 } else { FORMAT_VERSION },
+            format_version: if self.run.is_some() { FORMAT_VERSION } else { lowest },
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
             intermediate,
             condition: match &self.intermediate {
@@ -260,6 +274,7 @@ impl ExportedSampler {
             environment: self.environment.clone(),
             environment_hash: self.environment_hash.clone(),
             training: self.training.clone(),
+            run: self.run.clone(),
         }
     }
 }

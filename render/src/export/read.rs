@@ -103,6 +103,7 @@ impl Tensors<'_> {
             environment: description.environment,
             environment_hash: description.environment_hash,
             training: description.training,
+            run: description.run,
         })
     }
 

@@ -1,7 +1,7 @@
 //! Checkpoints: folders from which a run goes on to the same bits.
 //!
 //! A checkpoint is a folder `step-000001000` of three files: `manifest.json` (counters, configuration, target, versions),
-//! `state.safetensors` (weights, moving average, moments) and `checksums.b3` (BLAKE3 of the other two, in the form that `b3sum`
+//! `state.safetensors` (weights, moving average, moments, and those of the best validation) and `checksums.b3` (BLAKE3 of the other two, in the form that `b3sum`
 //! checks). It is written under another name, flushed to the disk and renamed, so that there is a whole one or none.
 //! Batches are functions of (seed, step) and have no state.
 
@@ -14,10 +14,10 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, FitConfig, Result, state::TrainingState};
+use crate::{Divergence, Error, FitConfig, Result, state::TrainingState};
 
 /// The version of this layout; another one is refused.
-const FORMAT_VERSION: u32 = 1;
+const FORMAT_VERSION: u32 = 2;
 const MANIFEST: &str = "manifest.json";
 const STATE: &str = "state.safetensors";
 const CHECKSUMS: &str = "checksums.b3";
@@ -60,11 +60,22 @@ struct Manifest {
     /// The last step's loss; `None` if there was none or it was no number.
     loss: Option<f32>,
     moves: u64,
+    rate_factor: f64,
+    /// Of the best validation; its lists are in the other file.
+    kept: Option<KeptManifest>,
     seconds: f64,
     /// BLAKE3 of `config`, as JSON without spaces.
     config_hash: String,
     config: FitConfig,
     target: String,
+}
+
+/// What a checkpoint says of the best validation so far.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeptManifest {
+    divergence: Divergence,
+    moves: u64,
 }
 
 impl CheckpointFolder {

@@ -4,10 +4,16 @@ use std::{fs, path::Path};
 
 use safetensors::{Dtype, SafeTensors};
 
-use super::{CHECKSUMS, FORMAT_VERSION, MANIFEST, Manifest, STATE, SavedRun, config_hash, failed, refuse};
-use crate::{Result, optimizer::OptimizerState, state::TrainingState};
+use super::{
+    CHECKSUMS, FORMAT_VERSION, KeptManifest, MANIFEST, Manifest, STATE, SavedRun, config_hash, failed, refuse,
+};
+use crate::{
+    Result,
+    optimizer::OptimizerState,
+    state::{Kept, TrainingState},
+};
 
-/// Largest file that is read: four lists of more weights than a head can have, and their names.
+/// Largest file that is read: eight lists of more weights than a head can have, and their names.
 const MAX_BYTES: u64 = 1 << 32;
 
 /// Reads a checkpoint of a head of `weights` weights.
@@ -57,6 +63,18 @@ fn tensors(path: &Path, bytes: &[u8], manifest: &Manifest, weights: usize) -> Re
         Ok(numbers.collect::<Vec<f32>>())
     };
     let averaged = if manifest.config.ema_decay > 0.0 { weights } else { 0 };
+    let kept = |kept: &KeptManifest| -> Result<Kept> {
+        Ok(Kept {
+            divergence: kept.divergence,
+            weights: list("kept_weights", weights)?,
+            average: list("kept_average", averaged)?,
+            optimizer: OptimizerState {
+                moves: kept.moves,
+                first_moments: list("kept_first_moments", weights)?,
+                second_moments: list("kept_second_moments", weights)?,
+            },
+        })
+    };
     Ok(TrainingState {
         step: manifest.step,
         skipped: manifest.skipped,
@@ -68,5 +86,7 @@ fn tensors(path: &Path, bytes: &[u8], manifest: &Manifest, weights: usize) -> Re
             first_moments: list("first_moments", weights)?,
             second_moments: list("second_moments", weights)?,
         },
+        rate_factor: manifest.rate_factor,
+        kept: manifest.kept.as_ref().map(kept).transpose()?,
     })
 }

@@ -5,7 +5,7 @@ use std::{cell::RefCell, fs};
 use tempfile::TempDir;
 
 use super::*;
-use crate::optimizer::OptimizerState;
+use crate::{optimizer::OptimizerState, state::Kept};
 
 const WEIGHTS: usize = 7;
 
@@ -23,6 +23,13 @@ fn run(step: usize) -> SavedRun {
                 first_moments: list(-0.3),
                 second_moments: list(1e-20),
             },
+            rate_factor: 0.5,
+            kept: Some(Kept {
+                divergence: Divergence { kl: 0.1, log_chi_square: 0.2, relative_variance: 0.3 + step as f64 },
+                weights: list(4.0),
+                average: Vec::new(),
+                optimizer: OptimizerState { moves: 3, first_moments: list(5.0), second_moments: list(6.0) },
+            }),
         },
         seconds: 1.25,
     }

@@ -8,7 +8,7 @@ use std::{
 
 use safetensors::{Dtype, serialize, tensor::TensorView};
 
-use super::{CHECKSUMS, FORMAT_VERSION, MANIFEST, Manifest, STATE, SavedRun, config_hash, failed};
+use super::{CHECKSUMS, FORMAT_VERSION, KeptManifest, MANIFEST, Manifest, STATE, SavedRun, config_hash, failed};
 use crate::{FitConfig, Result};
 
 /// What a folder is called while it is written or removed.
@@ -24,19 +24,28 @@ pub(super) fn write(path: &Path, config: &FitConfig, target: &str, run: &SavedRu
         skipped: state.skipped,
         loss: state.loss.is_finite().then_some(state.loss),
         moves: state.optimizer.moves,
+        rate_factor: state.rate_factor,
+        kept: state.kept.as_ref().map(|kept| KeptManifest { divergence: kept.divergence, moves: kept.optimizer.moves }),
         seconds: run.seconds,
         config_hash: config_hash(config),
         config: config.clone(),
         target: target.to_owned(),
     };
     let manifest = serde_json::to_vec_pretty(&manifest).expect("a manifest can be written as JSON");
-    let lists = [
+    let mut lists = vec![
         ("weights", &state.weights),
         ("average", &state.average),
         ("first_moments", &state.optimizer.first_moments),
         ("second_moments", &state.optimizer.second_moments),
     ];
-    let bytes = lists.map(|(_, list)| list.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>());
+    if let Some(kept) = &state.kept {
+        lists.push(("kept_weights", &kept.weights));
+        lists.push(("kept_average", &kept.average));
+        lists.push(("kept_first_moments", &kept.optimizer.first_moments));
+        lists.push(("kept_second_moments", &kept.optimizer.second_moments));
+    }
+    let bytes: Vec<Vec<u8>> =
+        lists.iter().map(|(_, list)| list.iter().flat_map(|value| value.to_le_bytes()).collect()).collect();
     let tensor = |((name, list), bytes): ((&'static str, &Vec<f32>), _)| {
         (name, TensorView::new(Dtype::F32, vec![list.len()], bytes).expect("four bytes a number"))
     };

@@ -1,0 +1,107 @@
+//! Making a candidate ready: files, and the time that it takes.
+
+use std::{path::Path, sync::atomic::AtomicBool, time::Instant};
+
+use anyhow::{Context, Result, bail};
+use headtail_render::{
+    bake::{CellGrid, NormalGrid},
+    estimator::Estimator,
+    export::{ExportedSampler, Intermediate},
+    spec::{FileKind, SamplerSpec},
+};
+use headtail_train::learned_bake;
+
+use super::candidates::{Candidate, HeadMaterial, HeadShape, Recipe};
+use crate::{
+    arguments::{OpenedView, TailArgument},
+    bake,
+    run::{self, RunTable, Surroundings},
+};
+
+/// A sampler that can render.
+pub struct Ready {
+    /// As `--sampler` takes it.
+    pub spec: SamplerSpec,
+    /// It.
+    pub estimator: Box<dyn Estimator>,
+    /// Seconds until the first sample: training, tables.
+    pub prepared: f64,
+    /// Bytes of its file; 0 without one.
+    pub bytes: u64,
+}
+
+/// Makes a candidate ready; its file, if there is one, goes to `folder`.
+///
+/// # Errors
+/// If it cannot be trained, baked, written or opened.
+pub fn ready(
+    candidate: &Candidate,
+    env: &str,
+    opened: &OpenedView,
+    material: HeadMaterial,
+    folder: &Path,
+    stop: &AtomicBool,
+) -> Result<Ready> {
+    let start = Instant::now();
+    let spec = match &candidate.recipe {
+        Recipe::Plain(spec) => spec.parse()?,
+        Recipe::Direct(normals, cells) => {
+            let (normals, cells) = (NormalGrid::new(normals.0, normals.1)?, CellGrid::new(cells.0, cells.1)?);
+            let file = folder.join(file_name(&candidate.name));
+            bake::direct(env, &opened.environment, TailArgument::Hierarchical, normals, cells)?.write(&file)?;
+            SamplerSpec::file(FileKind::Direct, file)
+        }
+        Recipe::Head(shape, steps) => {
+            trained(shape, *steps, env, material, &folder.join(file_stem(&candidate.name)), stop)?
+        }
+        Recipe::Baked(shape, steps) => {
+            let head = folder.join(file_stem(&format!("{}, {steps} steps", shape.name))).join(run::SAMPLER);
+            let exported = ExportedSampler::read(&head)?;
+            let Intermediate::Head(native) = &exported.intermediate else { bail!("{}: no head", head.display()) };
+            let table = learned_bake(native, &exported.tail, NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
+            let file = folder.join(file_name(&candidate.name));
+            ExportedSampler { intermediate: Intermediate::Bake(table), ..exported }.write(&file)?;
+            SamplerSpec::file(FileKind::Baked, file)
+        }
+    };
+    let estimator = spec.build(&opened.environment)?;
+    let prepared = start.elapsed().as_secs_f64();
+    let bytes = spec.path().map_or(Ok(0), |(_, file)| std::fs::metadata(file).map(|data| data.len()));
+    Ok(Ready { bytes: bytes.with_context(|| candidate.name.clone())?, spec, estimator, prepared })
+}
+
+/// Trains a head.
+fn trained(
+    shape: &HeadShape,
+    steps: usize,
+    env: &str,
+    material: HeadMaterial,
+    out: &Path,
+    stop: &AtomicBool,
+) -> Result<SamplerSpec> {
+    let mut table: toml::Table = shape.settings.parse().context("the settings of a head")?;
+    table.insert("material".into(), material.0.to_string().into());
+    table.insert("steps".into(), (steps as i64).into());
+    let mut table = RunTable::new(shape.name, table)?;
+    table.set_env(env.to_owned());
+    let around = Surroundings {
+        out: out.to_owned(),
+        references: out.join("references"),
+        tensorboard: None,
+        pictures: None,
+        until: None,
+        stop,
+        watch: &mut |_| {},
+    };
+    let finished = run::perform(&table.resolve()?, around)?;
+    finished.sampler.context("a head without a file")
+}
+
+/// A name for files.
+fn file_stem(name: &str) -> String {
+    name.chars().filter(|c| *c != ',').map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
+}
+
+fn file_name(name: &str) -> String {
+    file_stem(name) + ".safetensors"
+}

@@ -1,0 +1,123 @@
+//! `headtail autosize`: the smallest sampler that is good enough for a scene, a map and a material.
+
+mod candidates;
+mod contest;
+mod lineup;
+mod measurement;
+mod page;
+mod score;
+
+use std::{path::PathBuf, time::Instant};
+
+use anyhow::{Result, bail, ensure};
+use clap::Args;
+
+use self::{
+    candidates::{HeadMaterial, Recipe},
+    contest::Contest,
+};
+use crate::{
+    arguments::{CameraArguments, ViewArguments, make_folder},
+    progress,
+};
+use headtail_render::{points::PointSet, scene::MaterialSpec};
+
+/// Find the smallest sampler that is good enough for a scene under a map.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail autosize --env room.hdr --scene temple --out out/room
+  headtail autosize --env sky.exr --scene spot.glb --ground --material ggx:alpha=0.2 --prepare-seconds 60 --render-seconds 600 --out out/sky
+
+Candidates go from cheap to dear: BRDF sampling, MIS in its forms, resampling, patches, tables of several sizes, trained heads of several sizes. Each gets as little work \
+as decides. The error that counts is that after --render-seconds, of which the preparation is a part: a head that is trained for 20 s must earn them. \
+A head is only trained if one that were perfect, at the time that its samples take, would win. DIR/autosize.html shows the choice; \
+DIR/winner and DIR/cheapest name the samplers as --sampler takes them, with their files beside them.")]
+pub struct Arguments {
+    /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
+    #[arg(long, value_name = "NAME|FILE")]
+    env: String,
+    /// A built-in scene or a glTF 2.0 file.
+    #[arg(long, value_name = "NAME|FILE")]
+    scene: String,
+    /// Give every surface one material, as `render` does. Default: the scene's materials.
+    #[arg(long, value_name = "SPEC")]
+    material: Option<MaterialSpec>,
+    /// Put a grey diffuse plane under the scene.
+    #[arg(long)]
+    ground: bool,
+    /// Width of the trial pictures in pixels.
+    #[arg(long, default_value_t = 96, value_parser = clap::value_parser!(u32).range(8..=4096))]
+    width: u32,
+    /// Their height.
+    #[arg(long, default_value_t = 72, value_parser = clap::value_parser!(u32).range(8..=4096))]
+    height: u32,
+    /// What a sampler may take to be prepared.
+    #[arg(long, value_name = "SECONDS", default_value_t = 30.0)]
+    prepare_seconds: f64,
+    /// What preparation and rendering may take together: the error after this time counts.
+    #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
+    render_seconds: f64,
+    /// Measure every candidate to the end and drop none, to see what the short way costs.
+    #[arg(long)]
+    exhaustive: bool,
+    /// Folder for the results.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+/// Chooses, writes, and says what was chosen.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let start = Instant::now();
+    for (name, seconds) in
+        [("--prepare-seconds", arguments.prepare_seconds), ("--render-seconds", arguments.render_seconds)]
+    {
+        ensure!(seconds > 0.0 && seconds <= 1e7, "{name}: {seconds} is not between 0 and 1e7");
+    }
+    make_folder(&arguments.out)?;
+    let stop = progress::stop_flag()?;
+    let view = ViewArguments {
+        scene: arguments.scene.clone(),
+        env: arguments.env.clone(),
+        camera: CameraArguments::of_size(arguments.width, arguments.height),
+        ground: arguments.ground,
+        material: arguments.material,
+        unshadowed: false,
+        depth: 1,
+        points: crate::arguments::PointsArgument::Named(PointSet::Sobol),
+        threads: None,
+    };
+    let opened = view.open()?;
+    let material = HeadMaterial::of(arguments.material, opened.is_diffuse());
+    let mut contest = Contest::new(arguments, &view, &opened, material)?;
+    contest.run(&stop)?;
+    if stop.load(std::sync::atomic::Ordering::Relaxed) {
+        bail!(progress::Interrupted::new("nothing was chosen"));
+    }
+    let choice = contest.choose()?;
+    let (winner, cheapest) = (&contest.entries[choice.winner], &contest.entries[choice.cheapest]);
+    contest.write_choice("winner", winner)?;
+    contest.write_choice("cheapest", cheapest)?;
+    let seconds = start.elapsed().as_secs_f64();
+    contest.write_records(&choice, seconds)?;
+    println!("the best: {} ({})", winner.name, contest.place("winner", winner).display());
+    match choice.cheapest == choice.winner {
+        true => println!("nothing cheaper is within 5 % of it"),
+        false => println!(
+            "the cheapest within 5 % of it: {} ({})",
+            cheapest.name,
+            contest.place("cheapest", cheapest).display()
+        ),
+    }
+    if !winner.recipe.is_prepared() {
+        println!("no preparation pays within {} s of rendering: {}", arguments.render_seconds, contest.why_not());
+    }
+    println!("{seconds:.1} s; open {}", arguments.out.join("autosize.html").display());
+    Ok(())
+}
+
+impl Recipe {
+    /// Whether there is work before the first sample that a file keeps.
+    fn is_prepared(&self) -> bool {
+        !matches!(self, Self::Plain(_))
+    }
+}

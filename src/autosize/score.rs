@@ -1,0 +1,44 @@
+//! What a sampler is worth: its error once the time is up, preparation counted in.
+
+use headtail_render::statistics::RatioInterval;
+
+/// The error after `total` seconds of a sampler with this error after `seconds` of rendering, of which `prepared` go into its preparation: an
+/// error falls as one over the time, or faster. Infinite where preparation takes all of it.
+pub fn at_time(error: f64, seconds: f64, prepared: f64, total: f64) -> f64 {
+    if prepared >= total { f64::INFINITY } else { error * seconds / (total - prepared) }
+}
+
+/// The scores of paired pictures of two samplers, one over the other.
+pub fn ratio(own: &[f64], best: &[f64]) -> Option<RatioInterval> {
+    let count = own.len().min(best.len());
+    RatioInterval::paired(&own[..count], &best[..count])
+}
+
+/// Whether a sampler is out of the contest: certainly more than 5 % behind, or so far behind that nobody asks how far.
+pub fn is_out(ratio: Option<RatioInterval>) -> bool {
+    const FAR: f64 = 3.0;
+    ratio.is_none_or(|ratio| ratio.ratio > FAR || ratio.ends().is_some_and(|(low, _)| low > 1.05))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn preparation_must_be_earned() {
+        // Half the error, but half of the time is gone.
+        assert_eq!(at_time(0.5, 1.0, 30.0, 60.0), at_time(1.0, 1.0, 0.0, 60.0));
+        assert!(at_time(0.5, 1.0, 20.0, 60.0) < at_time(1.0, 1.0, 0.0, 60.0));
+        assert_eq!(at_time(0.5, 1.0, 60.0, 60.0), f64::INFINITY);
+    }
+
+    #[test]
+    fn what_may_be_as_good_stays() {
+        let best = [1.0, 1.1, 0.9, 1.0];
+        assert!(!is_out(ratio(&best, &best)));
+        assert!(!is_out(ratio(&[1.0, 1.3, 1.0, 1.1], &best)), "within its interval");
+        assert!(is_out(ratio(&best.map(|error| 1.2 * error), &best)), "certainly behind");
+        assert!(is_out(ratio(&[2.5, 9.0, 1.0, 1.1], &best)), "far behind");
+        assert!(is_out(ratio(&[f64::INFINITY; 2], &best)));
+    }
+}

@@ -1,0 +1,223 @@
+//! From a run's settings to its files.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use anyhow::{Context, Result, bail};
+use headtail_render::{environment::Environment, file, scene::Scene, spec::SamplerSpec, tail::TailKind};
+use headtail_train::{
+    CheckpointFolder, Fitted, FlowSummary, MetricsFile, Progress, Run, Summary, TensorBoard, TrainingLight, Viewpoints,
+    build_target, check_exportable, density_pictures, exported_sampler, fit_with,
+};
+
+use super::{
+    measure::{self, Measures},
+    table::{Picture, RunConfig},
+};
+use crate::{
+    arguments::{make_folder, open_environment},
+    progress,
+};
+
+/// The file of the resolved table beside a result.
+const RESOLVED: &str = "resolved.toml";
+/// The exported sampler.
+pub const SAMPLER: &str = "sampler.safetensors";
+/// The figures.
+const MEASURES: &str = "measures.json";
+/// A line for each validation.
+pub const METRICS: &str = "metrics.jsonl";
+
+/// Conditions of pictures of densities.
+const PICTURES: u64 = 4;
+
+/// What surrounds a run: where its files go, and who watches.
+pub struct Surroundings<'a> {
+    /// The folder of the results.
+    pub out: PathBuf,
+    /// Where references of measured views are kept.
+    pub references: PathBuf,
+    /// Event files for TensorBoard.
+    pub tensorboard: Option<PathBuf>,
+    /// Pictures of densities.
+    pub pictures: Option<PathBuf>,
+    /// Pause after this step, as an interruption does; the run goes on from its checkpoint later.
+    pub until: Option<usize>,
+    /// Ends the run at the next step.
+    pub stop: &'a AtomicBool,
+    /// Called after every step.
+    pub watch: &'a mut dyn FnMut(&Progress),
+}
+
+/// What came of a run.
+pub struct Finished {
+    /// The training in figures.
+    pub summary: Summary,
+    /// Everything measured, of a run that was not interrupted.
+    pub measures: Measures,
+    /// The sampler, where one was written.
+    pub sampler: Option<SamplerSpec>,
+}
+
+/// Trains, exports and measures; the resolved table lies beside the results and inside the exported file.
+///
+/// # Errors
+/// If something cannot be opened, trained or written; [`progress::Interrupted`] while a flow tail is fitted.
+pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finished> {
+    let Surroundings { out, references, tensorboard, pictures, until, stop, watch } = surroundings;
+    let config = &run.fit;
+    if run.export.file {
+        check_exportable(config)?;
+    }
+    let environment = open_environment(&run.env)?;
+    make_folder(&out)?;
+    let resolved = run.to_toml()?;
+    file::replace(&out.join(RESOLVED), resolved.as_bytes())?;
+    let viewpoints = run.viewpoints.as_ref().map_or(Ok(Viewpoints::Sphere), |picture| seen(picture, config.seed))?;
+    let checkpoints = run.checkpoints.as_ref().map(|checkpoints| CheckpointFolder {
+        folder: checkpoints.folder.clone(),
+        every: checkpoints.every,
+        resume: checkpoints.resume,
+        target: describe_target(run.viewpoints.as_ref(), &environment),
+    });
+    let mut metrics = MetricsFile::new(&out.join(METRICS), config.seed);
+    let mut board = tensorboard.as_deref().map(TensorBoard::create).transpose()?;
+
+    let light = fit_light(&environment, run, checkpoints.as_ref(), stop)?;
+    if config.tail == TailKind::Flow && stop.load(Ordering::Relaxed) {
+        let but = if checkpoints.is_some() { " but its checkpoint" } else { "" };
+        bail!(progress::Interrupted::new(format!("while the flow tail was fitted; nothing was written{but}")));
+    }
+    if config.compact_emitters && light.luminance == environment.luminance() {
+        eprintln!("note: {} has no compact emitters; the head serves all of its light", run.env);
+    }
+    let target = build_target(config, &light.tail, viewpoints);
+    let pause = AtomicBool::new(false);
+    let mut show = |progress: &Progress| {
+        metrics.add(progress)?;
+        if let Some(board) = &mut board {
+            board.add(progress)?;
+        }
+        watch(progress);
+        if stop.load(Ordering::Relaxed) || until.is_some_and(|until| progress.step >= until) {
+            pause.store(true, Ordering::Relaxed);
+        }
+        Ok(())
+    };
+    let warn = &mut |error: &headtail_train::Error| eprintln!("warning: {error}; the checkpoint before it is used");
+    let around = Run { progress: &mut show, interrupt: &pause, checkpoints: checkpoints.as_ref(), warn };
+    let fitted = fit_with(config, &*target, around)?;
+    if let Some(folder) = pictures {
+        density_pictures(&fitted.head, config, &*target, PICTURES, &folder)?;
+    }
+
+    let mut finished = Finished { measures: of_summary(&fitted), summary: fitted.summary, sampler: None };
+    if run.export.file {
+        let file = out.join(SAMPLER);
+        let with_time = !run.export.reproducible;
+        let exported = exported_sampler(&fitted.head, config, &fitted.summary, &environment, &light, with_time)?;
+        let exported = exported.with_run(resolved);
+        exported.write(&file)?;
+        let bytes = std::fs::metadata(&file).with_context(|| file.display().to_string())?.len();
+        finished.measures.insert("bytes".into(), bytes as f64);
+        let spec = SamplerSpec::of_exported(&exported, file);
+        if !finished.summary.interrupted {
+            finished.measures.extend(measured(run, &environment, &spec, &references)?);
+        }
+        finished.sampler = Some(spec);
+    }
+    write_measures(&out, &finished.measures)?;
+    Ok(finished)
+}
+
+/// Time and errors of the exported sampler, as far as the run asks for them.
+fn measured(
+    run: &RunConfig,
+    environment: &std::sync::Arc<Environment>,
+    spec: &SamplerSpec,
+    references: &Path,
+) -> Result<Measures> {
+    let mut measures = Measures::new();
+    if run.measure.time {
+        let estimator = spec.build(environment)?;
+        let nanoseconds = measure::nanoseconds_per_sample(&*estimator, environment, run.fit.material)?;
+        measures.insert("ns_per_sample".into(), nanoseconds);
+    }
+    for view in &run.measure.views {
+        measures.extend(measure::errors_of_view(view, &run.env, run.fit.material, spec, references)?);
+    }
+    Ok(measures)
+}
+
+fn of_summary(Fitted { head, summary }: &Fitted) -> Measures {
+    let figures = [
+        ("kl", summary.divergence.kl),
+        ("relative_variance", summary.divergence.relative_variance),
+        ("untrained_relative_variance", summary.initial.relative_variance),
+        ("training_seconds", summary.seconds),
+        ("weights", head.weight_count() as f64),
+        ("steps", summary.steps as f64),
+    ];
+    figures.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+}
+
+fn write_measures(out: &Path, measures: &Measures) -> Result<()> {
+    Ok(file::replace(&out.join(MEASURES), (serde_json::to_string_pretty(measures)? + "\n").as_bytes())?)
+}
+
+/// The tail that the configuration asks for; a flow is fitted, with a progress bar. Its checkpoints are in the folder `tail` of the head's.
+fn fit_light(
+    environment: &Environment,
+    run: &RunConfig,
+    checkpoints: Option<&CheckpointFolder>,
+    stop: &AtomicBool,
+) -> Result<TrainingLight> {
+    let checkpoints = checkpoints.map(|head| CheckpointFolder {
+        folder: head.folder.join("tail"),
+        target: format!("tail of {}", head.target),
+        ..head.clone()
+    });
+    let bar = progress::bar(run.fit.flow.steps as u64, "flow tail");
+    let mut show = |progress: &Progress| {
+        bar.set_message(format!("loss {:.4}, {:.2} M samples/s", progress.loss, progress.samples_per_second / 1e6));
+        bar.set_position(progress.step as u64);
+        Ok(())
+    };
+    let around = Run {
+        progress: &mut show,
+        interrupt: stop,
+        checkpoints: checkpoints.as_ref(),
+        warn: &mut |error| eprintln!("warning: {error}; the checkpoint before it is used"),
+    };
+    let (light, summary) = TrainingLight::fit(&run.fit, environment, around)?;
+    bar.finish_and_clear();
+    if let Some(FlowSummary { steps, kl, table_kl, initial_kl, repair, seconds, .. }) = summary {
+        println!(
+            "flow tail: KL(light || flow) {kl:.4} nats (uniform {initial_kl:.3}), its table {table_kl:.4}, {steps} steps, {seconds:.1} s; \
+             {} cells repaired",
+            repair.cells
+        );
+    }
+    Ok(light)
+}
+
+/// What a camera sees of a scene.
+fn seen(picture: &Picture, seed: u64) -> Result<Viewpoints> {
+    let mut scene = Scene::open(&picture.scene)?;
+    let camera = picture.camera().open(&scene)?;
+    if picture.ground {
+        scene.add_ground();
+    }
+    Ok(Viewpoints::of_scene(&scene, &camera, picture.width as usize, picture.height as usize, seed)?)
+}
+
+/// What a checkpoint must agree on besides the configuration.
+fn describe_target(viewpoints: Option<&Picture>, environment: &Environment) -> String {
+    let conditions = match viewpoints {
+        Some(picture) => format!("conditions from {picture:?}"),
+        None => "conditions from everywhere".into(),
+    };
+    format!("environment {}, {conditions}", environment.hash())
+}

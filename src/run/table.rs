@@ -1,0 +1,460 @@
+//! The table of a run: its keys besides those of [`FitConfig`], and the resolved table with every key.
+
+use std::{fmt::Display, path::PathBuf};
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use glam::Vec3A;
+use headtail_render::scene::MaterialSpec;
+use headtail_train::{ConfigBuilder, FitConfig, Material, Preset};
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use crate::arguments::{CameraArguments, PointsArgument, Triple, ViewArguments};
+
+/// A run as its file has it: any part of the keys.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RunTable {
+    keys: Keys,
+    /// The keys of [`FitConfig`].
+    fit: Table,
+    /// Where it is from, for errors.
+    name: String,
+}
+
+/// The keys of a run that are not those of [`FitConfig`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Keys {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    env: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    preset: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    out: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    checkpoints: Option<Checkpoints>,
+    export: Export,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    viewpoints: Option<Picture>,
+    measure: Measure,
+}
+
+/// The names of [`Keys`].
+const KEYS: [&str; 7] = ["env", "preset", "out", "checkpoints", "export", "viewpoints", "measure"];
+
+/// What is written of the trained head.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Export {
+    /// Whether there is a file at all.
+    pub file: bool,
+    /// Whether the file leaves out the training time, so that the same run writes the same bytes.
+    pub reproducible: bool,
+}
+
+impl Default for Export {
+    fn default() -> Self {
+        Self { file: true, reproducible: false }
+    }
+}
+
+/// Where checkpoints are kept, and how often.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Checkpoints {
+    /// The folder.
+    pub folder: PathBuf,
+    /// Steps between them.
+    #[serde(default = "Checkpoints::steps_between")]
+    pub every: usize,
+    /// Go on from the last one, or begin where there is none.
+    #[serde(default)]
+    pub resume: bool,
+}
+
+impl Checkpoints {
+    fn steps_between() -> usize {
+        250
+    }
+}
+
+/// A scene and a camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Picture {
+    /// A built-in scene or a glTF file.
+    pub scene: String,
+    /// Whether a grey diffuse plane is put under it.
+    #[serde(default)]
+    pub ground: bool,
+    /// In pixels.
+    #[serde(default = "Picture::default_width")]
+    pub width: u32,
+    /// In pixels.
+    #[serde(default = "Picture::default_height")]
+    pub height: u32,
+    /// The camera's place, with `look_at`; by default the scene's own camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub look_from: Option<[f32; 3]>,
+    /// What it looks at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub look_at: Option<[f32; 3]>,
+    /// Vertical field of view in degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fov: Option<f32>,
+}
+
+impl Picture {
+    fn default_width() -> u32 {
+        96
+    }
+
+    fn default_height() -> u32 {
+        72
+    }
+
+    /// What a camera of the command line sees.
+    pub fn new(scene: String, camera: &CameraArguments) -> Self {
+        let CameraArguments { width, height, look_from, look_at, fov } = *camera;
+        let place = |triple: Option<Triple>| triple.map(|triple| triple.0.to_array());
+        Self { scene, ground: false, width, height, look_from: place(look_from), look_at: place(look_at), fov }
+    }
+
+    /// The camera, as the command line has it.
+    pub fn camera(&self) -> CameraArguments {
+        let place = |numbers: Option<[f32; 3]>| numbers.map(|numbers| Triple(Vec3A::from_array(numbers)));
+        let Self { width, height, fov, .. } = *self;
+        CameraArguments { width, height, look_from: place(self.look_from), look_at: place(self.look_at), fov }
+    }
+
+    fn validate(&self, key: &str) -> Result<()> {
+        ensure!((1..=16384).contains(&self.width), "{key}.width = {}, but it must be in 1..=16384", self.width);
+        ensure!((1..=16384).contains(&self.height), "{key}.height = {}, but it must be in 1..=16384", self.height);
+        ensure!(self.look_from.is_some() == self.look_at.is_some(), "{key}: look_from and look_at come together");
+        let numbers = [self.look_from, self.look_at].into_iter().flatten().flatten();
+        ensure!(numbers.chain(self.fov).all(f32::is_finite), "{key}: the camera's numbers must be finite");
+        Ok(())
+    }
+}
+
+/// What is measured of the exported sampler. Weights, bytes, training seconds and what validation says are always there.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Measure {
+    /// Whether the time of a light estimate is measured.
+    pub time: bool,
+    /// Pictures whose error is measured.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub views: Vec<MeasuredView>,
+}
+
+/// A picture whose mean squared error is measured.
+// Without `deny_unknown_fields`, which serde refuses beside `flatten`; [`RunTable::new`] checks the keys.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MeasuredView {
+    /// The name in results; by default the scene's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Scene and camera.
+    #[serde(flatten)]
+    pub picture: Picture,
+    /// What every surface is made of; by default what the head is trained for. `"scene"` leaves the scene's materials.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub material: Option<String>,
+    /// Samples per pixel, for the error at equal samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spp: Option<u32>,
+    /// Seconds of rendering, for the error at equal time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
+    /// Pictures of which the mean error is taken.
+    #[serde(default = "MeasuredView::default_runs")]
+    pub runs: u32,
+    /// Samples per pixel of the reference.
+    #[serde(default = "MeasuredView::default_reference_spp")]
+    pub reference_spp: u32,
+}
+
+/// The keys of a [`MeasuredView`].
+const VIEW_KEYS: [&str; 13] = [
+    "name",
+    "scene",
+    "ground",
+    "width",
+    "height",
+    "look_from",
+    "look_at",
+    "fov",
+    "material",
+    "spp",
+    "seconds",
+    "runs",
+    "reference_spp",
+];
+
+impl MeasuredView {
+    fn default_runs() -> u32 {
+        2
+    }
+
+    fn default_reference_spp() -> u32 {
+        1024
+    }
+
+    /// The name in results.
+    pub fn name(&self) -> &str {
+        self.name.as_deref().unwrap_or(&self.picture.scene)
+    }
+
+    /// What is rendered, for a head for this material under this map.
+    pub fn view(&self, env: &str, material: Material) -> Result<ViewArguments> {
+        let parse = |text: &str| text.parse::<MaterialSpec>().map_err(anyhow::Error::from);
+        let material = match self.material.as_deref() {
+            Some("scene") => None,
+            Some(text) => Some(parse(text)?),
+            None => Some(parse(&material.to_string())?),
+        };
+        Ok(ViewArguments {
+            scene: self.picture.scene.clone(),
+            env: env.to_owned(),
+            camera: self.picture.camera(),
+            ground: self.picture.ground,
+            material,
+            unshadowed: false,
+            depth: 1,
+            points: PointsArgument::Named(headtail_render::points::PointSet::Sobol),
+            threads: None,
+        })
+    }
+
+    fn validate(&self) -> Result<()> {
+        self.picture.validate("measure.views")?;
+        ensure!(self.spp.is_some() || self.seconds.is_some(), "measure.views: give spp or seconds");
+        ensure!(self.spp != Some(0), "measure.views.spp = 0, but it must be at least 1");
+        let seconds = self.seconds.unwrap_or(1.0);
+        ensure!(seconds > 0.0 && seconds <= 1e6, "measure.views.seconds = {seconds}, but it must be in (0, 1e6]");
+        ensure!((1..=10_000).contains(&self.runs), "measure.views.runs = {}, but it must be in 1..=10000", self.runs);
+        ensure!(self.reference_spp > 0, "measure.views.reference_spp = 0, but it must be at least 1");
+        Ok(())
+    }
+}
+
+/// A run with every setting.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunConfig {
+    /// The map.
+    pub env: String,
+    /// Where results go; no setting of the run.
+    pub out: Option<PathBuf>,
+    /// Where checkpoints go; no setting of the run.
+    pub checkpoints: Option<Checkpoints>,
+    /// The training.
+    pub fit: FitConfig,
+    /// Where surfaces are seen from; from everywhere by default.
+    pub viewpoints: Option<Picture>,
+    /// What is written.
+    pub export: Export,
+    /// What is measured afterwards.
+    pub measure: Measure,
+}
+
+impl RunTable {
+    /// Divides a table by whom its keys are for. `name` is where it is from.
+    ///
+    /// # Errors
+    /// If a key of the run has a wrong value, or one of its parts is unknown; other keys are checked by [`Self::resolve`].
+    pub fn new(name: &str, table: Table) -> Result<Self> {
+        let (mut keys, mut fit) = (Table::new(), Table::new());
+        for (key, value) in table {
+            let of_run = KEYS.contains(&key.as_str());
+            if of_run { &mut keys } else { &mut fit }.insert(key, value);
+        }
+        let views = keys.get("measure").and_then(|measure| measure.get("views")).and_then(Value::as_array);
+        for view in views.into_iter().flatten().filter_map(Value::as_table) {
+            if let Some(key) = view.keys().find(|key| !VIEW_KEYS.contains(&key.as_str())) {
+                bail!("{name}: the key `measure.views.{key}` is unknown; there are {}", VIEW_KEYS.join(", "));
+            }
+        }
+        let keys = keys.try_into().map_err(|error| anyhow!("{name}: {}", one_line(&error)))?;
+        Ok(Self { keys, fit, name: name.to_owned() })
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// If it cannot be read, or as [`Self::new`].
+    pub fn open(path: &std::path::Path) -> Result<Self> {
+        let name = path.display().to_string();
+        let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
+        Self::new(&name, text.parse().map_err(|error| anyhow!("{name}: {}", one_line(&error)))?)
+    }
+
+    /// The preset that the file begins with, if it names one.
+    ///
+    /// # Errors
+    /// If there is none of that name.
+    pub fn preset(&self) -> Result<Option<Preset>> {
+        let preset = self.keys.preset.as_deref().map(str::parse).transpose();
+        preset.map_err(|reason: String| anyhow!("{}: {reason}", self.name))
+    }
+
+    /// The material, if the file names one.
+    pub fn material(&self) -> Option<Material> {
+        self.fit.get("material").and_then(Value::as_str).and_then(|text| text.parse().ok())
+    }
+
+    /// The settings of the training, laid over what a builder has.
+    ///
+    /// # Errors
+    /// If a key is unknown or has a wrong value.
+    pub fn lay_over(&self, builder: &mut ConfigBuilder) -> Result<()> {
+        Ok(builder.table(&self.name, self.fit.clone())?)
+    }
+
+    /// The run, with the training settings that were made of this table and of flags.
+    ///
+    /// # Errors
+    /// If the map is missing, or a value is out of range.
+    pub fn with_fit(self, fit: FitConfig) -> Result<RunConfig> {
+        let Keys { env, out, checkpoints, export, viewpoints, measure, preset: _ } = self.keys;
+        fit.validate()?;
+        viewpoints.as_ref().map_or(Ok(()), |picture| picture.validate("viewpoints"))?;
+        measure.views.iter().try_for_each(MeasuredView::validate)?;
+        let env = env.with_context(|| format!("{}: name the map, as in env = \"studio\"", self.name))?;
+        Ok(RunConfig { env, out, checkpoints, fit, viewpoints, export, measure })
+    }
+
+    /// The run of this table alone: its preset, or the fast one for its material, and its keys.
+    ///
+    /// # Errors
+    /// As [`Self::lay_over`] and [`Self::with_fit`].
+    pub fn resolve(self) -> Result<RunConfig> {
+        let material = self.material().unwrap_or(Material::Lambert);
+        let mut builder = ConfigBuilder::new(self.preset()?.unwrap_or(Preset::fast_for(material)));
+        self.lay_over(&mut builder)?;
+        let fit = builder.build()?;
+        self.with_fit(fit)
+    }
+
+    /// Sets the map.
+    pub fn set_env(&mut self, env: String) {
+        self.keys.env = Some(env);
+    }
+
+    /// Sets where surfaces are seen from.
+    pub fn set_viewpoints(&mut self, picture: Picture) {
+        self.keys.viewpoints = Some(picture);
+    }
+
+    /// Sets where checkpoints are kept.
+    pub fn set_checkpoints(&mut self, checkpoints: Checkpoints) {
+        self.keys.checkpoints = Some(checkpoints);
+    }
+
+    /// Leaves out the exported file, or the time in it.
+    pub fn change_export(&mut self, no_file: bool, reproducible: bool) {
+        self.keys.export.file &= !no_file;
+        self.keys.export.reproducible |= reproducible;
+    }
+
+    /// Whether it names a map.
+    pub fn has_env(&self) -> bool {
+        self.keys.env.is_some()
+    }
+}
+
+impl RunConfig {
+    /// Every setting as TOML that [`RunTable`] reads back: not where results and checkpoints go.
+    ///
+    /// # Errors
+    /// For a seed above 2^63 - 1, which TOML cannot write.
+    pub fn to_toml(&self) -> Result<String> {
+        let keys = self.keys();
+        // By way of a text: a number of single precision keeps its short form.
+        let mut table: Table = toml::to_string(&keys)?.parse()?;
+        table.extend(self.fit.to_table()?);
+        Ok(toml::to_string(&table)?)
+    }
+
+    /// BLAKE3 of every setting, as [`Self::to_toml`] has them, and of the program's version, in hexadecimal digits.
+    ///
+    /// # Errors
+    /// If a setting cannot be written as JSON.
+    pub fn hash(&self) -> Result<String> {
+        // JSON, because it is written many times as fast.
+        let content = serde_json::to_string(&(env!("CARGO_PKG_VERSION"), self.keys(), &self.fit))?;
+        Ok(blake3::hash(content.as_bytes()).to_hex().to_string())
+    }
+
+    fn keys(&self) -> Keys {
+        let Self { env, export, viewpoints, measure, .. } = self.clone();
+        Keys { env: Some(env), export, viewpoints, measure, ..Keys::default() }
+    }
+}
+
+/// What a parser says in several lines, in one.
+pub fn one_line(error: &impl Display) -> String {
+    let text = error.to_string();
+    let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    lines.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(text: &str) -> Result<RunTable> {
+        RunTable::new("run.toml", text.parse().unwrap())
+    }
+
+    const WHOLE: &str = r#"
+        env = "studio"
+        out = "out/run"
+        preset = "fast-ggx"
+        material = "ggx:alpha=0.3"
+        steps = 70
+        head.bins = 16
+        [checkpoints]
+        folder = "out/ck"
+        [export]
+        reproducible = true
+        [viewpoints]
+        scene = "temple"
+        look_from = [0.0, 1.5, 4.0]
+        look_at = [0.0, 1.0, 0.0]
+        [measure]
+        time = true
+        [[measure.views]]
+        scene = "sphere"
+        spp = 4
+    "#;
+
+    #[test]
+    fn one_table_has_everything_and_survives_its_file() {
+        let run = table(WHOLE).unwrap().resolve().unwrap();
+        assert_eq!((run.env.as_str(), run.fit.steps, run.fit.head.bins), ("studio", 70, 16));
+        assert_eq!(run.fit.material.to_string(), "ggx:alpha=0.3");
+        assert_eq!(run.checkpoints.as_ref().unwrap().every, 250);
+        assert_eq!(run.measure.views[0].name(), "sphere");
+        let again = table(&run.to_toml().unwrap()).unwrap().resolve().unwrap();
+        assert_eq!(again, RunConfig { out: None, checkpoints: None, ..run.clone() });
+        assert_eq!(again.to_toml().unwrap(), run.to_toml().unwrap());
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        for (text, named) in [
+            ("env = 'studio'\nstep = 7", "`step`"),
+            ("steps = 7", "name the map"),
+            ("env = 'studio'\n[[measure.views]]\nscene = 'sphere'", "spp or seconds"),
+            ("env = 'studio'\n[[measure.views]]\nscene = 'sphere'\nsp = 4", "`measure.views.sp`"),
+            ("env = 'studio'\n[export]\nfiles = true", "files"),
+            ("env = 'studio'\npreset = 'best'", "'best' is no preset"),
+            ("env = 'studio'\n[viewpoints]\nscene = 'sphere'\nlook_at = [0.0, 0.0, 0.0]", "come together"),
+            ("env = 'studio'\n[viewpoints]\nscene = 'sphere'\nwidth = 0", "viewpoints.width = 0"),
+        ] {
+            let error = table(text).and_then(RunTable::resolve).unwrap_err();
+            assert!(format!("{error:#}").contains(named), "{text}: {error:#}");
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! The arguments of `headtail sweep`, and what each of its commands does.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::{Args, Subcommand};
+
+use super::{Sweep, collect, folder::SweepFolder, local, report, retry, slurm, status, worker};
+use crate::{arguments::make_folder, progress};
+
+/// Run a space of settings: every trial once, resumed where it was stopped.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail sweep plan space.toml
+  headtail sweep run space.toml --jobs 2
+  headtail sweep status space.toml
+  headtail sweep submit space.toml --tasks 8 --sbatch=--partition=long --sbatch=--time=4:00:00
+  headtail sweep report space.toml
+
+The file is described in docs/sweeps.md. Results go to the folder space.sweep beside space.toml, unless --out names another. Running a sweep again \
+does what is missing and nothing twice; after a kill, trials go on from their last checkpoint.")]
+pub struct Arguments {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Subcommand)]
+enum Action {
+    /// Print the trials.
+    Plan(Plan),
+    /// Work off what is missing, in several processes.
+    Run(local::Arguments),
+    /// Send one array job to Slurm, print its number and return.
+    Submit(slurm::Arguments),
+    /// Say how far the sweep is.
+    Status(Place),
+    /// Let failed trials be tried again.
+    Retry(Place),
+    /// Write every trial to one table.
+    Collect(Output),
+    /// Write one page with tables and charts.
+    Report(Output),
+    /// What `run` and `submit` start.
+    #[command(hide = true)]
+    Work(Work),
+}
+
+/// A space and its folder.
+#[derive(Args, Clone, Debug)]
+pub struct Place {
+    /// The file that describes the space.
+    #[arg(value_name = "SPACE.toml")]
+    pub space: PathBuf,
+    /// The folder of the sweep. Default: space.sweep beside space.toml.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+impl Place {
+    /// The folder.
+    pub fn folder(&self) -> SweepFolder {
+        SweepFolder::new(self.out.clone().unwrap_or_else(|| self.space.with_extension("sweep")))
+    }
+
+    /// The sweep.
+    ///
+    /// # Errors
+    /// As [`Sweep::open`].
+    pub fn open(&self) -> Result<Sweep> {
+        Sweep::open(&self.space, self.folder())
+    }
+}
+
+#[derive(Args)]
+struct Plan {
+    #[command(flatten)]
+    place: Place,
+    /// Print every trial. Default: the first twenty.
+    #[arg(long)]
+    all: bool,
+}
+
+#[derive(Args)]
+struct Output {
+    #[command(flatten)]
+    place: Place,
+    /// The file to write. Default: trials.csv or report.html in the folder of the sweep.
+    #[arg(long, value_name = "FILE")]
+    file: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct Work {
+    #[command(flatten)]
+    place: Place,
+    #[command(flatten)]
+    checkpoints: Checkpoints,
+    /// A task of a Slurm array.
+    #[arg(long)]
+    task: bool,
+}
+
+/// How often workers save.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct Checkpoints {
+    /// Steps between checkpoints: what a kill can cost.
+    #[arg(long, value_name = "STEPS", default_value_t = 250, value_parser = clap::value_parser!(u32).range(1..))]
+    pub checkpoint_every: u32,
+}
+
+/// Does what is asked for.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    match &arguments.action {
+        Action::Plan(plan) => print_plan(plan),
+        Action::Run(arguments) => local::run(arguments),
+        Action::Submit(arguments) => slurm::submit(arguments),
+        Action::Status(place) => status::run(&place.open()?),
+        Action::Retry(place) => retry::run(&place.open()?),
+        Action::Collect(output) => written(output, "trials.csv", collect::csv),
+        Action::Report(output) => {
+            let command = format!("headtail sweep report {}", output.place.space.display());
+            written(output, "report.html", |sweep| report::page(sweep, &command))
+        }
+        Action::Work(work) => self::work(work),
+    }
+}
+
+fn written(output: &Output, name: &str, make: impl Fn(&Sweep) -> Result<String>) -> Result<()> {
+    let sweep = output.place.open()?;
+    let file = output.file.clone().unwrap_or_else(|| sweep.folder.path().join(name));
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+    folder.map_or(Ok(()), make_folder)?;
+    headtail_render::file::replace(&file, make(&sweep)?.as_bytes())?;
+    println!("{} written", file.display());
+    Ok(())
+}
+
+fn print_plan(arguments: &Plan) -> Result<()> {
+    use std::io::Write;
+    let sweep = arguments.place.open()?;
+    let shown = if arguments.all { usize::MAX } else { 20 };
+    let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+    let (trials, configurations) = (&sweep.plan.trials, sweep.plan.configurations.len());
+    writeln!(out, "{} trials of {configurations} configurations", trials.len())?;
+    if sweep.wants_suggestions() {
+        writeln!(out, "adaptive search makes {} configurations as it goes", sweep.space.search.n)?;
+    }
+    for trial in trials.iter().take(shown) {
+        writeln!(out, "{}  {}", trial.id, super::plan::text(&trial.assignment))?;
+    }
+    if trials.len() > shown {
+        writeln!(out, "... and {} more (--all)", trials.len() - shown)?;
+    }
+    Ok(out.flush()?)
+}
+
+fn work(arguments: &Work) -> Result<()> {
+    let stop = progress::stop_flag()?;
+    let mut sweep = arguments.place.open()?;
+    let manner = worker::Manner {
+        every: arguments.checkpoints.checkpoint_every as usize,
+        ticks: !arguments.task,
+        watch_input: !arguments.task,
+    };
+    if arguments.task {
+        return slurm::task(&mut sweep, manner, &stop);
+    }
+    worker::work(&mut sweep, manner, &stop)
+}

@@ -1,0 +1,68 @@
+//! Every trial as a row of one table.
+
+use std::collections::BTreeSet;
+
+use anyhow::{Context, Result};
+use toml::Value;
+
+use super::{Sweep, journal::Record, plan::Trial, status::State};
+use crate::run::Measures;
+
+/// A trial with all that is known of it.
+pub struct Row<'a> {
+    /// The trial.
+    pub trial: &'a Trial,
+    /// Where it is.
+    pub state: State,
+    /// The figures: in the end, else at the last rung.
+    pub measures: Option<&'a Measures>,
+    /// Seconds of work.
+    pub seconds: f64,
+    /// Why it failed.
+    pub error: String,
+}
+
+/// The rows of all trials, in the order of the plan.
+pub fn rows(sweep: &Sweep) -> Vec<Row<'_>> {
+    fn row<'a>(sweep: &'a Sweep, trial: &'a Trial) -> Row<'a> {
+        let id = &trial.id;
+        let record = sweep.ledger.record(id);
+        let measures = record.and_then(|record| record.done.as_ref().or_else(|| record.rungs.values().last()));
+        Row {
+            trial,
+            state: State::of(sweep, id),
+            measures,
+            seconds: record.map_or(0.0, |record| record.seconds),
+            error: record.and_then(Record::failure).unwrap_or_default(),
+        }
+    }
+    sweep.plan.trials.iter().map(|trial| row(sweep, trial)).collect()
+}
+
+/// The table: identity, state, a column for each axis, one for each figure, seconds of work, folder, error.
+pub fn csv(sweep: &Sweep) -> Result<String> {
+    let rows = rows(sweep);
+    let axes: Vec<&str> = sweep.space.axes.iter().map(|axis| axis.key.as_str()).collect();
+    let figures: BTreeSet<&str> =
+        rows.iter().filter_map(|row| row.measures).flat_map(|measures| measures.keys().map(String::as_str)).collect();
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let head = ["trial", "configuration", "state"].into_iter().chain(axes.iter().copied());
+    writer.write_record(head.chain(figures.iter().copied()).chain(["work_seconds", "folder", "error"]))?;
+    for row in &rows {
+        let Row { trial, state, measures, seconds, error } = row;
+        let mut record = vec![trial.id.clone(), trial.configuration.to_string(), state.to_string()];
+        record.extend(axes.iter().map(|key| trial.assignment.get(*key).map_or(String::new(), plain)));
+        let figure =
+            |name: &&str| measures.and_then(|measures| measures.get(*name)).map_or(String::new(), f64::to_string);
+        record.extend(figures.iter().map(figure));
+        let folder = sweep.folder.trial(&trial.id).display().to_string();
+        record.extend([format!("{seconds:.3}"), folder, error.clone()]);
+        writer.write_record(record)?;
+    }
+    String::from_utf8(writer.into_inner().context("the table")?).context("the table")
+}
+
+/// A value without the quotes of TOML.
+pub fn plain(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}

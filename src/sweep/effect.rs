@@ -1,0 +1,113 @@
+//! What each value of a setting does to an objective, with intervals over seeds.
+
+use std::collections::BTreeMap;
+
+use headtail_render::statistics::MeanInterval;
+use serde::Serialize;
+use toml::Value;
+
+use super::{
+    Sweep,
+    axis::{Axis, Values},
+    collect::{Row, plain},
+};
+
+/// The effect of one value, or of a part of a range.
+#[derive(Debug, PartialEq, Serialize)]
+pub struct Effect {
+    /// The value in words.
+    pub value: String,
+    /// Geometric mean of the objective over that of all trials.
+    pub ratio: f64,
+    /// Its 95 % interval; absent for a single seed.
+    pub ends: Option<(f64, f64)>,
+    /// Trials.
+    pub trials: usize,
+}
+
+/// Parts that a range is divided into.
+const PARTS: usize = 5;
+
+/// The effects of an axis on an objective; empty where it has one value only.
+///
+/// Trials are compared with the geometric mean of those that have the same map, so that maps, which differ most, cancel. The trials of one seed are one observation; without an axis `seed` every trial is one.
+pub fn effects(sweep: &Sweep, rows: &[Row<'_>], axis: &Axis, objective: &str) -> Vec<Effect> {
+    let known = relative(sweep, rows, objective);
+    let parts =
+        parts(axis, &known.iter().filter_map(|(row, _)| row.trial.assignment.get(&axis.key)).collect::<Vec<_>>());
+    let mut found = Vec::new();
+    for (name, holds) in &parts {
+        let mut seeds: BTreeMap<String, (f64, f64)> = BTreeMap::new();
+        let mut trials = 0;
+        for (index, (row, log)) in known.iter().enumerate() {
+            if row.trial.assignment.get(&axis.key).is_none_or(|value| !holds(value)) {
+                continue;
+            }
+            let seed = row.trial.assignment.get("seed").filter(|_| axis.key != "seed");
+            let sums = seeds.entry(seed.map_or_else(|| format!("#{index}"), plain)).or_default();
+            *sums = (sums.0 + log, sums.1 + 1.0);
+            trials += 1;
+        }
+        let means: Vec<f64> = seeds.values().map(|(sum, count)| sum / count).collect();
+        let Some(interval) = MeanInterval::of(&means) else { continue };
+        let ends = interval.half_width.is_finite().then(|| (interval.low().exp(), interval.high().exp()));
+        found.push(Effect { value: name.clone(), ratio: interval.mean.exp(), ends, trials });
+    }
+    if found.len() > 1 { found } else { Vec::new() }
+}
+
+/// Logarithms of an objective of the trials that have one, less their mean over the trials of the same map (every aggregated axis but `seed`).
+pub fn relative<'a>(sweep: &Sweep, rows: &'a [Row<'a>], objective: &str) -> Vec<(&'a Row<'a>, f64)> {
+    let known: Vec<(&Row<'_>, f64)> = rows
+        .iter()
+        .filter_map(|row| Some((row, row.measures?.get(objective).copied()?.ln())))
+        .filter(|(_, log)| log.is_finite())
+        .collect();
+    let map = |row: &Row<'_>| {
+        let axes = sweep.space.axes.iter().filter(|axis| is_map(sweep, axis));
+        axes.map(|axis| row.trial.assignment.get(&axis.key).map_or(String::new(), plain)).collect::<Vec<_>>()
+    };
+    let mut of_map: BTreeMap<Vec<String>, (f64, f64)> = BTreeMap::new();
+    for (row, log) in &known {
+        let sum = of_map.entry(map(row)).or_default();
+        *sum = (sum.0 + log, sum.1 + 1.0);
+    }
+    let less = |(row, log): (&'a Row<'a>, f64)| {
+        let (sum, count) = of_map[&map(row)];
+        (row, log - sum / count)
+    };
+    known.into_iter().map(less).collect()
+}
+
+/// Whether trials of different values of an axis are not to be compared: an aggregated axis that is not the seed.
+pub fn is_map(sweep: &Sweep, axis: &Axis) -> bool {
+    axis.key != "seed" && sweep.space.replicated().any(|other| other.key == axis.key)
+}
+
+type Part = (String, Box<dyn Fn(&Value) -> bool>);
+
+/// The values of a list; a range in parts with equally many trials.
+fn parts(axis: &Axis, seen: &[&Value]) -> Vec<Part> {
+    if let Values::List(values) = &axis.values {
+        let part = |value: &Value| {
+            let own = value.clone();
+            (plain(value), Box::new(move |other: &Value| *other == own) as _)
+        };
+        return values.iter().map(part).collect();
+    }
+    let mut places: Vec<f64> = seen.iter().filter_map(|value| axis.place(value)).collect();
+    places.sort_by(f64::total_cmp);
+    let mut bounds: Vec<f64> = (1..PARTS).filter_map(|part| places.get(part * places.len() / PARTS).copied()).collect();
+    bounds.dedup();
+    let ends =
+        |index: usize| (if index == 0 { 0.0 } else { bounds[index - 1] }, bounds.get(index).copied().unwrap_or(1.0));
+    let part = |index: usize| {
+        let (low, high) = ends(index);
+        let is_last = index == bounds.len();
+        let own = axis.clone();
+        let holds =
+            move |value: &Value| own.place(value).is_some_and(|place| place >= low && (place < high || is_last));
+        (format!("{} to {}", plain(&axis.at(low)), plain(&axis.at(high))), Box::new(holds) as _)
+    };
+    (0..=bounds.len()).map(part).collect()
+}

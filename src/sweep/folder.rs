@@ -1,0 +1,100 @@
+//! The folder of a sweep: its journals, and a folder for each trial with a lock.
+
+use std::{
+    fs::{self, File, OpenOptions, TryLockError},
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, Result};
+
+/// The folder of a sweep.
+#[derive(Clone, Debug)]
+pub struct SweepFolder(PathBuf);
+
+/// The right to work on something, held until it is dropped or the process ends, however it ends.
+#[derive(Debug)]
+pub struct Lock(#[expect(dead_code, reason = "held, never read")] File);
+
+impl SweepFolder {
+    /// The folder at this place; it need not be there yet.
+    pub fn new(path: PathBuf) -> Self {
+        Self(path)
+    }
+
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
+    /// Where journals are.
+    pub fn journals(&self) -> PathBuf {
+        self.0.join("journal")
+    }
+
+    /// Where workers' messages go.
+    pub fn logs(&self) -> PathBuf {
+        self.0.join("logs")
+    }
+
+    /// Where references of measured views are.
+    pub fn references(&self) -> PathBuf {
+        self.0.join("references")
+    }
+
+    /// The folder of a trial.
+    pub fn trial(&self, id: &str) -> PathBuf {
+        self.0.join("trials").join(id)
+    }
+
+    /// The right to work on a trial, if nobody has it. The system takes it back from a process that is killed.
+    ///
+    /// # Errors
+    /// If the trial's folder cannot be made, or its file system has no locks.
+    pub fn lock(&self, id: &str) -> Result<Option<Lock>> {
+        try_lock(&self.trial(id).join("lock"))
+    }
+
+    /// Whether somebody works on a trial.
+    pub fn is_locked(&self, id: &str) -> bool {
+        let file = File::open(self.trial(id).join("lock"));
+        file.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+    }
+
+    /// The right to make the next configuration of adaptive search.
+    ///
+    /// # Errors
+    /// As [`Self::lock`].
+    pub fn lock_search(&self) -> Result<Option<Lock>> {
+        try_lock(&self.0.join("search.lock"))
+    }
+}
+
+fn try_lock(path: &Path) -> Result<Option<Lock>> {
+    let open = || {
+        fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
+        OpenOptions::new().create(true).truncate(false).write(true).open(path)
+    };
+    let file = open().with_context(|| path.display().to_string())?;
+    match file.try_lock() {
+        Ok(()) => Ok(Some(Lock(file))),
+        Err(TryLockError::WouldBlock) => Ok(None),
+        Err(TryLockError::Error(error)) => Err(error).with_context(|| path.display().to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_at_a_time_works_on_a_trial() {
+        let here = tempfile::tempdir().unwrap();
+        let folder = SweepFolder::new(here.path().to_owned());
+        assert!(!folder.is_locked("a"));
+        let lock = folder.lock("a").unwrap();
+        assert!(lock.is_some() && folder.lock("a").unwrap().is_none() && folder.is_locked("a"));
+        assert!(folder.lock("b").unwrap().is_some());
+        drop(lock);
+        assert!(!folder.is_locked("a") && folder.lock("a").unwrap().is_some());
+    }
+}

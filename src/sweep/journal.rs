@@ -1,0 +1,341 @@
+//! What workers write down: each in a file of its own, one complete line at a time; readers merge.
+
+use std::{
+    collections::{BTreeMap, HashMap},
+    fs::{self, File, OpenOptions},
+    io::{Read, Seek, SeekFrom, Write},
+    path::{Path, PathBuf},
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+
+use super::space::Assignment;
+use crate::run::Measures;
+
+/// One line of a journal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Line {
+    /// Seconds since 1970.
+    pub time: f64,
+    /// What happened.
+    #[serde(flatten)]
+    pub event: Event,
+}
+
+/// What happened.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "lowercase")]
+pub enum Event {
+    /// Adaptive search has made a configuration.
+    Suggested {
+        /// The how many-th.
+        number: u64,
+        /// It.
+        assignment: Assignment,
+    },
+    /// A worker works on a trial.
+    Started {
+        /// Its identity.
+        trial: String,
+        /// Steps that were done before.
+        step: usize,
+    },
+    /// A worker was asked to stop, and has left a checkpoint.
+    Stopped {
+        /// Its identity.
+        trial: String,
+        /// Steps done.
+        step: usize,
+        /// Seconds since it started.
+        seconds: f64,
+    },
+    /// A trial has reached a rung.
+    Rung {
+        /// Its identity.
+        trial: String,
+        /// Steps done.
+        step: usize,
+        /// What validation says there.
+        measures: Measures,
+        /// Seconds since it started.
+        seconds: f64,
+    },
+    /// A trial is complete.
+    Done {
+        /// Its identity.
+        trial: String,
+        /// Everything measured.
+        measures: Measures,
+        /// Seconds since it started.
+        seconds: f64,
+    },
+    /// A trial has ended with an error.
+    Failed {
+        /// Its identity.
+        trial: String,
+        /// The error.
+        reason: String,
+    },
+    /// A failed trial may be tried again.
+    Retry {
+        /// Its identity.
+        trial: String,
+    },
+}
+
+/// The journal of one worker.
+pub struct Journal {
+    file: File,
+    path: PathBuf,
+}
+
+impl Journal {
+    /// A new file under a name that no other worker has.
+    ///
+    /// # Errors
+    /// If the folder or the file cannot be made.
+    pub fn create(folder: &Path) -> Result<Self> {
+        fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+        let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+        let host: String = host.trim().chars().filter(|c| c.is_ascii_alphanumeric() || *c == '-').collect();
+        let started = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
+        let path = folder.join(format!("{started:x}-{host}-{}.jsonl", std::process::id()));
+        let file = OpenOptions::new().append(true).create_new(true).open(&path);
+        Ok(Self { file: file.with_context(|| path.display().to_string())?, path })
+    }
+
+    /// Writes a line, whole and flushed to the disk.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn add(&mut self, event: Event) -> Result<()> {
+        let line = serde_json::to_string(&Line { time: now(), event })? + "\n";
+        let written = self.file.write_all(line.as_bytes()).and_then(|()| self.file.sync_data());
+        written.with_context(|| self.path.display().to_string())
+    }
+}
+
+/// Seconds since 1970.
+pub fn now() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
+}
+
+/// What is known of a trial.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Record {
+    /// Figures at rungs, by steps.
+    pub rungs: BTreeMap<usize, Measures>,
+    /// Figures in the end.
+    pub done: Option<Measures>,
+    /// When it failed last, and why.
+    failure: Option<(f64, String)>,
+    /// When it was given another try.
+    retry: f64,
+    /// Starts: when, and at which step.
+    starts: Vec<(f64, usize)>,
+    /// When work last came to an end in order.
+    stop: f64,
+    /// Seconds of work that came to an end in order.
+    pub seconds: f64,
+}
+
+/// Starts at one and the same step without a word after which a trial counts as failed.
+const MOST_STARTS: usize = 5;
+
+impl Record {
+    /// Why it failed, unless it may be tried again.
+    pub fn failure(&self) -> Option<String> {
+        if self.done.is_some() {
+            return None;
+        }
+        if let Some((_, reason)) = self.failure.as_ref().filter(|(time, _)| *time > self.retry) {
+            return Some(reason.clone());
+        }
+        let after = self.retry.max(self.stop);
+        let mut starts: Vec<usize> =
+            self.starts.iter().filter(|(time, _)| *time > after).map(|(_, step)| *step).collect();
+        starts.sort_unstable();
+        let lost = starts.windows(MOST_STARTS + 1).find(|window| window.first() == window.last());
+        lost.map(|window| format!("ended {MOST_STARTS} times after step {} without a word", window[0]))
+    }
+
+    /// Whether work was begun and has neither ended in order nor failed since.
+    pub fn is_open(&self) -> bool {
+        let last = self.starts.iter().map(|(time, _)| *time).fold(0.0, f64::max);
+        self.done.is_none() && last > self.stop.max(self.failure.as_ref().map_or(0.0, |(time, _)| *time))
+    }
+}
+
+/// All journals of a folder, merged. The order of files does not matter, nor that of lines of different files.
+#[derive(Debug, Default)]
+pub struct Ledger {
+    folder: PathBuf,
+    /// How far each file was read.
+    read: HashMap<PathBuf, u64>,
+    /// By the trials' identities.
+    pub records: HashMap<String, Record>,
+    suggested: BTreeMap<u64, Assignment>,
+}
+
+impl Ledger {
+    /// Reads all journals.
+    ///
+    /// # Errors
+    /// If a file that is there cannot be read.
+    pub fn open(folder: &Path) -> Result<Self> {
+        let mut ledger = Self { folder: folder.to_owned(), ..Self::default() };
+        ledger.refresh()?;
+        Ok(ledger)
+    }
+
+    /// Reads what was added since.
+    ///
+    /// # Errors
+    /// If a file that is there cannot be read.
+    pub fn refresh(&mut self) -> Result<()> {
+        let Ok(entries) = fs::read_dir(&self.folder) else { return Ok(()) };
+        for entry in entries.filter_map(std::result::Result::ok) {
+            let path = entry.path();
+            if path.extension().is_some_and(|extension| extension == "jsonl") {
+                self.read_on(&path).with_context(|| path.display().to_string())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A line without its end is one that is being written, or that a kill has torn: it is not read.
+    fn read_on(&mut self, path: &Path) -> std::io::Result<()> {
+        let offset = self.read.get(path).copied().unwrap_or(0);
+        let mut file = File::open(path)?;
+        if file.metadata()?.len() <= offset {
+            return Ok(());
+        }
+        file.seek(SeekFrom::Start(offset))?;
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes)?;
+        let whole = bytes.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
+        for line in bytes[..whole].split(|&byte| byte == b'\n') {
+            // A line of another version says nothing to this one.
+            if let Ok(line) = serde_json::from_slice::<Line>(line) {
+                self.add(line);
+            }
+        }
+        self.read.insert(path.to_owned(), offset + whole as u64);
+        Ok(())
+    }
+
+    fn add(&mut self, Line { time, event }: Line) {
+        match event {
+            Event::Suggested { number, assignment } => {
+                self.suggested.entry(number).or_insert(assignment);
+            }
+            Event::Started { trial, step } => self.of(trial).starts.push((time, step)),
+            Event::Stopped { trial, seconds, .. } => self.of(trial).end(time, seconds),
+            Event::Rung { trial, step, measures, seconds } => {
+                let record = self.of(trial);
+                record.end(time, seconds);
+                record.rungs.insert(step, measures);
+            }
+            Event::Done { trial, measures, seconds } => {
+                let record = self.of(trial);
+                record.end(time, seconds);
+                record.done = Some(measures);
+            }
+            Event::Failed { trial, reason } => {
+                let record = self.of(trial);
+                if record.failure.as_ref().is_none_or(|(known, _)| *known < time) {
+                    record.failure = Some((time, reason));
+                }
+            }
+            Event::Retry { trial } => {
+                let record = self.of(trial);
+                record.retry = record.retry.max(time);
+            }
+        }
+    }
+
+    fn of(&mut self, trial: String) -> &mut Record {
+        self.records.entry(trial).or_default()
+    }
+
+    /// What is known of a trial.
+    pub fn record(&self, trial: &str) -> Option<&Record> {
+        self.records.get(trial)
+    }
+
+    /// The suggested configurations, in their order.
+    pub fn suggested(&self) -> Vec<Assignment> {
+        self.suggested.values().cloned().collect()
+    }
+}
+
+impl Record {
+    fn end(&mut self, time: f64, seconds: f64) {
+        self.seconds += seconds;
+        self.stop = self.stop.max(time);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn event(time: f64, event: Event) -> Line {
+        Line { time, event }
+    }
+
+    fn started(time: f64, step: usize) -> Line {
+        event(time, Event::Started { trial: "a".into(), step })
+    }
+
+    fn ledger(lines: impl IntoIterator<Item = Line>) -> Ledger {
+        let mut ledger = Ledger::default();
+        lines.into_iter().for_each(|line| ledger.add(line));
+        ledger
+    }
+
+    #[test]
+    fn a_torn_line_is_not_read_and_hides_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut journal = Journal::create(folder.path()).unwrap();
+        journal.add(Event::Started { trial: "a".into(), step: 0 }).unwrap();
+        let path = journal.path.clone();
+        let torn = "{\"time\":1.0,\"event\":\"done\",\"trial\":\"a\",\"measu";
+        journal.file.write_all(torn.as_bytes()).unwrap();
+        let mut ledger = Ledger::open(folder.path()).unwrap();
+        assert!(ledger.records["a"].done.is_none() && ledger.records["a"].is_open());
+        // The worker that comes after a kill has a file of its own.
+        let mut other = Journal::create(folder.path()).unwrap();
+        other.add(Event::Done { trial: "a".into(), measures: Measures::new(), seconds: 2.0 }).unwrap();
+        ledger.refresh().unwrap();
+        assert!(ledger.records["a"].done.is_some());
+        // A line that was only slow is read once it is whole.
+        let rest = &torn.replace("measu", "measures\":{},\"seconds\":3.0}\n")[torn.len()..];
+        OpenOptions::new().append(true).open(path).unwrap().write_all(rest.as_bytes()).unwrap();
+        ledger.refresh().unwrap();
+        assert_eq!(ledger.records["a"].seconds, 5.0);
+    }
+
+    #[test]
+    fn the_order_of_files_does_not_matter() {
+        let failed = event(2.0, Event::Failed { trial: "a".into(), reason: "no".into() });
+        let retry = event(3.0, Event::Retry { trial: "a".into() });
+        for lines in [[failed.clone(), retry.clone()], [retry, failed.clone()]] {
+            assert_eq!(ledger(lines).records["a"].failure(), None);
+        }
+        let again = event(4.0, Event::Failed { trial: "a".into(), reason: "still".into() });
+        assert_eq!(ledger([again, failed]).records["a"].failure().as_deref(), Some("still"));
+    }
+
+    #[test]
+    fn a_trial_that_ends_again_and_again_without_a_word_has_failed() {
+        let starts = |steps: &[usize]| ledger(steps.iter().enumerate().map(|(k, &step)| started(1.0 + k as f64, step)));
+        assert!(starts(&[0; 5]).records["a"].failure().is_none());
+        assert!(starts(&[7; 6]).records["a"].failure().unwrap().contains("after step 7"));
+        assert!(starts(&[0, 0, 0, 5, 5, 5, 9, 9]).records["a"].failure().is_none(), "it gets on");
+        let stopped = event(50.0, Event::Stopped { trial: "a".into(), step: 0, seconds: 1.0 });
+        assert!(ledger((0..9).map(|k| started(f64::from(k), 0)).chain([stopped])).records["a"].failure().is_none());
+    }
+}

@@ -1,0 +1,248 @@
+//! A sweep on this machine: several worker processes, and what they say of themselves.
+
+use std::{
+    collections::HashMap,
+    fs::OpenOptions,
+    io::{BufRead, BufReader},
+    process::{Child, Command, ExitStatus, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, Sender, channel},
+    },
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+
+use super::{
+    Sweep,
+    arguments::{Checkpoints, Place},
+    jobs,
+    worker::Tick,
+};
+use crate::{arguments::make_folder, progress};
+
+/// Work off what is missing, in several processes.
+#[derive(Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    place: Place,
+    #[command(flatten)]
+    checkpoints: Checkpoints,
+    /// Worker processes; the cores are shared out among them.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: u16,
+    /// Threads of each worker. Default: its share of the cores.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+}
+
+/// What a worker says.
+enum Message {
+    /// How far it is.
+    Tick(usize, Tick),
+    /// Its output has ended.
+    End(usize),
+}
+
+/// Runs workers until nothing is left to do.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let stop = progress::stop_flag()?;
+    let sweep = arguments.place.open()?;
+    make_folder(&sweep.folder.logs())?;
+    let mut crew = Crew::new(arguments, sweep, stop);
+    crew.run()?;
+    crew.conclude()
+}
+
+/// Workers, and what is shown of them.
+struct Crew<'a> {
+    arguments: &'a Arguments,
+    sweep: Sweep,
+    stop: Arc<AtomicBool>,
+    workers: HashMap<usize, Child>,
+    started: usize,
+    bars: HashMap<usize, ProgressBar>,
+    all: MultiProgress,
+    total: ProgressBar,
+    send: Sender<Message>,
+    receive: Receiver<Message>,
+}
+
+/// Time between two looks at the journals.
+const LOOK: Duration = Duration::from_millis(500);
+
+impl<'a> Crew<'a> {
+    fn new(arguments: &'a Arguments, sweep: Sweep, stop: Arc<AtomicBool>) -> Self {
+        let (send, receive) = channel();
+        let all = MultiProgress::new();
+        let total = all.add(ProgressBar::new(0));
+        total.set_style(style("{prefix:>12} [{bar:32}] {pos}/{len} trials  {elapsed} done, {msg}"));
+        total.set_prefix("sweep");
+        let (workers, bars) = (HashMap::new(), HashMap::new());
+        Self { arguments, sweep, stop, workers, started: 0, bars, all, total, send, receive }
+    }
+
+    /// Starts workers, shows what they say, and starts others in the place of those that were killed.
+    fn run(&mut self) -> Result<()> {
+        let begun = Instant::now();
+        let over_before = self.over();
+        for _ in 0..self.arguments.jobs {
+            self.start()?;
+        }
+        let mut looked = Instant::now();
+        while !self.workers.is_empty() {
+            match self.receive.recv_timeout(LOOK) {
+                Ok(Message::Tick(worker, tick)) => self.show(worker, &tick),
+                Ok(Message::End(worker)) => self.end(worker)?,
+                Err(_) => {}
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                // The end of their input asks workers to stop.
+                self.workers.values_mut().for_each(|worker| drop(worker.stdin.take()));
+            }
+            if looked.elapsed() > LOOK {
+                looked = Instant::now();
+                self.sweep.refresh()?;
+                self.show_total(begun, over_before);
+            }
+        }
+        self.sweep.refresh()?;
+        self.total.finish_and_clear();
+        Ok(())
+    }
+
+    fn start(&mut self) -> Result<()> {
+        let number = self.started;
+        self.started += 1;
+        let log = self.sweep.folder.logs().join(format!("worker-{}.log", number % usize::from(self.arguments.jobs)));
+        let log = OpenOptions::new().create(true).append(true).open(&log).with_context(|| log.display().to_string())?;
+        let mut command = Command::new(std::env::current_exe().context("the program's own file")?);
+        command.args(["sweep", "work"]).arg(&self.arguments.place.space).arg("--out").arg(self.sweep.folder.path());
+        command.arg("--checkpoint-every").arg(self.arguments.checkpoints.checkpoint_every.to_string());
+        command.env("RAYON_NUM_THREADS", self.threads().to_string());
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(log);
+        let mut worker = command.spawn().context("a worker cannot be started")?;
+        let output = worker.stdout.take().context("a worker's output")?;
+        let send = self.send.clone();
+        std::thread::spawn(move || {
+            for line in BufReader::new(output).lines() {
+                let Ok(line) = line else { break };
+                if let Ok(tick) = serde_json::from_str(&line)
+                    && send.send(Message::Tick(number, tick)).is_err()
+                {
+                    break;
+                }
+            }
+            // Nobody listens any more where the program is about to end.
+            let _ = send.send(Message::End(number));
+        });
+        let bar = self.all.insert_before(&self.total, ProgressBar::new(1));
+        bar.set_style(style("{prefix:>12} [{bar:32}] {percent:>3}%  {eta} left  {msg}"));
+        bar.set_prefix(format!("worker {number}"));
+        self.bars.insert(number, bar);
+        self.workers.insert(number, worker);
+        Ok(())
+    }
+
+    /// Its share of the cores.
+    fn threads(&self) -> usize {
+        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        self.arguments.threads.map_or((cores / usize::from(self.arguments.jobs)).max(1), usize::from)
+    }
+
+    /// A worker is gone: in order, if there was nothing left for it; else another takes its place.
+    fn end(&mut self, number: usize) -> Result<()> {
+        if let Some(bar) = self.bars.remove(&number) {
+            bar.finish_and_clear();
+            self.all.remove(&bar);
+        }
+        let Some(mut worker) = self.workers.remove(&number) else { return Ok(()) };
+        let status = worker.wait().context("a worker")?;
+        if status.success() || self.stop.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        // An exit status is a worker's own error, which another one would have too.
+        ensure!(
+            was_killed(status),
+            "a worker ended with {status}; its messages are in {}",
+            self.sweep.folder.logs().display()
+        );
+        self.all.suspend(|| eprintln!("note: a worker was ended by {status}; another takes its place"));
+        self.start()
+    }
+
+    fn show(&mut self, number: usize, tick: &Tick) {
+        let Some(bar) = self.bars.get(&number) else { return };
+        if !bar.message().starts_with(&tick.trial) {
+            bar.reset();
+            bar.set_message(tick.trial.clone());
+        }
+        bar.set_length(tick.steps as u64);
+        bar.set_position(tick.step as u64);
+        if let Some(variance) = tick.variance {
+            bar.set_message(format!("{}, relative variance {variance:.4}", tick.trial));
+        }
+    }
+
+    fn over(&self) -> usize {
+        (0..self.sweep.plan.trials.len())
+            .filter(|&trial| jobs::is_over(&self.sweep.plan, &self.sweep.ledger, trial))
+            .count()
+    }
+
+    fn show_total(&self, begun: Instant, over_before: usize) {
+        let (over, all) = (self.over(), self.sweep.plan.trials.len());
+        self.total.set_length(all as u64);
+        self.total.set_position(over as u64);
+        let left = match over - over_before {
+            0 => "time left unknown".to_owned(),
+            done => format!("{:.0} s left", begun.elapsed().as_secs_f64() * (all - over) as f64 / done as f64),
+        };
+        self.total.set_message(left);
+    }
+
+    /// The end in a sentence; an error where something failed or is left.
+    fn conclude(&self) -> Result<()> {
+        let (plan, ledger) = (&self.sweep.plan, &self.sweep.ledger);
+        let records = || plan.trials.iter().filter_map(|trial| ledger.record(&trial.id));
+        let done = records().filter(|record| record.done.is_some()).count();
+        let failed = records().filter(|record| record.failure().is_some()).count();
+        let all = plan.trials.len();
+        if self.stop.load(Ordering::Relaxed) {
+            let left = format!("{done} of {all} trials are done; the same command goes on from their checkpoints");
+            bail!(progress::Interrupted::new(left));
+        }
+        ensure!(
+            failed == 0,
+            "{failed} of {all} trials failed; `headtail sweep status` names them, `retry` lets them be tried again"
+        );
+        let open = jobs::jobs(&self.sweep.space, plan, ledger).len();
+        ensure!(open == 0, "{open} trials are left to another sweep that works in this folder");
+        println!("{done} of {all} trials are done in {}", self.sweep.folder.path().display());
+        Ok(())
+    }
+}
+
+impl Drop for Crew<'_> {
+    /// After an error, workers stop at the end of their input; they are waited for, so that none is left behind.
+    fn drop(&mut self) {
+        for worker in self.workers.values_mut() {
+            drop(worker.stdin.take());
+            // It is gone already where waiting fails.
+            let _ = worker.wait();
+        }
+    }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> ")
+}
+
+/// Whether a signal ended a process.
+fn was_killed(status: ExitStatus) -> bool {
+    status.code().is_none()
+}

@@ -1,0 +1,202 @@
+//! From a space to its trials.
+
+use std::collections::{BTreeMap, HashMap};
+
+use anyhow::{Context, Result, ensure};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use toml::Value;
+
+use super::{
+    axis::Axis,
+    space::{Assignment, Method, Space},
+};
+use crate::run::{RunConfig, RunTable};
+
+/// More trials than this are a mistake.
+const MOST_TRIALS: usize = 1_000_000;
+
+/// One run of a sweep.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trial {
+    /// Hash of the resolved settings and the program's version.
+    pub id: String,
+    /// What it sets.
+    pub assignment: Assignment,
+    /// The configuration that it is a trial of: an index into [`Plan::configurations`].
+    pub configuration: usize,
+}
+
+/// A configuration and its trials, one for each seed, map, ...
+#[derive(Clone, Debug, PartialEq)]
+pub struct Configuration {
+    /// What it sets.
+    pub assignment: Assignment,
+    /// Indices into [`Plan::trials`].
+    pub trials: Vec<usize>,
+}
+
+/// All trials of a space.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Plan {
+    /// In the order in which they are begun.
+    pub trials: Vec<Trial>,
+    /// In the same order.
+    pub configurations: Vec<Configuration>,
+}
+
+impl Plan {
+    /// The plan of a space; adaptive search has planned the configurations that it `suggested` so far.
+    ///
+    /// # Errors
+    /// If there are too many trials, or the settings of one are wrong.
+    pub fn new(space: &Space, suggested: &[Assignment]) -> Result<Self> {
+        let searched: Vec<&Axis> = space.searched().collect();
+        let configurations = match space.search.method {
+            Method::Product => product(&searched)?,
+            Method::Zip => zip(&searched)?,
+            Method::Random => (0..space.search.n).map(|number| drawn(space, number as u64)).collect(),
+            Method::Tpe => suggested.to_vec(),
+        };
+        let replicates = product(&space.replicated().collect::<Vec<_>>())?;
+        let count = configurations.len().saturating_mul(replicates.len());
+        ensure!(count <= MOST_TRIALS, "the space has {count} trials; at most {MOST_TRIALS} are planned");
+
+        let mut plan = Self::default();
+        // The same configuration can come about twice: by draws, or where a condition drops what differs.
+        let mut known: HashMap<String, ()> = HashMap::new();
+        for assignment in configurations {
+            let assignment = space.active(assignment);
+            if known.insert(text(&assignment), ()).is_none() {
+                plan.configurations.push(Configuration { assignment, trials: Vec::new() });
+            }
+        }
+        let of_configuration = |(index, configuration): (usize, &Configuration)| {
+            let trial = |replicate: &Assignment| {
+                let mut assignment = configuration.assignment.clone();
+                assignment.extend(replicate.clone());
+                let run = resolve(space, &assignment)?;
+                Ok(Trial { id: identity(&run)?, assignment, configuration: index })
+            };
+            replicates.iter().map(trial).collect::<Result<Vec<_>>>()
+        };
+        let trials: Vec<Vec<Trial>> =
+            plan.configurations.par_iter().enumerate().map(of_configuration).collect::<Result<_>>()?;
+        // Settings that only look different (0.5 and 5e-1) have one trial.
+        let mut ids: HashMap<String, usize> = HashMap::new();
+        for trial in trials.into_iter().flatten() {
+            let next = plan.trials.len();
+            let index = *ids.entry(trial.id.clone()).or_insert(next);
+            plan.configurations[trial.configuration].trials.push(index);
+            if index == next {
+                plan.trials.push(trial);
+            }
+        }
+        Ok(plan)
+    }
+}
+
+/// The run of a trial.
+///
+/// # Errors
+/// Names the values of the assignment, and what is wrong.
+pub fn resolve(space: &Space, assignment: &Assignment) -> Result<RunConfig> {
+    let run = space.table(assignment).and_then(|table| RunTable::new("run", table)?.resolve());
+    run.with_context(|| format!("the trial {{{}}}", text(assignment)))
+}
+
+/// The first 64 bits of the hash of a run.
+fn identity(run: &RunConfig) -> Result<String> {
+    Ok(run.hash()?[..16].to_owned())
+}
+
+/// An assignment in words: `head.bins = 8, learning_rate = 0.004`.
+pub fn text(assignment: &Assignment) -> String {
+    assignment.iter().map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>().join(", ")
+}
+
+/// The draw number `number` of random search.
+pub fn drawn(space: &Space, number: u64) -> Assignment {
+    let mut random = stream(space.search.seed, number);
+    space.searched().map(|axis| (axis.key.clone(), axis.draw(&mut random))).collect()
+}
+
+/// The random numbers of a draw.
+pub fn stream(seed: u64, number: u64) -> ChaCha8Rng {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(number);
+    random
+}
+
+fn product(axes: &[&Axis]) -> Result<Vec<Assignment>> {
+    let grids = axes.iter().map(|axis| Ok((&axis.key, axis.grid()?))).collect::<Result<Vec<_>>>()?;
+    let count = grids.iter().fold(1_usize, |count, (_, values)| count.saturating_mul(values.len()));
+    ensure!(count <= MOST_TRIALS, "the product has {count} configurations; at most {MOST_TRIALS} are planned");
+    let mut all = vec![Assignment::new()];
+    for (key, values) in grids {
+        let with = |assignment: &Assignment, value: &Value| {
+            let mut assignment = assignment.clone();
+            assignment.insert(key.clone(), value.clone());
+            assignment
+        };
+        all = all.iter().flat_map(|assignment| values.iter().map(|value| with(assignment, value))).collect();
+    }
+    Ok(all)
+}
+
+fn zip(axes: &[&Axis]) -> Result<Vec<Assignment>> {
+    let grids: BTreeMap<&String, Vec<Value>> =
+        axes.iter().map(|axis| Ok((&axis.key, axis.grid()?))).collect::<Result<_>>()?;
+    let Some(count) = grids.values().map(Vec::len).next() else { return Ok(vec![Assignment::new()]) };
+    for (key, values) in &grids {
+        ensure!(values.len() == count, "zip: `{key}` has {} values, another axis {count}", values.len());
+    }
+    let row = |index: usize| grids.iter().map(|(key, values)| ((*key).clone(), values[index].clone())).collect();
+    Ok((0..count).map(row).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(axes: &str) -> Result<Plan> {
+        let text = format!("objectives = ['relative_variance']\n[run]\nenv = 'studio'\n[axes]\n{axes}");
+        Plan::new(&Space::parse(&text)?, &[])
+    }
+
+    #[test]
+    fn products_zips_and_draws_have_their_number_of_trials() {
+        let axes = "steps = [1, 2, 3]\nseed = [0, 1, 2]\n";
+        assert_eq!(plan(axes).unwrap().trials.len(), 9);
+        assert_eq!(plan(&format!("{axes}[search]\nmethod = 'zip'")).unwrap().trials.len(), 3);
+        let over = plan(&format!("{axes}[aggregate]\nover = ['seed']")).unwrap();
+        assert_eq!((over.configurations.len(), over.trials.len()), (3, 9));
+        let random = plan("learning_rate = { log = [1e-3, 1e-1] }\n[search]\nmethod = 'random'\nn = 20").unwrap();
+        assert_eq!(random.trials.len(), 20);
+        let error = plan("steps = [1, 2]\nseed = [0]\n[search]\nmethod = 'zip'").unwrap_err();
+        assert!(error.to_string().contains("zip"), "{error}");
+    }
+
+    #[test]
+    fn a_setting_that_does_not_apply_makes_no_trials() {
+        let axes = "loss = ['forward-kl', 'log-chi-square']\nentropic = { values = [0.0, 1e-4], when = { loss = 'forward-kl' } }";
+        assert_eq!(plan(axes).unwrap().trials.len(), 3);
+    }
+
+    #[test]
+    fn a_changed_space_keeps_the_trials_that_it_shares() {
+        let ids = |axes: &str| plan(axes).unwrap().trials.into_iter().map(|trial| trial.id).collect::<Vec<_>>();
+        let (small, large) = (ids("head.bins = [4, 8]"), ids("head.bins = [8, 4, 16]\nseed = [0]"));
+        assert_eq!((&small[0], &small[1]), (&large[1], &large[0]));
+        assert_ne!(ids("head.bins = [4]"), ids("head.bins = [4]\nseed = [1]"));
+    }
+
+    #[test]
+    fn a_wrong_trial_is_named() {
+        let error = format!("{:#}", plan("head.bins = [4, -1]").unwrap_err());
+        assert!(error.contains("head.bins = -1"), "{error}");
+        let error = format!("{:#}", plan("head.bin = [4]").unwrap_err());
+        assert!(error.contains("`head.bin`"), "{error}");
+    }
+}

@@ -1,0 +1,251 @@
+//! The page of a sweep: one file that needs nothing but itself. The table and the charts are drawn by its script from the data in it.
+
+use std::collections::BTreeMap;
+
+use anyhow::Result;
+use serde::Serialize;
+use toml::Value;
+
+use super::{
+    Sweep,
+    axis::{Axis, Values},
+    collect::{self, Row, plain},
+    effect::{Effect, effects, is_map, relative},
+    forest,
+    status::State,
+};
+use crate::{
+    compare::machine,
+    report::{html, number::escape},
+    run,
+};
+
+const STYLE: &str = include_str!("report/page.css");
+const SCRIPT: &str = include_str!("report/page.js");
+const BODY: &str = include_str!("report/body.html");
+
+/// Trials whose learning curves are drawn: the best ones.
+const CURVES: usize = 40;
+
+/// What the script draws from.
+#[derive(Serialize)]
+struct Data {
+    objectives: Vec<String>,
+    axes: Vec<AxisData>,
+    trials: Vec<TrialData>,
+    configurations: Vec<ConfigurationData>,
+    curves: Vec<Curve>,
+    effects: Vec<(String, Vec<Effect>)>,
+    importance: Option<Importance>,
+    /// Whether intervals are over seeds; else over trials.
+    has_seeds: bool,
+}
+
+#[derive(Serialize)]
+struct AxisData {
+    key: String,
+    log: bool,
+    /// Values in words, where they are no numbers.
+    words: Option<Vec<String>>,
+}
+
+#[derive(Serialize)]
+struct TrialData {
+    id: String,
+    state: String,
+    configuration: usize,
+    /// One for each axis: a number, an index into the words, or nothing.
+    at: Vec<Option<f64>>,
+    /// One for each objective.
+    figures: Vec<Option<f64>>,
+    seconds: f64,
+    folder: String,
+    error: String,
+}
+
+/// A configuration whose trials all are done.
+#[derive(Serialize)]
+struct ConfigurationData {
+    index: usize,
+    name: String,
+    figures: Vec<f64>,
+    /// Whether no other is at least as good in everything and better in something.
+    front: bool,
+    trials: Vec<usize>,
+}
+
+#[derive(Serialize)]
+struct Curve {
+    trial: usize,
+    points: Vec<(f64, f64)>,
+}
+
+#[derive(Serialize)]
+struct Importance {
+    objective: String,
+    explained: f64,
+    trees: usize,
+    shares: Vec<(String, f64)>,
+}
+
+/// The whole page.
+pub fn page(sweep: &Sweep, command: &str) -> Result<String> {
+    let rows = collect::rows(sweep);
+    let data = data(sweep, &rows);
+    let count = |state: State| rows.iter().filter(|row| row.state == state).count();
+    let name = sweep.folder.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let facts = [
+        format!("{} of {} trials done", count(State::Done), rows.len()),
+        format!("{} configurations", sweep.plan.configurations.len()),
+        format!("{} failed", count(State::Failed)),
+        machine(),
+        format!("headtail {}", env!("CARGO_PKG_VERSION")),
+    ];
+    let facts: String = facts.iter().map(|fact| format!("<li>{}</li>", escape(fact))).collect();
+    // Within a script element only `<` could end it.
+    let data = serde_json::to_string(&data)?.replace('<', "\\u003c");
+    let head = html::head(env!("CARGO_PKG_VERSION"), &format!("{name} \u{b7} headtail sweep"));
+    let head = head.replacen("</style>", &format!("{STYLE}</style>"), 1);
+    Ok(format!(
+        "{head}<body>\n<header>\n<p class=\"kicker\">headtail \u{b7} sweep</p>\n<h1>{}</h1>\n<ul class=\"facts\">{facts}</ul>\n\
+         <pre class=\"command\" tabindex=\"0\" aria-label=\"Command\"><code>{}</code></pre>\n</header>\n{BODY}\
+         <script type=\"application/json\" id=\"data\">{data}</script>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n",
+        escape(&name),
+        escape(command),
+    ))
+}
+
+fn data(sweep: &Sweep, rows: &[Row<'_>]) -> Data {
+    let objectives: Vec<String> = sweep.space.objectives.iter().map(ToString::to_string).collect();
+    let first = &objectives[0];
+    let axes: Vec<AxisData> = sweep.space.axes.iter().map(|axis| AxisData::of(axis, rows)).collect();
+    let places = |row: &Row<'_>| -> Vec<Option<f64>> {
+        let values = sweep.space.axes.iter().map(|axis| row.trial.assignment.get(&axis.key));
+        values.zip(&axes).map(|(value, axis)| axis.place(value?)).collect()
+    };
+    let trials: Vec<TrialData> = rows
+        .iter()
+        .map(|row| TrialData {
+            id: row.trial.id.clone(),
+            state: row.state.to_string(),
+            configuration: row.trial.configuration,
+            at: places(row),
+            figures: objectives
+                .iter()
+                .map(|name| row.measures?.get(name).copied().filter(|value| value.is_finite()))
+                .collect(),
+            seconds: row.seconds,
+            folder: format!("trials/{}", row.trial.id),
+            error: row.error.clone(),
+        })
+        .collect();
+    let settings = sweep.space.axes.iter().filter(|axis| !is_map(sweep, axis));
+    let effects = settings.map(|axis| (axis.key.clone(), effects(sweep, rows, axis, first)));
+    Data {
+        configurations: configurations(sweep, rows, &objectives),
+        curves: curves(sweep, &trials),
+        effects: effects.filter(|(_, effects)| !effects.is_empty()).collect(),
+        importance: importance(sweep, &axes, rows, first),
+        has_seeds: sweep.space.axes.iter().any(|axis| axis.key == "seed"),
+        objectives,
+        axes,
+        trials,
+    }
+}
+
+impl AxisData {
+    fn of(axis: &Axis, rows: &[Row<'_>]) -> Self {
+        let seen = || rows.iter().filter_map(|row| row.trial.assignment.get(&axis.key));
+        let is_number = seen().all(|value| number(value).is_some());
+        let log = match &axis.values {
+            Values::Range { log, .. } => *log,
+            // Values that span a factor of ten and more are told apart on a logarithmic axis.
+            Values::List(_) => {
+                let numbers: Vec<f64> = seen().filter_map(number).collect();
+                let low = numbers.iter().copied().fold(f64::INFINITY, f64::min);
+                low > 0.0 && numbers.iter().any(|&value| value >= 10.0 * low)
+            }
+        };
+        let words = match &axis.values {
+            Values::List(values) if !is_number => Some(values.iter().map(plain).collect()),
+            _ => None,
+        };
+        Self { key: axis.key.clone(), log: log && words.is_none(), words }
+    }
+
+    fn place(&self, value: &Value) -> Option<f64> {
+        match &self.words {
+            Some(words) => words.iter().position(|word| *word == plain(value)).map(|index| index as f64),
+            None => number(value),
+        }
+    }
+}
+
+fn number(value: &Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
+}
+
+/// The configurations all of whose trials are done, and which of them are on the Pareto front.
+fn configurations(sweep: &Sweep, rows: &[Row<'_>], objectives: &[String]) -> Vec<ConfigurationData> {
+    let by_id: BTreeMap<&str, usize> =
+        rows.iter().enumerate().map(|(index, row)| (row.trial.id.as_str(), index)).collect();
+    let mut found = Vec::new();
+    for (index, configuration) in sweep.plan.configurations.iter().enumerate() {
+        let trials: Vec<usize> = configuration
+            .trials
+            .iter()
+            .filter_map(|&trial| by_id.get(sweep.plan.trials[trial].id.as_str()).copied())
+            .collect();
+        let figure = |name: &String| {
+            let of = |&row: &usize| rows[row].measures.filter(|_| rows[row].state == State::Done)?.get(name).copied();
+            let figures: Option<Vec<f64>> = trials.iter().map(of).collect();
+            figures.map(|figures| sweep.space.aggregate.by.of(&figures)).filter(|figure| figure.is_finite())
+        };
+        let figures: Option<Vec<f64>> = objectives.iter().map(figure).collect();
+        let Some(figures) = figures else { continue };
+        let name = super::plan::text(&configuration.assignment);
+        found.push(ConfigurationData { index, name, figures, front: false, trials });
+    }
+    let front: Vec<bool> =
+        found.iter().map(|own| !found.iter().any(|other| dominates(&other.figures, &own.figures))).collect();
+    found.iter_mut().zip(front).for_each(|(own, front)| own.front = front);
+    found
+}
+
+fn dominates(a: &[f64], b: &[f64]) -> bool {
+    a.iter().zip(b).all(|(a, b)| a <= b) && a.iter().zip(b).any(|(a, b)| a < b)
+}
+
+/// Relative variance against steps, of the best trials.
+fn curves(sweep: &Sweep, trials: &[TrialData]) -> Vec<Curve> {
+    let mut order: Vec<usize> = (0..trials.len()).filter(|&trial| trials[trial].figures[0].is_some()).collect();
+    order
+        .sort_by(|&a, &b| trials[a].figures[0].partial_cmp(&trials[b].figures[0]).unwrap_or(std::cmp::Ordering::Equal));
+    let read = |trial: usize| {
+        let text = std::fs::read_to_string(sweep.folder.trial(&trials[trial].id).join(run::METRICS)).ok()?;
+        let point = |line: &str| {
+            let row: serde_json::Value = serde_json::from_str(line).ok()?;
+            Some((row["step"].as_f64()?, row["relative_variance"].as_f64()?))
+        };
+        let points: Vec<(f64, f64)> = text.lines().filter_map(point).collect();
+        (points.len() > 1).then_some(Curve { trial, points })
+    };
+    order.into_iter().take(CURVES).filter_map(read).collect()
+}
+
+/// The importance of every setting that tells comparable trials apart.
+fn importance(sweep: &Sweep, axes: &[AxisData], rows: &[Row<'_>], objective: &str) -> Option<Importance> {
+    let settings: Vec<(&Axis, &AxisData)> =
+        sweep.space.axes.iter().zip(axes).filter(|(axis, _)| !is_map(sweep, axis)).collect();
+    let place = |row: &Row<'_>, (axis, data): &(&Axis, &AxisData)| {
+        row.trial.assignment.get(&axis.key).and_then(|value| data.place(value)).unwrap_or(f64::NAN)
+    };
+    let known = relative(sweep, rows, objective);
+    let columns: Vec<Vec<f64>> =
+        known.iter().map(|(row, _)| settings.iter().map(|setting| place(row, setting)).collect()).collect();
+    let values: Vec<f64> = known.iter().map(|(_, log)| *log).collect();
+    let (shares, explained) = forest::importance(&columns, &values, 0)?;
+    let mut shares: Vec<(String, f64)> = settings.iter().map(|(axis, _)| axis.key.clone()).zip(shares).collect();
+    shares.sort_by(|a, b| b.1.total_cmp(&a.1));
+    Some(Importance { objective: objective.to_owned(), explained, trees: forest::TREES, shares })
+}

@@ -1,0 +1,202 @@
+//! A sweep on a cluster under Slurm: one array job, whose tasks take trials as workers do anywhere.
+
+use std::{
+    fs::{self, OpenOptions},
+    io::Write,
+    path::Path,
+    process::{Command, Output},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Sweep,
+    arguments::{Checkpoints, Place},
+    jobs,
+    worker::{self, Manner},
+};
+use crate::{arguments::make_folder, progress};
+
+/// Send one array job to Slurm, print its number and return.
+#[derive(Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    place: Place,
+    #[command(flatten)]
+    checkpoints: Checkpoints,
+    /// Tasks of the array; each takes trials until none is left. Default: one for each open trial, up to 1000.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    tasks: Option<u32>,
+    /// Tasks that run at one time. Default: as many as there is room for.
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
+    at_once: Option<u32>,
+    /// An option for sbatch, as in --sbatch=--time=4:00:00; may be repeated. Lines of SPACE.toml that begin with #SBATCH are passed on too.
+    #[arg(long, value_name = "OPTION", allow_hyphen_values = true)]
+    sbatch: Vec<String>,
+    /// Write the job's script and send nothing.
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// A job that was sent, as a line of the folder's list.
+#[derive(Serialize, Deserialize)]
+struct Sent {
+    job: String,
+    tasks: u32,
+}
+
+const SENT: &str = "slurm.jsonl";
+const SCRIPT: &str = "slurm.sh";
+/// Most tasks by default: what a Slurm of usual settings takes as one array.
+const MOST_TASKS: usize = 1000;
+
+/// Writes the script and sends it.
+pub fn submit(arguments: &Arguments) -> Result<()> {
+    let sweep = arguments.place.open()?;
+    let open = (0..sweep.plan.trials.len()).filter(|&trial| !jobs::is_over(&sweep.plan, &sweep.ledger, trial)).count();
+    let open = if sweep.wants_suggestions() { open.max(8) } else { open };
+    ensure!(open > 0, "no trial is left to do");
+    let tasks = arguments.tasks.unwrap_or(open.min(MOST_TASKS) as u32);
+    make_folder(&sweep.folder.logs())?;
+    let script = sweep.folder.path().join(SCRIPT);
+    headtail_render::file::replace(&script, text(arguments, &sweep, tasks)?.as_bytes())?;
+    if arguments.dry_run {
+        println!("{} written", script.display());
+        return Ok(());
+    }
+    let output = Command::new("sbatch").arg("--parsable").arg(&script).output();
+    let output = output.context("sbatch: Slurm's client is not to be found on this machine")?;
+    ensure!(output.status.success(), "sbatch: {}", String::from_utf8_lossy(&output.stderr).trim());
+    let answer = String::from_utf8_lossy(&output.stdout);
+    // On a federation, the number is followed by the cluster's name.
+    let job = answer.trim().split(';').next().unwrap_or_default().to_owned();
+    let mut list = OpenOptions::new().create(true).append(true).open(sweep.folder.path().join(SENT))?;
+    list.write_all((serde_json::to_string(&Sent { job: job.clone(), tasks })? + "\n").as_bytes())?;
+    println!("{job}");
+    Ok(())
+}
+
+/// The job's script.
+fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
+    let absolute = |path: &Path| -> Result<String> {
+        let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
+        Ok(quoted(&path.display().to_string()))
+    };
+    let here = std::env::current_dir().context("the working folder")?;
+    let program = std::env::current_exe().context("the program's own file")?;
+    let limit = arguments.at_once.map_or(String::new(), |at_once| format!("%{at_once}"));
+    let name = arguments.place.space.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let log = sweep.folder.logs().join("slurm-%A_%a.log");
+    let mut text = String::from("#!/bin/bash\n");
+    let own = [
+        format!("--job-name={}", quoted(&name)),
+        format!("--array=0-{}{limit}", tasks - 1),
+        "--requeue".into(),
+        "--open-mode=append".into(),
+        // Two minutes before the time is up, and to the program itself: it takes the shell's place.
+        "--signal=B:USR1@120".into(),
+        format!("--output={}", absolute(&log)?),
+    ];
+    let file =
+        fs::read_to_string(&arguments.place.space).with_context(|| arguments.place.space.display().to_string())?;
+    let lines = file.lines().filter_map(|line| line.strip_prefix("#SBATCH ")).map(|line| line.trim().to_owned());
+    // Of an option that is given twice, the last one counts.
+    for option in own.into_iter().chain(lines).chain(arguments.sbatch.iter().cloned()) {
+        ensure!(!option.contains('\n'), "--sbatch: an option is one line");
+        text += &format!("#SBATCH {option}\n");
+    }
+    text += &format!("cd {}\n", absolute(&here)?);
+    text += "export RAYON_NUM_THREADS=\"${SLURM_CPUS_PER_TASK:-1}\"\n";
+    text += &format!(
+        "exec {} sweep work {} --out {} --task --checkpoint-every {}\n",
+        absolute(&program)?,
+        absolute(&arguments.place.space)?,
+        absolute(sweep.folder.path())?,
+        arguments.checkpoints.checkpoint_every
+    );
+    Ok(text)
+}
+
+/// A word for the shell.
+fn quoted(text: &str) -> String {
+    let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:,=+%".contains(c));
+    if plain && !text.is_empty() { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
+}
+
+/// A task of the array: a worker that asks to be queued again when it is told to stop.
+pub fn task(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result<()> {
+    progress::stop_at_user_signal()?;
+    let ended = worker::work(sweep, manner, stop);
+    if stop.load(Ordering::Relaxed)
+        && let Ok(job) = std::env::var("SLURM_JOB_ID")
+    {
+        // A job that is being cancelled cannot be queued again, and should not.
+        let output = Command::new("scontrol").args(["requeue", &job]).output();
+        match output {
+            Ok(output) if output.status.success() => eprintln!("note: job {job} is queued again"),
+            Ok(Output { stderr, .. }) => {
+                eprintln!("note: job {job} is not queued again: {}", String::from_utf8_lossy(&stderr).trim());
+            }
+            Err(error) => eprintln!("note: job {job} is not queued again: scontrol: {error}"),
+        }
+    }
+    ended?;
+    let failed = sweep
+        .plan
+        .trials
+        .iter()
+        .filter_map(|trial| sweep.ledger.record(&trial.id))
+        .filter(|record| record.failure().is_some())
+        .count();
+    if failed > 0 {
+        bail!("{failed} trials of the sweep failed");
+    }
+    Ok(())
+}
+
+/// What Slurm says of the jobs that were sent; nothing where none was.
+pub fn print_status(sweep: &Sweep) -> Result<()> {
+    let list = sweep.folder.path().join(SENT);
+    let Ok(text) = fs::read_to_string(&list) else { return Ok(()) };
+    let jobs: Vec<String> =
+        text.lines().filter_map(|line| serde_json::from_str::<Sent>(line).ok()).map(|sent| sent.job).collect();
+    ensure!(!jobs.is_empty(), "{}: no line of it can be read", list.display());
+    let jobs = jobs.join(",");
+    let queue = answer("squeue", &["--noheader", "--array", "--jobs", &jobs, "--format", "%i %T"]);
+    let accounts = answer(
+        "sacct",
+        &["--noheader", "--allocations", "--parsable2", "--jobs", &jobs, "--format", "JobID,State,ExitCode"],
+    );
+    match (&queue, &accounts) {
+        (None, None) => println!("Slurm: jobs {jobs} were sent; neither squeue nor sacct says anything of them here"),
+        _ => {
+            queue.iter().flat_map(|text| text.lines()).for_each(|line| println!("squeue: {line}"));
+            accounts.iter().flat_map(|text| text.lines()).for_each(|line| println!("sacct: {line}"));
+        }
+    }
+    Ok(())
+}
+
+/// The output of a command that succeeds.
+fn answer(program: &str, arguments: &[&str]) -> Option<String> {
+    let output = Command::new(program).args(arguments).output().ok()?;
+    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_for_the_shell_are_quoted() {
+        assert_eq!(quoted("/a/b-c.toml"), "/a/b-c.toml");
+        assert_eq!(quoted("it's here"), "'it'\\''s here'");
+        assert_eq!(quoted("$(rm)"), "'$(rm)'");
+    }
+}

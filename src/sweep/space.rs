@@ -1,0 +1,369 @@
+//! The space of a sweep: fixed settings, axes, how they are searched, and what is wanted.
+
+use std::{collections::BTreeMap, fmt, path::Path};
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use super::axis::{Axis, axes_of};
+use crate::run::one_line;
+
+/// Values by dotted keys of a run: what a trial sets over the fixed settings.
+pub type Assignment = BTreeMap<String, Value>;
+
+/// A space, as its file describes it.
+#[derive(Clone, Debug)]
+pub struct Space {
+    /// What is wanted, all to be small; the first one decides where one number must.
+    pub objectives: Vec<Objective>,
+    /// Settings that all trials share.
+    pub run: Table,
+    /// What varies, in the order of the keys.
+    pub axes: Vec<Axis>,
+    /// How the axes are searched.
+    pub search: Search,
+    /// Early stopping of trials that are behind.
+    pub halving: Option<Halving>,
+    /// Over which axes a configuration is judged.
+    pub aggregate: Aggregate,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    objectives: Vec<Objective>,
+    run: Table,
+    axes: Table,
+    #[serde(default)]
+    search: Search,
+    halving: Option<Halving>,
+    #[serde(default)]
+    aggregate: Aggregate,
+}
+
+/// A figure that a run measures.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Objective(String);
+
+impl Objective {
+    const PLAIN: [&str; 6] = ["relative_variance", "kl", "ns_per_sample", "weights", "bytes", "training_seconds"];
+
+    /// The name, that of the figure in `measures.json`.
+    pub fn name(&self) -> &str {
+        &self.0
+    }
+
+    /// Whether validation gives it: it is then known after any step.
+    pub fn is_of_validation(&self) -> bool {
+        ["relative_variance", "kl"].contains(&self.name())
+    }
+}
+
+impl TryFrom<String> for Objective {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        let known = Self::PLAIN.contains(&text.as_str())
+            || text
+                .split_once(':')
+                .is_some_and(|(kind, view)| ["mse", "mse_at_time"].contains(&kind) && !view.is_empty());
+        if known {
+            return Ok(Self(text));
+        }
+        let plain = Self::PLAIN.join(", ");
+        Err(format!("'{text}' is no objective: there are {plain}, mse:VIEW and mse_at_time:VIEW"))
+    }
+}
+
+impl From<Objective> for String {
+    fn from(objective: Objective) -> Self {
+        objective.0
+    }
+}
+
+impl fmt::Display for Objective {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// How the axes are searched.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Search {
+    /// By which method.
+    pub method: Method,
+    /// Configurations of `random` and `tpe`.
+    pub n: usize,
+    /// Seed of `random` and `tpe`.
+    pub seed: u64,
+}
+
+impl Default for Search {
+    fn default() -> Self {
+        Self { method: Method::Product, n: 0, seed: 0 }
+    }
+}
+
+/// How configurations come about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Every combination.
+    Product,
+    /// The first values of all axes, the second ones, and so on.
+    Zip,
+    /// Independent draws.
+    Random,
+    /// Tree-structured Parzen estimators (Bergstra et al. 2011), one for each axis.
+    Tpe,
+}
+
+/// Asynchronous successive halving (Li et al. 2018) over steps.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Halving {
+    /// Steps after which configurations are compared; the last is the length of a whole run.
+    pub rungs: Vec<usize>,
+    /// One of this many goes on.
+    #[serde(default = "Halving::one_of_three")]
+    pub keep: usize,
+}
+
+impl Halving {
+    fn one_of_three() -> usize {
+        3
+    }
+
+    /// The steps of a whole run.
+    pub fn last(&self) -> usize {
+        self.rungs.last().copied().unwrap_or(0)
+    }
+}
+
+/// How a configuration is judged by its trials.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Aggregate {
+    /// Axes that every configuration goes through: seeds, maps.
+    pub over: Vec<String>,
+    /// What is made of their figures.
+    pub by: By,
+}
+
+/// One number from several.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum By {
+    /// Arithmetic.
+    Mean,
+    /// Of figures of different sizes, as those of different maps.
+    #[default]
+    GeometricMean,
+    /// The largest.
+    Worst,
+}
+
+impl By {
+    /// The one number; NaN of none.
+    pub fn of(self, values: &[f64]) -> f64 {
+        let count = values.len() as f64;
+        match self {
+            Self::Mean => values.iter().sum::<f64>() / count,
+            Self::GeometricMean => (values.iter().map(|value| value.ln()).sum::<f64>() / count).exp(),
+            Self::Worst => values.iter().copied().fold(f64::NAN, f64::max),
+        }
+    }
+}
+
+impl Space {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// One sentence that names the file and the key.
+    pub fn open(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+        Self::parse(&text).with_context(|| path.display().to_string())
+    }
+
+    /// Reads the text of a file.
+    ///
+    /// # Errors
+    /// One sentence that names the key.
+    pub fn parse(text: &str) -> Result<Self> {
+        let File { objectives, mut run, axes, search, halving, aggregate } =
+            toml::from_str(text).map_err(|error| anyhow!("{}", one_line(&error)))?;
+        let axes = axes_of(&axes)?;
+        ensure!(!objectives.is_empty(), "objectives: name at least one");
+        for name in &aggregate.over {
+            let axis = axes.iter().find(|axis| axis.key == *name);
+            let axis = axis.with_context(|| format!("aggregate.over: '{name}' is no axis"))?;
+            ensure!(
+                axis.grid().is_ok() && axis.when.is_empty(),
+                "aggregate.over: '{name}' must be a list without `when`"
+            );
+        }
+        let drawn = matches!(search.method, Method::Random | Method::Tpe);
+        ensure!(!drawn || (1..=1_000_000).contains(&search.n), "search.n: give the number of configurations, 1 to 1e6");
+        if !drawn {
+            axes.iter().try_for_each(|axis| axis.grid().map(|_| ()))?;
+        }
+        if let Some(halving) = &halving {
+            let rungs = &halving.rungs;
+            ensure!(
+                rungs.len() >= 2 && rungs[0] > 0 && rungs.is_sorted_by(|a, b| a < b),
+                "halving.rungs: give at least two steps, ascending"
+            );
+            ensure!(halving.keep >= 2, "halving.keep = {}, but it must be at least 2", halving.keep);
+            ensure!(
+                objectives[0].is_of_validation(),
+                "halving compares configurations by the first objective, which must be relative_variance or kl"
+            );
+            ensure!(!axes.iter().any(|axis| axis.key == "steps"), "halving.rungs take the place of the axis `steps`");
+            run.insert("steps".into(), Value::Integer(i64::try_from(halving.last()).context("halving.rungs")?));
+        }
+        if objectives.iter().any(|objective| objective.name() == "ns_per_sample") {
+            set(&mut run, "measure.time", Value::Boolean(true))?;
+        }
+        // The same settings give the same bytes.
+        set(&mut run, "export.reproducible", Value::Boolean(true))?;
+        let space = Self { objectives, run, axes, search, halving, aggregate };
+        space.check_views()?;
+        Ok(space)
+    }
+
+    /// Axes that a configuration is made of.
+    pub fn searched(&self) -> impl Iterator<Item = &Axis> {
+        self.axes.iter().filter(|axis| !self.aggregate.over.contains(&axis.key))
+    }
+
+    /// Axes that every configuration goes through.
+    pub fn replicated(&self) -> impl Iterator<Item = &Axis> {
+        self.axes.iter().filter(|axis| self.aggregate.over.contains(&axis.key))
+    }
+
+    /// The table of a run with the values of an assignment.
+    ///
+    /// # Errors
+    /// If a key leads through a value that is no table.
+    pub fn table(&self, assignment: &Assignment) -> Result<Table> {
+        let mut table = self.run.clone();
+        for (key, value) in assignment {
+            set(&mut table, key, value.clone())?;
+        }
+        Ok(table)
+    }
+
+    /// The assignment without the axes whose condition does not hold.
+    pub fn active(&self, mut assignment: Assignment) -> Assignment {
+        // An axis that is dropped can drop others; no chain is longer than the number of axes.
+        for _ in 0..self.axes.len() {
+            let holds = |key: &str, value: &Value| {
+                let found = assignment.get(key).or_else(|| get(&self.run, key));
+                found.is_some_and(|found| match value {
+                    Value::Array(values) => values.contains(found),
+                    value => value == found,
+                })
+            };
+            let off = |axis: &&Axis| !axis.when.iter().all(|(key, value)| holds(key, value));
+            let off: Vec<&str> = self.axes.iter().filter(off).map(|axis| axis.key.as_str()).collect();
+            let before = assignment.len();
+            assignment.retain(|key, _| !off.contains(&key.as_str()));
+            if assignment.len() == before {
+                break;
+            }
+        }
+        assignment
+    }
+
+    /// Checks that the views of objectives are measured.
+    fn check_views(&self) -> Result<()> {
+        let views = get(&self.run, "measure.views").and_then(Value::as_array).cloned().unwrap_or_default();
+        for objective in &self.objectives {
+            let Some((kind, name)) = objective.name().split_once(':') else { continue };
+            let budget = if kind == "mse" { "spp" } else { "seconds" };
+            let named = |view: &&Value| {
+                let of = |key: &str| view.get(key).and_then(Value::as_str);
+                of("name").or(of("scene")) == Some(name)
+            };
+            match views.iter().find(named) {
+                None => bail!("objectives: '{objective}' needs a view '{name}' in [[run.measure.views]]"),
+                Some(view) if view.get(budget).is_none() => {
+                    bail!("objectives: '{objective}' needs `{budget}` of the view '{name}'")
+                }
+                Some(_) => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The value at a dotted key.
+pub fn get<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
+    match key.split_once('.') {
+        Some((first, rest)) => get(table.get(first)?.as_table()?, rest),
+        None => table.get(key),
+    }
+}
+
+/// Sets the value at a dotted key.
+fn set(table: &mut Table, key: &str, value: Value) -> Result<()> {
+    match key.split_once('.') {
+        None => {
+            table.insert(key.to_owned(), value);
+            Ok(())
+        }
+        Some((first, rest)) => {
+            let inner = table.entry(first).or_insert_with(|| Value::Table(Table::new()));
+            let inner = inner.as_table_mut().with_context(|| format!("the key `{key}`: `{first}` is no table"))?;
+            set(inner, rest, value)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SMALL: &str = "objectives = ['relative_variance']\n[run]\nenv = 'studio'\n";
+
+    #[test]
+    fn mistakes_are_named() {
+        for (text, named) in [
+            ("objectives = ['speed']\n[run]\n[axes]\n", "'speed' is no objective"),
+            ("objectives = []\n[run]\n[axes]\n", "at least one"),
+            ("objectives = ['mse:ball']\n[run]\n[axes]\n", "'ball'"),
+            (&format!("{SMALL}[axes]\nsteps = {{ log = [1, 9] }}\n"), "points"),
+            (&format!("{SMALL}[axes]\nsteps = []\n"), "`steps`"),
+            (&format!("{SMALL}[axes]\nsteps = {{ log = [0, 9] }}\n"), "`steps`"),
+            (&format!("{SMALL}[axes]\n[aggregate]\nover = ['seed']\n"), "'seed' is no axis"),
+            (&format!("{SMALL}[axes]\n[search]\nmethod = 'random'\n"), "search.n"),
+            (&format!("{SMALL}[axes]\n[halving]\nrungs = [9, 3]\n"), "ascending"),
+            (&format!("{SMALL}[axes]\nsteps = [1]\n[halving]\nrungs = [3, 9]\n"), "`steps`"),
+        ] {
+            let error = format!("{:#}", Space::parse(text).unwrap_err());
+            assert!(error.contains(named), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_chain_of_conditions_drops_what_does_not_apply() {
+        let text = format!(
+            "{SMALL}[axes]\na = [1, 2]\nb = {{ values = [1], when = {{ a = 2 }} }}\nc = {{ values = [1], when = {{ b = [1, 7] }} }}\n"
+        );
+        let space = Space::parse(&text).unwrap();
+        let all = |a: i64| ["a", "b", "c"].map(|key| (key.to_owned(), Value::Integer(if key == "a" { a } else { 1 })));
+        let keys = |a| space.active(all(a).into()).into_keys().collect::<Vec<_>>();
+        assert_eq!(keys(1), ["a"]);
+        assert_eq!(keys(2), ["a", "b", "c"]);
+    }
+
+    #[test]
+    fn one_number_from_several() {
+        assert_eq!(By::Mean.of(&[1.0, 3.0]), 2.0);
+        assert!((By::GeometricMean.of(&[1.0, 4.0]) - 2.0).abs() < 1e-12);
+        assert_eq!(By::Worst.of(&[1.0, 3.0, 2.0]), 3.0);
+    }
+}

@@ -1,0 +1,199 @@
+//! A worker: takes one trial after the other until none is left, and writes down what came of each.
+
+use std::{
+    io::{Read, Write},
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use anyhow::{Result, bail};
+use headtail_train::Progress;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Sweep,
+    folder::Lock,
+    jobs::{self, Job},
+    journal::{Event, Journal},
+    plan, search,
+};
+use crate::{
+    progress::Interrupted,
+    run::{self, Checkpoints, Finished, Surroundings},
+};
+
+/// A line on a worker's standard output, for the process that shows progress.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Tick {
+    /// The trial's identity.
+    pub trial: String,
+    /// Steps done.
+    pub step: usize,
+    /// Steps of the whole run.
+    pub steps: usize,
+    /// Relative variance, where it was just measured.
+    pub variance: Option<f64>,
+}
+
+/// Time between two lines of progress.
+const TICK: Duration = Duration::from_millis(200);
+/// Time between two looks for work that others may leave.
+const WAIT: Duration = Duration::from_millis(250);
+
+/// How a worker works.
+#[derive(Clone, Copy, Debug)]
+pub struct Manner {
+    /// Steps between checkpoints.
+    pub every: usize,
+    /// Whether progress is written to standard output.
+    pub ticks: bool,
+    /// Whether the end of standard input means that whoever started the worker is gone.
+    pub watch_input: bool,
+}
+
+/// Works until nothing is left to do, or until it is told to stop.
+///
+/// # Errors
+/// [`Interrupted`] after a signal; otherwise only what keeps it from working at all: the error of a trial is written into the journal.
+pub fn work(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result<()> {
+    if manner.watch_input {
+        stop_at_end_of_input(stop.clone());
+    }
+    let mut journal = Journal::create(&sweep.folder.journals())?;
+    while !stop.load(Ordering::Relaxed) {
+        sweep.refresh()?;
+        let open: Vec<Job> = jobs::jobs(&sweep.space, &sweep.plan, &sweep.ledger);
+        if let Some((job, lock)) = take(sweep, &open)? {
+            perform(sweep, &job, manner, &mut journal, stop)?;
+            drop(lock);
+        } else if sweep.wants_suggestions() {
+            suggest(sweep, &mut journal)?;
+        } else if open.is_empty() || sweep.space.halving.is_none() {
+            // What others are at is theirs; with halving, what they find can make new work.
+            break;
+        } else {
+            std::thread::sleep(WAIT);
+        }
+    }
+    if stop.load(Ordering::Relaxed) {
+        bail!(Interrupted::new("checkpoints are written; the same command goes on"));
+    }
+    Ok(())
+}
+
+/// The first job that nobody else has, and that is still open once it is ours.
+fn take(sweep: &mut Sweep, open: &[Job]) -> Result<Option<(Job, Lock)>> {
+    for job in open {
+        let id = &sweep.plan.trials[job.trial].id;
+        let Some(lock) = sweep.folder.lock(id)? else { continue };
+        sweep.ledger.refresh()?;
+        if jobs::jobs(&sweep.space, &sweep.plan, &sweep.ledger).contains(job) {
+            return Ok(Some((job.clone(), lock)));
+        }
+    }
+    Ok(None)
+}
+
+/// Makes the next configuration, unless another worker is at it.
+fn suggest(sweep: &mut Sweep, journal: &mut Journal) -> Result<()> {
+    let Some(_lock) = sweep.folder.lock_search()? else {
+        std::thread::sleep(WAIT);
+        return Ok(());
+    };
+    sweep.refresh()?;
+    if sweep.wants_suggestions() {
+        let history = jobs::history(&sweep.space, &sweep.plan, &sweep.ledger);
+        let number = sweep.suggested as u64;
+        let assignment = search::suggest(&sweep.space, &history, number)?;
+        journal.add(Event::Suggested { number, assignment })?;
+    }
+    Ok(())
+}
+
+/// Runs a trial up to the end of the job.
+fn perform(sweep: &Sweep, job: &Job, manner: Manner, journal: &mut Journal, stop: &Arc<AtomicBool>) -> Result<()> {
+    let trial = &sweep.plan.trials[job.trial];
+    let start = Instant::now();
+    let folder = sweep.folder.trial(&trial.id);
+    let checkpoints = folder.join("checkpoints");
+    // Before anything that could end the process.
+    let begun = last_checkpoint(&checkpoints);
+    journal.add(Event::Started { trial: trial.id.clone(), step: begun })?;
+    let outcome = {
+        let mut last = None::<Instant>;
+        let mut watch = |progress: &Progress| {
+            if manner.ticks && (progress.divergence.is_some() || last.is_none_or(|last| last.elapsed() > TICK)) {
+                last = Some(Instant::now());
+                tick(&trial.id, progress);
+            }
+        };
+        let around = Surroundings {
+            references: sweep.folder.references(),
+            tensorboard: None,
+            pictures: None,
+            until: job.until,
+            stop,
+            watch: &mut watch,
+            out: folder,
+        };
+        let attempt = || -> Result<Finished> {
+            let mut run = plan::resolve(&sweep.space, &trial.assignment)?;
+            run.checkpoints = Some(Checkpoints { folder: checkpoints, every: manner.every, resume: true });
+            run::perform(&run, around)
+        };
+        catch_unwind(AssertUnwindSafe(attempt))
+    };
+    let seconds = start.elapsed().as_secs_f64();
+    let id = trial.id.clone();
+    let event = match outcome {
+        Ok(Ok(finished)) => {
+            let step = finished.summary.steps;
+            match job.until {
+                _ if !finished.summary.interrupted => Event::Done { trial: id, measures: finished.measures, seconds },
+                Some(until) if step >= until => {
+                    Event::Rung { trial: id, step: until, measures: finished.measures, seconds }
+                }
+                _ => Event::Stopped { trial: id, step, seconds },
+            }
+        }
+        Ok(Err(error)) if error.is::<Interrupted>() => Event::Stopped { trial: id, step: begun, seconds },
+        Ok(Err(error)) => Event::Failed { trial: id, reason: format!("{error:#}") },
+        Err(_) => Event::Failed { trial: id, reason: "the program panicked; the worker's log says where".into() },
+    };
+    journal.add(event)
+}
+
+/// The step of the last checkpoint in a folder; 0 without one.
+fn last_checkpoint(folder: &Path) -> usize {
+    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    names.filter_map(|name| name.strip_prefix("step-")?.parse().ok()).max().unwrap_or(0)
+}
+
+/// Tells whoever started the worker how far it is; nobody may be listening.
+fn tick(trial: &str, progress: &Progress) {
+    let tick = Tick {
+        trial: trial.to_owned(),
+        step: progress.step,
+        steps: progress.steps,
+        variance: progress.divergence.map(|divergence| divergence.relative_variance),
+    };
+    let line = serde_json::to_string(&tick).unwrap_or_default() + "\n";
+    let _ = std::io::stdout().write_all(line.as_bytes());
+}
+
+/// Sets the stop flag when standard input ends: it is a pipe from the process that started the worker, which the system closes when that one
+/// is killed.
+fn stop_at_end_of_input(stop: Arc<AtomicBool>) {
+    std::thread::spawn(move || {
+        let mut input = std::io::stdin();
+        let mut byte = [0];
+        while input.read(&mut byte).is_ok_and(|count| count > 0) {}
+        stop.store(true, Ordering::Relaxed);
+    });
+}

@@ -1,0 +1,230 @@
+//! Sweeps: what is done once and what is left after kills, failures and signals.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::Path,
+    process::{Child, Command, Stdio},
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+use super::{fail, folder, headtail, names, succeed, text};
+
+/// Eight trials: four configurations, two seeds.
+pub const SPACE: &str = r#"
+objectives = ["relative_variance", "weights"]
+[run]
+env = "studio"
+steps = 400
+conditions = 8
+validate_every = 100
+validation_conditions = 8
+validation_strata = 8
+[axes]
+head.bins = [4, 8]
+learning_rate = { log = [4e-3, 1.6e-2], points = 2 }
+seed = [0, 1]
+[aggregate]
+over = ["seed"]
+"#;
+
+/// The rows of a table by their trials, without columns of times.
+fn rows(here: &Path, out: &str) -> BTreeMap<String, Vec<String>> {
+    succeed(here, &format!("sweep collect space.toml --out {out}"));
+    let mut reader = csv::Reader::from_path(here.join(out).join("trials.csv")).unwrap();
+    let heads: Vec<String> = reader.headers().unwrap().iter().map(str::to_owned).collect();
+    let records = reader.records().map(Result::unwrap);
+    let row = |record: csv::StringRecord| {
+        let cells = heads.iter().zip(&record).filter(|(head, _)| !head.contains("seconds") && *head != "folder");
+        (record[0].to_owned(), cells.map(|(head, cell)| format!("{head}={cell}")).collect())
+    };
+    records.map(row).collect()
+}
+
+/// A number of journal lines with this event.
+fn events(sweep: &Path, event: &str) -> usize {
+    let Ok(entries) = fs::read_dir(sweep.join("journal")) else { return 0 };
+    let text = |path| fs::read_to_string(path).unwrap_or_default();
+    let lines = |text: String| text.matches(&format!("\"event\":\"{event}\"")).count();
+    entries.map(|entry| lines(text(entry.unwrap().path()))).sum()
+}
+
+fn start(here: &Path, out: &str) -> Child {
+    let arguments = format!("sweep run space.toml --out {out} --jobs 2 --threads 1 --checkpoint-every 20");
+    let mut command = Command::new("env");
+    command.args(["--default-signal", env!("CARGO_BIN_EXE_headtail")]).args(arguments.split_whitespace());
+    command.current_dir(here).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+}
+
+#[cfg(target_os = "linux")]
+fn signal(process: u32, name: &str) {
+    // It may have ended by itself meanwhile.
+    let _ = Command::new("kill").args([name, &process.to_string()]).stderr(Stdio::null()).status().unwrap();
+}
+
+#[cfg(target_os = "linux")]
+fn children(process: u32) -> Vec<u32> {
+    let text = fs::read_to_string(format!("/proc/{process}/task/{process}/children")).unwrap_or_default();
+    text.split_whitespace().filter_map(|id| id.parse().ok()).collect()
+}
+
+/// Numbers that look random, from a seed.
+struct Numbers(u64);
+
+impl Numbers {
+    fn below(&mut self, bound: u64) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) % bound
+    }
+}
+
+#[test]
+fn a_sweep_does_everything_once_and_a_changed_one_what_is_new() {
+    let here = folder();
+    let path = here.path();
+    fs::write(path.join("space.toml"), SPACE).unwrap();
+    assert!(succeed(path, "sweep plan space.toml").starts_with("8 trials of 4 configurations"));
+    succeed(path, "sweep run space.toml --jobs 2 --threads 1");
+    let sweep = path.join("space.sweep");
+    assert_eq!((events(&sweep, "started"), events(&sweep, "done")), (8, 8));
+    succeed(path, "sweep run space.toml");
+    assert_eq!(events(&sweep, "started"), 8, "nothing twice");
+    fs::write(path.join("space.toml"), SPACE.replace("seed = [0, 1]", "seed = [1, 2]")).unwrap();
+    succeed(path, "sweep run space.toml --jobs 2 --threads 1");
+    assert_eq!((events(&sweep, "started"), names(&sweep.join("trials")).len()), (12, 12));
+    assert!(succeed(path, "sweep status space.toml").starts_with("8 trials: 8 done"));
+
+    // A trial is the run that its command makes.
+    let id = rows(path, "space.sweep").into_keys().next().unwrap();
+    succeed(path, &format!("fit --config space.sweep/trials/{id}/resolved.toml --out again"));
+    let bytes = |file: &Path| fs::read(file.join("sampler.safetensors")).unwrap();
+    assert_eq!(bytes(&path.join("again")), bytes(&sweep.join("trials").join(id)));
+}
+
+#[test]
+fn a_failed_trial_is_named_and_tried_again_when_asked() {
+    let here = folder();
+    let path = here.path();
+    fs::write(path.join("space.toml"), SPACE.replace("head.bins = [4, 8]", "env = ['studio', 'none.hdr']")).unwrap();
+    let error = fail(path, "sweep run space.toml");
+    assert!(error.starts_with("4 of 8 trials failed"), "{error}");
+    let status = succeed(path, "sweep status space.toml");
+    assert!(status.starts_with("8 trials: 4 done, 4 failed") && status.contains("none.hdr"), "{status}");
+    fail(path, "sweep run space.toml");
+    assert_eq!(events(&path.join("space.sweep"), "failed"), 4, "not without being asked");
+    assert!(succeed(path, "sweep retry space.toml").starts_with("4 trials"));
+    fs::write(path.join("none.hdr"), super::radiance_file(8, 4, 128, 128)).unwrap();
+    succeed(path, "sweep run space.toml");
+    assert!(rows(path, "space.sweep").values().all(|row| row.contains(&"state=done".to_owned())));
+}
+
+#[test]
+fn halving_goes_on_from_checkpoints_and_search_makes_its_number() {
+    let here = folder();
+    let path = here.path();
+    let space = SPACE.replace("steps = 400\n", "").replace("head.bins = [4, 8]\n", "head.bins = [4, 6, 8]\n")
+        + "[halving]\nrungs = [40, 80, 160]\nkeep = 2\n";
+    fs::write(path.join("space.toml"), &space).unwrap();
+    succeed(path, "sweep run space.toml --jobs 2 --threads 1");
+    let done = rows(path, "space.sweep").values().filter(|row| row.contains(&"state=done".to_owned())).count();
+    // Six configurations of two seeds: at least three and one go on; nobody waits, so others may have been ahead for a while.
+    assert!((2..=6).contains(&done), "{done}");
+    let sweep = path.join("space.sweep");
+    let text = |entry: fs::DirEntry| fs::read_to_string(entry.path()).unwrap();
+    let journals: String = fs::read_dir(sweep.join("journal")).unwrap().map(|entry| text(entry.unwrap())).collect();
+    assert_eq!(journals.matches("\"step\":0}").count(), 12, "each trial begins once");
+    assert!(journals.contains("\"step\":40}") && journals.contains("\"step\":80}"), "and goes on from its rungs");
+
+    let space = SPACE.replace("points = 2 ", "") + "[search]\nmethod = 'tpe'\nn = 13\n";
+    fs::write(path.join("space.toml"), space.replace("steps = 400", "steps = 20")).unwrap();
+    succeed(path, "sweep run space.toml --out tpe --jobs 2 --threads 1");
+    assert_eq!(events(&path.join("tpe"), "suggested"), 13);
+    assert_eq!(rows(path, "tpe").len(), 26);
+}
+
+#[test]
+fn mistakes_are_one_sentence() {
+    let here = folder();
+    let path = here.path();
+    assert!(fail(path, "sweep plan space.toml").contains("space.toml"));
+    for (from, to, named) in [
+        ("[run]", "[run]\nfast = true", "`fast`"),
+        ("head.bins = [4, 8]", "head.bins = [4, 0]", "head.bins = 0"),
+        ("seed = [0, 1]", "seed = 0", "`seed`"),
+        ("over = [\"seed\"]", "over = [\"map\"]", "'map'"),
+    ] {
+        fs::write(path.join("space.toml"), SPACE.replace(from, to)).unwrap();
+        let error = fail(path, "sweep plan space.toml");
+        assert!(error.contains(named), "{error}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_interrupted_sweep_leaves_checkpoints_and_its_exit_status() {
+    let here = folder();
+    let path = here.path();
+    fs::write(path.join("space.toml"), SPACE.replace("steps = 400", "steps = 100000")).unwrap();
+    for (name, status) in [("-INT", 130), ("-TERM", 143)] {
+        let mut process = start(path, "out");
+        wait(|| !children(process.id()).is_empty() && checkpoints(&path.join("out")) > 0);
+        let asked = Instant::now();
+        signal(process.id(), name);
+        assert_eq!(process.wait().unwrap().code(), Some(status));
+        assert!(asked.elapsed() < Duration::from_secs(20), "{:?}", asked.elapsed());
+    }
+    let status = succeed(path, "sweep status space.toml --out out");
+    assert!(status.contains("2 stopped") && status.contains("6 waiting"), "{status}");
+    assert_eq!(events(&path.join("out"), "stopped"), 4);
+}
+
+#[cfg(target_os = "linux")]
+fn checkpoints(sweep: &Path) -> usize {
+    let Ok(trials) = fs::read_dir(sweep.join("trials")) else { return 0 };
+    let of = |trial: fs::DirEntry| fs::read_dir(trial.path().join("checkpoints")).map_or(0, Iterator::count);
+    trials.map(|trial| of(trial.unwrap())).sum()
+}
+
+#[cfg(target_os = "linux")]
+fn wait(until: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !until() {
+        assert!(start.elapsed() < Duration::from_secs(120), "it did not come");
+        sleep(Duration::from_millis(10));
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn twenty_kills_of_workers_and_of_the_parent_change_nothing() {
+    let here = folder();
+    let path = here.path();
+    fs::write(path.join("space.toml"), SPACE.replace("steps = 400", "steps = 1500")).unwrap();
+    succeed(path, "sweep run space.toml --out whole --jobs 2 --threads 1");
+    let (mut numbers, mut kills, mut parents) = (Numbers(7), 0, 0);
+    let mut process = start(path, "killed");
+    while kills < 20 {
+        sleep(Duration::from_millis(60 + numbers.below(400)));
+        if process.try_wait().unwrap().is_some() {
+            break;
+        }
+        if numbers.below(3) == 0 {
+            process.kill().unwrap();
+            process.wait().unwrap();
+            parents += 1;
+            kills += 1;
+            process = start(path, "killed");
+        } else if let Some(&worker) = children(process.id()).first() {
+            signal(worker, "-KILL");
+            kills += 1;
+        }
+    }
+    process.wait().unwrap();
+    assert!(kills >= 10 && parents >= 2, "the sweep was over after {kills} kills, {parents} of the parent");
+    let left = headtail(path, "sweep retry space.toml --out killed");
+    assert!(left.status.success(), "{}", text(&left.stderr));
+    succeed(path, "sweep run space.toml --out killed --jobs 2 --threads 1");
+    assert_eq!(rows(path, "whole"), rows(path, "killed"));
+    assert!(events(&path.join("killed"), "started") > 8);
+}
