@@ -114,6 +114,22 @@ impl CellMasses {
         self.nodes.push(Node { scale: scale as f32, rows: factors as f32 });
     }
 
+    /// For each table, row and cell the running mass of the row up to the cell's end, and for each table and row that of the rows up to its end.
+    pub fn running_masses(&self) -> (Vec<f32>, Vec<f32>) {
+        let (rows, columns) = self.cells.shape();
+        let (mut along, mut down) = (Vec::new(), Vec::new());
+        for (table, node) in self.nodes.iter().enumerate() {
+            for row in 0..rows {
+                let numbers = &self.numbers[self.row_start(table, row)..];
+                let factor = node.scale * f32::from(numbers[0]);
+                let sums = (1..=columns).map(|k| if k == columns { WHOLE } else { numbers[k] });
+                along.extend(sums.map(|sum| factor * f32::from(sum)));
+                down.push(node.scale * Self::ROW * self.row_sums[table * self.padded_rows + row]);
+            }
+        }
+        (along, down)
+    }
+
     /// Scale and sum of a table.
     #[inline(always)]
     pub fn node(&self, node: usize) -> Node {
