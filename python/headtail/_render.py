@@ -31,6 +31,15 @@ class Scene:
         """How many triangles."""
         return self._native.triangle_count
 
+    def triangles(self):
+        """The vertices of all triangles in metres, [triangles, 3, 3]."""
+        return self._native.triangles()
+
+    @property
+    def camera(self):
+        """(position, the point that it looks at, vertical field of view in degrees)"""
+        return self._native.camera
+
     @property
     def is_diffuse(self):
         """Whether all surfaces are Lambert's."""

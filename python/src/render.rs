@@ -14,7 +14,7 @@ use headtail_render::{
     scene::{self, Camera, MaterialSpec},
     statistics::ErrorMetrics,
 };
-use numpy::{PyReadonlyArray2, ToPyArray, ndarray::Array2};
+use numpy::{PyArray3, PyReadonlyArray2, ToPyArray, ndarray::Array2};
 use pyo3::{prelude::*, types::PyDict};
 
 use crate::{
@@ -58,6 +58,18 @@ impl Scene {
     #[getter]
     fn triangle_count(&self) -> usize {
         self.scene.triangle_count()
+    }
+
+    /// The vertices of all triangles, `[triangles, 3, 3]`.
+    fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        let vertices: Vec<[f32; 3]> = self.scene.triangles().flatten().map(Into::into).collect();
+        array_of(py, (vertices.len() / 3, 3), &vertices)
+    }
+
+    /// Position, target and vertical field of view in degrees of the camera.
+    #[getter]
+    fn camera(&self) -> ([f32; 3], [f32; 3], f32) {
+        (self.camera.look_from().into(), self.camera.look_at().into(), self.camera.vertical_fov())
     }
 
     #[getter]
