@@ -23,9 +23,9 @@ use crate::{
 
 /// The configuration of a preset, assignments over it and a material.
 fn configuration(material: Option<&str>, preset: Option<&str>, assignments: &[String]) -> PyResult<FitConfig> {
-    let material: Option<Material> = material.map(str::parse).transpose().map_err(refused::<String>)?;
+    let material: Option<Material> = material.map(str::parse).transpose().map_err(|error: String| refused(error))?;
     let preset = match preset {
-        Some(name) => name.parse().map_err(refused::<String>)?,
+        Some(name) => name.parse().map_err(|error: String| refused(error))?,
         None => Preset::fast_for(material.unwrap_or(Material::Lambert)),
     };
     let mut builder = ConfigBuilder::new(preset);

@@ -58,16 +58,36 @@ class Light:
         return self.environment.eval(far, active)
 
     def estimate(self, scene, sampler, ray, si, bsdf, active):
-        """A direction of light at hits: (wi in world space, BSDF x cosine / pdf, whether it is worth a shadow ray)."""
-        context = mi.BSDFContext()
+        """Directions of light at hits: for each (wi in world space, BSDF x cosine / pdf with its weight, where there is one)."""
         toward = dr.dot(si.sh_frame.n, -ray.d)
         n, wo = self.to_map @ mi.Vector3f(dr.mulsign(si.sh_frame.n, toward)), self.to_map @ mi.Vector3f(-ray.d)
-        z = sampler.next_2d(active)
+        if isinstance(self.product, Patches):
+            if self.surfaces.are_diffuse:
+                return [self.patches_alone(sampler, si, bsdf, n, wo, active)]
+            return [self.patches_beside_bsdf(sampler, si, bsdf, n, wo, active)]
+        prepared = self.product.prepare(n)
         if self.surfaces.are_diffuse:
-            local, pdf = self.product.sample(Point(n, wo, None), z, None, None, active)
-            wi = self.to_world @ local
-            value = bsdf.eval(context, si, si.to_local(wi), active)
-            return wi, dr.select(pdf > 0, value / pdf, 0), active & (pdf > 0)
+            return [self.table_alone(sampler, si, bsdf, prepared, active)]
+        return self.table_and_bsdf(sampler, si, bsdf, prepared, active)
+
+    def patches_alone(self, sampler, si, bsdf, n, wo, active):
+        """One direction of patches, for diffuse surfaces."""
+        local, pdf = self.product.sample(Point(n, wo, None), sampler.next_2d(active), None, None, active)
+        return self.weighted(si, bsdf, local, pdf, active)
+
+    def table_alone(self, sampler, si, bsdf, prepared, active):
+        """One direction of the table, for diffuse surfaces."""
+        local, pdf = self.product.sample(prepared, sampler.next_2d(active), active)
+        return self.weighted(si, bsdf, local, pdf, active)
+
+    def weighted(self, si, bsdf, local, pdf, active):
+        wi = self.to_world @ local
+        value = bsdf.eval(mi.BSDFContext(), si, si.to_local(wi), active)
+        return wi, dr.select(pdf > 0, value / pdf, 0), active & (pdf > 0)
+
+    def patches_beside_bsdf(self, sampler, si, bsdf, n, wo, active):
+        """One direction of patches or of the BSDF, with the mixture's pdf."""
+        context, z = mi.BSDFContext(), sampler.next_2d(active)
         *lobes, can_draw = self.surfaces.lobes(bsdf, si, active)
         share = dr.select(can_draw, self.product.shares(lobes), 0)
         by_product = z.x < share
@@ -78,11 +98,37 @@ class Light:
         wi = dr.select(by_bsdf, si.to_world(drawn.wo), self.to_world @ local)
         value, other = bsdf.eval_pdf(context, si, si.to_local(wi), active)
         mixed = share * pdf + (1 - share) * other
-        ratio = dr.select(mixed > 0, value / mixed, 0)
         # A lobe without width has no density: it is a technique of its own.
         is_delta = by_bsdf & mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
-        ratio = dr.select(is_delta, weight / (1 - share), ratio)
+        ratio = dr.select(is_delta, weight / (1 - share), dr.select(mixed > 0, value / mixed, 0))
         return wi, ratio, active & (by_bsdf | (pdf > 0))
+
+    def table_and_bsdf(self, sampler, si, bsdf, prepared, active):
+        """Two directions, one of the table and one of the BSDF, power heuristic."""
+        context = mi.BSDFContext()
+        local, pdf = self.product.sample(prepared, sampler.next_2d(active), active)
+        wi = self.to_world @ local
+        value, other = bsdf.eval_pdf(context, si, si.to_local(wi), active & (pdf > 0))
+        first = (wi, dr.select(pdf > 0, value * pdf / (pdf * pdf + other * other), 0), active & (pdf > 0))
+        drawn, weight = bsdf.sample(context, si, sampler.next_1d(active), sampler.next_2d(active), active)
+        wi = si.to_world(drawn.wo)
+        is_delta = mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
+        pdf = dr.select(is_delta, 0, self.product.pdf(prepared, self.to_map @ wi, active & ~is_delta))
+        share = dr.square(drawn.pdf) / (dr.square(drawn.pdf) + dr.square(pdf))
+        return [first, (wi, dr.select(drawn.pdf > 0, weight * share, 0), active)]
+
+    def reflected(self, scene, sampler, ray, si, bsdf, hit, misses):
+        """What hits reflect of the environment, and what shines along the rays of `misses`."""
+        result = mi.Spectrum(0)
+        for index, (wi, ratio, lit) in enumerate(self.estimate(scene, sampler, ray, si, bsdf, hit)):
+            # A new array: what is changed in place is changed for the caller too.
+            lit = lit & (dr.max(ratio) > 0)
+            lit &= ~scene.ray_test(si.spawn_ray(wi), lit)
+            # The first lookup serves both: the kernel has no other for misses.
+            seen = misses if index == 0 else mi.Bool(False)
+            radiance = self.radiance(ray, dr.select(hit, wi, ray.d), lit | seen)
+            result += dr.select(lit, radiance * ratio, dr.select(seen, radiance, 0))
+        return result
 
 
 def make():
@@ -92,10 +138,10 @@ def make():
         def __init__(self, props):
             super().__init__(props)
             self.file = str(props.get("file", ""))
-            self.spec = str(props.get("sampler", "patches"))
+            self.spec = str(props.get("sampler", "table"))
             self.hide_emitters = bool(props.get("hide_emitters", False))
-            if self.spec not in ("patches", "patches:fine", "table"):
-                raise HeadtailError(f"sampler '{self.spec}': is not one of patches, patches:fine, table")
+            if self.spec not in ("table", "patches", "patches:fine"):
+                raise HeadtailError(f"sampler '{self.spec}': is not one of table, patches, patches:fine")
             self._light, self._scene = None, None
 
         def light(self, scene):
@@ -118,15 +164,11 @@ def make():
             light = self.light(scene)
             si = scene.ray_intersect(ray, active=active)
             hit = active & si.is_valid()
-            wi, ratio, lit = light.estimate(scene, sampler, ray, si, si.bsdf(ray), hit)
-            lit &= dr.max(ratio) > 0
-            lit &= ~scene.ray_test(si.spawn_ray(wi), lit)
-            # One lookup for what the camera sees and for what surfaces reflect.
             misses = active & ~hit
             if self.hide_emitters:
                 misses &= False
-            radiance = light.radiance(ray, dr.select(hit, wi, ray.d), lit | misses)
-            return dr.select(lit, radiance * ratio, dr.select(misses, radiance, 0)), hit if self.hide_emitters else active, []
+            result = light.reflected(scene, sampler, ray, si, si.bsdf(ray), hit, misses)
+            return result, hit if self.hide_emitters else active, []
 
         def to_string(self):
             return f"HeadtailDirect[sampler={self.file or self.spec}]"
@@ -158,11 +200,7 @@ def make():
                     misses &= False
                 hit &= depth + 1 < limit
                 bsdf = si.bsdf(ray)
-                wi, ratio, lit = light.estimate(scene, sampler, ray, si, bsdf, hit)
-                lit &= dr.max(ratio) > 0
-                lit &= ~scene.ray_test(si.spawn_ray(wi), lit)
-                radiance = light.radiance(ray, dr.select(hit, wi, ray.d), lit | misses)
-                result += weight * dr.select(lit, radiance * ratio, dr.select(misses, radiance, 0))
+                result += weight * light.reflected(scene, sampler, ray, si, bsdf, hit, misses)
                 depth += 1
                 active = hit & (depth + 1 < limit)
                 drawn, factor = bsdf.sample(

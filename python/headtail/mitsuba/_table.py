@@ -33,11 +33,6 @@ class Table:
         east = np.roll(sums, -1, 1)
         return np.stack([sums[:-1], east[:-1], sums[1:], east[1:]], -1)
 
-    @staticmethod
-    def shares(lobes):
-        """Half of the samples on glossy surfaces, of whose lobes the table knows nothing."""
-        return dr.select(lobes[1] > 0, 0.5, 1)
-
     def prepare(self, n):
         """The cell of the grid of normals, four weights and the total mass."""
         a = fast_atan2(n.x, -n.z) * (self.azimuth * dr.inv_two_pi)
@@ -61,42 +56,46 @@ class Table:
             size -= half
         return low, before
 
-    def sample(self, at, z, given, wi, active=True):
-        """Draws directions for uniform points z, and evaluates pdfs of directions `wi` where `given`: (direction, solid-angle pdf)."""
-        node, weights = self.prepare(at.n)
+    def down_sum(self, node, weights, row, active):
+        """The running sum of rows."""
+        return dr.dot(weights, dr.gather(mi.Vector4f, self.down, node * self.rows + row, active))
 
-        def down(row, where):
-            return dr.dot(weights, dr.gather(mi.Vector4f, self.down, node * self.rows + row, where))
+    def along_sum(self, node, weights, row, column, active):
+        """The running sum of the columns of a row."""
+        at = (node * self.rows + row) * self.columns + column
+        return dr.dot(weights, dr.gather(mi.Vector4f, self.along, at, active))
 
-        def along(row, column, where):
-            at = (node * self.rows + row) * self.columns + column
-            return dr.dot(weights, dr.gather(mi.Vector4f, self.along, at, where))
-
-        total = down(self.rows - 1, active)
-        draws = active if given is None else active & ~given
+    def sample(self, prepared, z, active=True):
+        """Draws a direction for a uniform point z: (direction, solid-angle pdf)."""
+        node, weights = prepared
+        total = self.down_sum(node, weights, self.rows - 1, active)
         target = z.y * total
-        row, before = self.search(self.rows, target, lambda row: down(row, draws))
-        below = remap(target, before, down(row, draws))
-        whole = along(row, self.columns - 1, draws)
-        target = z.x * whole
-        column, low = self.search(self.columns, target, lambda column: along(row, column, draws))
-        high = along(row, column, draws)
+        row, before = self.search(self.rows, target, lambda row: self.down_sum(node, weights, row, active))
+        below = remap(target, before, self.down_sum(node, weights, row, active))
+        target = z.x * self.along_sum(node, weights, row, self.columns - 1, active)
+        column, low = self.search(self.columns, target, lambda column: self.along_sum(node, weights, row, column, active))
+        high = self.along_sum(node, weights, row, column, active)
         y = mi.Point2f(inside(column, remap(target, low, high)) / self.columns, inside(row, below) / self.rows)
-        x, density = self.tail.forward(y, draws)
+        x, density = self.tail.forward(y, active)
         direction, factor = directions(x)
-        mass = high - low
-        if given is not None:
-            x, given_factor = squares(wi)
-            place, position = self.tail.cell(x)
-            y, given_density = self.tail.inverse(place, position, active & given)
-            row = dr.minimum(mi.UInt32(y.y * self.rows), self.rows - 1)
-            column = dr.minimum(mi.UInt32(y.x * self.columns), self.columns - 1)
-            low = along(row, dr.maximum(column, 1) - 1, active & given)
-            given_mass = along(row, column, active & given) - dr.select(column > 0, low, 0)
-            direction, mass = dr.select(given, wi, direction), dr.select(given, given_mass, mass)
-            density, factor = dr.select(given, given_density, density), dr.select(given, given_factor, factor)
-        pdf = density * factor * mass * (self.rows * self.columns) / total
-        return direction, dr.select((pdf > 0) & (pdf < dr.inf), pdf, 0)
+        return direction, self.solid_angle(density * factor, high - low, total)
+
+    def pdf(self, prepared, wi, active=True):
+        """The solid-angle pdf with which `sample` draws a direction."""
+        node, weights = prepared
+        x, factor = squares(wi)
+        y, density = self.tail.inverse(*self.tail.cell(x), active)
+        row = dr.minimum(mi.UInt32(y.y * self.rows), self.rows - 1)
+        column = dr.minimum(mi.UInt32(y.x * self.columns), self.columns - 1)
+        low = self.along_sum(node, weights, row, dr.maximum(column, 1) - 1, active)
+        high = self.along_sum(node, weights, row, column, active)
+        mass = high - dr.select(column > 0, low, 0)
+        return self.solid_angle(density * factor, mass, self.down_sum(node, weights, self.rows - 1, active))
+
+    def solid_angle(self, pdf, mass, total):
+        """The pdf of a cell's mass."""
+        pdf *= mass * (self.rows * self.columns) / total
+        return dr.select((pdf > 0) & (pdf < dr.inf), pdf, 0)
 
 
 def inside(index, position):
