@@ -6,6 +6,7 @@ mod bake;
 mod chart;
 mod compare;
 mod demo;
+mod export;
 mod fit;
 mod inspect;
 mod progress;
@@ -34,6 +35,7 @@ enum Command {
     Render(render::Arguments),
     Compare(compare::Arguments),
     Chart(chart::Arguments),
+    Export(export::Arguments),
     Inspect(inspect::Arguments),
     Stability(stability::Arguments),
     Scenes(scenes::Arguments),
@@ -66,6 +68,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Chart(arguments) => chart::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Stability(arguments) => stability::run(&arguments),
         Command::Scenes(arguments) => scenes::run(&arguments),

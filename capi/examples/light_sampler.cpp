@@ -3,12 +3,18 @@
 #include <cstdio>
 #include <optional>
 #include <stdexcept>
-#include <vector>
 
 #include "headtail.h"
 
 static void check(HeadtailStatus status) {
     if (status != HEADTAIL_STATUS_OK) throw std::runtime_error(headtail_last_error());
+}
+
+// One diffuse surface.
+static HeadtailPoints surface(const float n[3]) {
+    HeadtailPoints at{};
+    at.n = n, at.n_count = 1;
+    return at;
 }
 
 struct LightSample { float L[3], wi[3], pdf; };
@@ -24,13 +30,13 @@ class ProductLight {
 
     std::optional<LightSample> Sample_Li(const float n[3], const float u[2]) const {
         LightSample s;
-        HeadtailPoints at{n, 1};
+        HeadtailPoints at = surface(n);
         check(headtail_sampler_sample(sampler, &at, 1, u, 0, s.wi, &s.pdf, s.L));
         if (s.pdf == 0) return {};
         return s;
     }
     float PDF_Li(const float n[3], const float wi[3]) const {
-        HeadtailPoints at{n, 1};
+        HeadtailPoints at = surface(n);
         float pdf;
         check(headtail_sampler_pdf(sampler, &at, 1, wi, &pdf));
         return pdf;

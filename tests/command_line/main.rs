@@ -3,6 +3,7 @@
 //! `demo` takes too long for a test; the script that runs every check runs it.
 
 mod browser;
+mod export;
 #[cfg(target_os = "linux")]
 mod interruption;
 

@@ -41,6 +41,9 @@ class Light:
         self.environment, self.surfaces = environment, Surfaces(scene)
         self.to_world = environment.world_transform()
         self.to_map = self.to_world.inverse()
+        axes = np.array(self.to_world.matrix).reshape(4, 4)[:3, :3]
+        if not np.allclose(axes @ axes.T, np.eye(3), atol=1e-4):
+            raise HeadtailError("environment: its to_world is no rotation")
         map = environment_of(environment)
         if file:
             sampler = headtail.Sampler.open(file, map)
