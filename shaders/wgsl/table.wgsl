@@ -44,6 +44,10 @@ fn headtail_along(b: HeadtailBlend, row: u32, column: u32) -> f32 {
     return headtail_blend(b, HEADTAIL_TABLE_ALONG, HEADTAIL_TABLE_ROWS * HEADTAIL_TABLE_COLUMNS, row * HEADTAIL_TABLE_COLUMNS + column);
 }
 
+fn headtail_mass(b: HeadtailBlend, row: u32, column: u32) -> f32 {
+    return headtail_blend(b, HEADTAIL_TABLE_MASSES, HEADTAIL_TABLE_ROWS * HEADTAIL_TABLE_COLUMNS, row * HEADTAIL_TABLE_COLUMNS + column);
+}
+
 fn headtail_of_mass(mass: f32, total: f32) -> f32 {
     return mass * f32(HEADTAIL_TABLE_ROWS * HEADTAIL_TABLE_COLUMNS) / total;
 }
@@ -76,7 +80,7 @@ fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) 
     let v = min(f32(row) + below, f32(row + 1u) * HEADTAIL_BELOW_ONE) / f32(HEADTAIL_TABLE_ROWS);
     let x = headtail_tail(vec2<f32>(u, v));
     let w = headtail_direction(x.xy);
-    return vec4<f32>(w.xyz, headtail_of_mass(high - low, total) * x.z * w.w);
+    return vec4<f32>(w.xyz, headtail_of_mass(headtail_mass(b, row, column), total) * x.z * w.w);
 }
 
 // The solid-angle pdf with which `headtail_sample` draws a unit direction.
@@ -87,7 +91,5 @@ fn headtail_pdf(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, wi: vec3<f32>) ->
     let y = headtail_inverse(cell);
     let row = min(u32(y.y * f32(HEADTAIL_TABLE_ROWS)), HEADTAIL_TABLE_ROWS - 1u);
     let column = min(u32(y.x * f32(HEADTAIL_TABLE_COLUMNS)), HEADTAIL_TABLE_COLUMNS - 1u);
-    let low = select(headtail_along(b, row, max(column, 1u) - 1u), 0.0, column == 0u);
-    let mass = headtail_along(b, row, column) - low;
-    return headtail_of_mass(mass, headtail_down(b, HEADTAIL_TABLE_ROWS - 1u)) * headtail_density(cell) * x.z;
+    return headtail_of_mass(headtail_mass(b, row, column), headtail_down(b, HEADTAIL_TABLE_ROWS - 1u)) * headtail_density(cell) * x.z;
 }

@@ -26,6 +26,7 @@ class Table:
         self.polar, self.azimuth, self.rows, self.columns = (int(count) for count in arrays["table.shape"])
         self.down = upload(self.around(arrays["table.down"]))
         self.along = upload(self.around(arrays["table.along"]))
+        self.masses = upload(self.around(arrays["table.masses"]))
 
     def around(self, sums):
         """Running sums of the four nodes around each cell of the grid of normals, side by side."""
@@ -65,6 +66,11 @@ class Table:
         at = (node * self.rows + row) * self.columns + column
         return dr.dot(weights, dr.gather(mi.Vector4f, self.along, at, active))
 
+    def mass(self, node, weights, row, column, active):
+        """The mass of a cell; running sums are rounded, and their differences are not small cells' masses."""
+        at = (node * self.rows + row) * self.columns + column
+        return dr.dot(weights, dr.gather(mi.Vector4f, self.masses, at, active))
+
     def sample(self, prepared, z, active=True):
         """Draws a direction for a uniform point z: (direction, solid-angle pdf)."""
         node, weights = prepared
@@ -78,7 +84,7 @@ class Table:
         y = mi.Point2f(inside(column, remap(target, low, high)) / self.columns, inside(row, below) / self.rows)
         x, density = self.tail.forward(y, active)
         direction, factor = directions(x)
-        return direction, self.solid_angle(density * factor, high - low, total)
+        return direction, self.solid_angle(density * factor, self.mass(node, weights, row, column, active), total)
 
     def pdf(self, prepared, wi, active=True):
         """The solid-angle pdf with which `sample` draws a direction."""
@@ -87,9 +93,7 @@ class Table:
         y, density = self.tail.inverse(*self.tail.cell(x), active)
         row = dr.minimum(mi.UInt32(y.y * self.rows), self.rows - 1)
         column = dr.minimum(mi.UInt32(y.x * self.columns), self.columns - 1)
-        low = self.along_sum(node, weights, row, dr.maximum(column, 1) - 1, active)
-        high = self.along_sum(node, weights, row, column, active)
-        mass = high - dr.select(column > 0, low, 0)
+        mass = self.mass(node, weights, row, column, active)
         return self.solid_angle(density * factor, mass, self.down_sum(node, weights, self.rows - 1, active))
 
     def solid_angle(self, pdf, mass, total):

@@ -89,14 +89,15 @@ impl BakedTable {
     }
 
     /// What a draw and a pdf read, floor included, for implementations on other devices: `table.along` `[nodes, rows, columns]`, the running masses of each
-    /// row up to the ends of its cells, and `table.down` `[nodes, rows]`, the running masses of the rows; `table.shape` `[4]`: polar, azimuth, rows,
+    /// row up to the ends of its cells, `table.masses`, those of the cells alone, and `table.down` `[nodes, rows]`, the running masses of the rows; `table.shape` `[4]`: polar, azimuth, rows,
     /// columns.
     pub fn flat(&self) -> Vec<FlatArray> {
         let ((polar, azimuth), (rows, columns)) = (self.normals.shape(), self.cells.shape());
-        let (along, down) = self.quantized.running_masses();
+        let [along, own, down] = self.quantized.running_masses();
         let nodes = polar * azimuth;
         vec![
             FlatArray::floats("table.along", vec![nodes, rows, columns], along),
+            FlatArray::floats("table.masses", vec![nodes, rows, columns], own),
             FlatArray::floats("table.down", vec![nodes, rows], down),
             FlatArray::integers(
                 "table.shape",
