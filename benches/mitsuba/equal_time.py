@@ -135,7 +135,7 @@ def main():
                         rows.append(row)
                         print(json.dumps({key: round(value, 3) if isinstance(value, float) else value for key, value in row.items()}), flush=True)
                     if arguments.out:
-                        save(arguments.out, rows[-1], scene, own, kind, settings, arguments.spp, reference)
+                        save(arguments.out, rows[-1], scene, own, kind, settings, arguments.spp, reference, covered)
     keys = sorted({(row["material"], row["integrator"], row["sampler"]) for row in rows})
     for key in keys:
         values = [row["equal_time"] for row in rows if (row["material"], row["integrator"], row["sampler"]) == key]
@@ -157,13 +157,13 @@ def coverage(scene, size):
     return hits.reshape(size[1], size[0])
 
 
-def save(folder, row, scene, own, kind, settings, spp, reference):
+def save(folder, row, scene, own, kind, settings, spp, reference, covered):
     """Pictures of both integrators and the reference, side by side."""
     folder.mkdir(parents=True, exist_ok=True)
     pictures = [render(scene(integrator, "independent"), spp, 1)[0] for integrator in ({"type": kind, **settings}, own)]
     name = "-".join(str(row[key]) for key in ("mesh", "map", "material", "integrator"))
     joined = np.concatenate([*pictures, reference], 1)
-    exposure = 0.35 / max(reference.mean(), 1e-9)
+    exposure = 0.35 / max(reference[covered].mean(), 1e-9)
     mi.Bitmap((joined * exposure).astype(np.float32)).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, True).write(str(folder / f"{name}.png"))
 
 

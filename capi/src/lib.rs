@@ -115,7 +115,7 @@ pub unsafe extern "C" fn headtail_sampler_from_spec(
             return Err(Failure::argument(format!("sampler '{spec}': has no pdf of its own")));
         };
         let sampler = Covering::new(source.build(&environment)?)?.into_inner();
-        *out = keep(sampler, environment, serde_json::json!({ "sampler": parsed.to_string() }));
+        *out = keep(sampler, environment, &serde_json::json!({ "sampler": parsed.to_string() }));
         Ok(())
     })
 }
@@ -137,7 +137,7 @@ pub unsafe extern "C" fn headtail_sampler_open(
         let exported = ExportedSampler::read(path)?;
         let description = serde_json::to_value(exported.description()).unwrap_or_default();
         let sampler = exported.open(&environment).map_err(|error| error.in_file(path))?.into_inner();
-        *out = keep(sampler, environment, description);
+        *out = keep(sampler, environment, &description);
         Ok(())
     })
 }
@@ -234,7 +234,7 @@ pub extern "C" fn headtail_close(handle: HeadtailHandle) -> HeadtailStatus {
     call(|| handles::close(handle))
 }
 
-fn keep(sampler: Arc<dyn Sampler>, environment: Arc<Environment>, description: serde_json::Value) -> HeadtailHandle {
+fn keep(sampler: Arc<dyn Sampler>, environment: Arc<Environment>, description: &serde_json::Value) -> HeadtailHandle {
     handles::open(Object::Sampler(Arc::new(OpenSampler { sampler, environment, description: description.to_string() })))
 }
 
