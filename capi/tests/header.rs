@@ -7,8 +7,7 @@ fn the_header_is_what_the_code_says() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let config = cbindgen::Config::from_file(folder.join("cbindgen.toml")).unwrap();
     let sources = ["src/lib.rs", "src/status.rs"].map(|file| folder.join(file));
-    let builder =
-        sources.iter().fold(cbindgen::Builder::new().with_config(config), |builder, file| builder.with_src(file));
+    let builder = sources.iter().fold(cbindgen::Builder::new().with_config(config), cbindgen::Builder::with_src);
     let mut generated = Vec::new();
     builder.generate().unwrap().write(&mut generated);
     let header = folder.join("include/headtail.h");

@@ -25,7 +25,7 @@ MATERIALS = {
     },
     "bumped": {
         "type": "twosided",
-        "nested": {"type": "bumpmap", "arbitrary": {"type": "checkerboard"}, "nested": {"type": "diffuse"}, "scale": 0.2},
+        "nested": {"type": "bumpmap", "arbitrary": {"type": "bitmap", "raw": True}, "nested": {"type": "diffuse"}, "scale": 0.2},
     },
     "plastic": {"type": "plastic"},
 }
@@ -47,6 +47,8 @@ def variant(request):
 
 def scene(material, integrator, **more):
     transform = mi.ScalarTransform4f
+    waves = 0.5 + 0.5 * np.sin(np.linspace(0, 20 * np.pi, 256, dtype=np.float32))
+    MATERIALS["bumped"]["nested"]["arbitrary"]["bitmap"] = mi.Bitmap(waves[:, None, None] * waves[None, :, None])
     bitmap = mi.Bitmap(headtail.Environment("studio").array())
     return mi.load_dict(
         {
