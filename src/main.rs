@@ -8,6 +8,7 @@ mod chart;
 mod compare;
 mod composite;
 mod demo;
+mod export;
 mod fit;
 mod inspect;
 mod paper;
@@ -40,6 +41,7 @@ enum Command {
     Render(render::Arguments),
     Compare(compare::Arguments),
     Chart(chart::Arguments),
+    Export(export::Arguments),
     Inspect(inspect::Arguments),
     Autosize(autosize::Arguments),
     Sweep(sweep::Arguments),
@@ -77,6 +79,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Chart(arguments) => chart::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Autosize(arguments) => autosize::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),

@@ -3,6 +3,7 @@
 //! This crate reads what headtail exports and knows nothing of the library that trained it.
 
 pub mod bake;
+pub mod batch;
 pub mod brdf;
 pub mod color;
 pub mod columns;
@@ -13,6 +14,7 @@ pub mod error;
 pub mod estimator;
 pub mod export;
 pub mod file;
+pub mod flat;
 pub mod frame;
 pub mod head;
 pub mod image;

@@ -4,6 +4,7 @@
 
 mod browser;
 mod composite;
+mod export;
 #[cfg(target_os = "linux")]
 mod interruption;
 mod sweep;

@@ -114,6 +114,27 @@ impl CellMasses {
         self.nodes.push(Node { scale: scale as f32, rows: factors as f32 });
     }
 
+    /// For each table, row and cell the running mass of the row up to the cell's end and the cell's own mass, and for each table and row the running mass
+    /// of the rows. A cell's mass is no difference of its neighbours' running masses here, as those are rounded.
+    pub fn running_masses(&self) -> [Vec<f32>; 3] {
+        let (rows, columns) = self.cells.shape();
+        let [mut along, mut own, mut down] = [const { Vec::new() }; 3];
+        for (table, node) in self.nodes.iter().enumerate() {
+            for row in 0..rows {
+                let numbers = &self.numbers[self.row_start(table, row)..];
+                let (factor, mut before) = (node.scale * f32::from(numbers[0]), 0);
+                for k in 1..=columns {
+                    let sum = if k == columns { WHOLE } else { numbers[k] };
+                    along.push(factor * f32::from(sum));
+                    own.push(factor * f32::from(sum - before));
+                    before = sum;
+                }
+                down.push(node.scale * Self::ROW * self.row_sums[table * self.padded_rows + row]);
+            }
+        }
+        [along, own, down]
+    }
+
     /// Scale and sum of a table.
     #[inline(always)]
     pub fn node(&self, node: usize) -> Node {

@@ -12,6 +12,7 @@ use crate::{
     columns::{Arena, vectorized},
     discrete::BELOW_ONE,
     error::{Error, Result},
+    flat::FlatArray,
     sampler::IntermediateDensity,
     simd::{LANES, Lanes},
     tile::Rows,
@@ -85,6 +86,25 @@ impl BakedTable {
     /// The grid of cells.
     pub fn cells(&self) -> CellGrid {
         self.cells
+    }
+
+    /// What a draw and a pdf read, floor included, for implementations on other devices: `table.along` `[nodes, rows, columns]`, the running masses of each
+    /// row up to the ends of its cells, `table.masses`, those of the cells alone, and `table.down` `[nodes, rows]`, the running masses of the rows; `table.shape` `[4]`: polar, azimuth, rows,
+    /// columns.
+    pub fn flat(&self) -> Vec<FlatArray> {
+        let ((polar, azimuth), (rows, columns)) = (self.normals.shape(), self.cells.shape());
+        let [along, own, down] = self.quantized.running_masses();
+        let nodes = polar * azimuth;
+        vec![
+            FlatArray::floats("table.along", vec![nodes, rows, columns], along),
+            FlatArray::floats("table.masses", vec![nodes, rows, columns], own),
+            FlatArray::floats("table.down", vec![nodes, rows], down),
+            FlatArray::integers(
+                "table.shape",
+                vec![4],
+                [polar, azimuth, rows, columns].map(|count| count as u32).to_vec(),
+            ),
+        ]
     }
 
     /// The masses `[nodes, rows, columns]` without the floor.

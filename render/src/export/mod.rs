@@ -6,8 +6,11 @@
 //! `[polar, azimuth, rows, columns]`. The metadata has one entry, `headtail`, which holds a JSON object, [`Description`]. A reader
 //! refuses fields and tensors that it does not know.
 
+mod flat;
 mod read;
 mod write;
+
+pub use flat::{flat_patches, flat_table};
 
 use std::sync::Arc;
 

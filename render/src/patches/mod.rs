@@ -10,6 +10,7 @@
 
 mod choice;
 mod draw;
+mod flat;
 mod lookup;
 mod mass;
 mod moments;

@@ -68,6 +68,11 @@ pub struct Found {
 }
 
 impl Forest {
+    /// All splits as they are stored.
+    pub fn splits(&self) -> Vec<u32> {
+        self.0.iter().map(|split| split.0).collect()
+    }
+
     /// Adds the tree over `patches` (at most 128), which tile a part of `start` and lie in its order; where it begins. Halves without a patch are left
     /// out.
     pub fn plant(&mut self, start: Node, patches: &[Node]) -> u32 {

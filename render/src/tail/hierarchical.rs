@@ -124,6 +124,12 @@ impl Hierarchical {
         Self { grid, levels, square_levels, top_columns }
     }
 
+    /// Levels from the root down, for implementations on other devices: the logarithms of how many columns and rows of children a node has, and the
+    /// cuts of all nodes `[nodes, 4]`, the children of one side by side: y of the horizontal cut, x of the vertical cut above and below it, 0.
+    pub fn levels(&self) -> impl ExactSizeIterator<Item = ([u32; 2], &[[f32; 4]])> {
+        self.levels.iter().map(|level| ([level.column_bits, level.row_bits], &*level.cuts))
+    }
+
     /// The density of the map.
     pub fn grid(&self) -> &BilinearDensity {
         &self.grid

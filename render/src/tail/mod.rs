@@ -1,5 +1,6 @@
 //! Tail warps t: Y -> X: unconditional bijections that carry the uniform distribution to the light of an environment map.
 
+mod flat;
 mod flow;
 mod hierarchical;
 mod node;

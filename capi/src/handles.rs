@@ -1,0 +1,68 @@
+//! Objects by number: a number that was closed, or never given, is an error and not memory.
+
+use std::{
+    collections::HashMap,
+    sync::{Arc, LazyLock, PoisonError, RwLock},
+};
+
+use headtail_render::{environment::Environment, sampler::Sampler};
+
+use crate::status::Failure;
+
+/// What a handle stands for.
+#[derive(Clone)]
+pub enum Object {
+    Environment(Arc<Environment>),
+    Sampler(Arc<OpenSampler>),
+}
+
+/// A sampler with its map.
+pub struct OpenSampler {
+    pub sampler: Arc<dyn Sampler>,
+    pub environment: Arc<Environment>,
+    /// JSON.
+    pub description: String,
+}
+
+#[derive(Default)]
+struct Table {
+    last: u64,
+    objects: HashMap<u64, Object>,
+}
+
+static TABLE: LazyLock<RwLock<Table>> = LazyLock::new(RwLock::default);
+
+/// Keeps an object; its handle, which is never 0 and never given again.
+pub fn open(object: Object) -> u64 {
+    let mut table = TABLE.write().unwrap_or_else(PoisonError::into_inner);
+    table.last += 1;
+    let handle = table.last;
+    table.objects.insert(handle, object);
+    handle
+}
+
+/// The object of a handle. It lives on while a call uses it, even if another thread closes it.
+fn object(handle: u64) -> Result<Object, Failure> {
+    let table = TABLE.read().unwrap_or_else(PoisonError::into_inner);
+    table.objects.get(&handle).cloned().ok_or_else(|| Failure::argument(format!("handle {handle}: is not open")))
+}
+
+/// Forgets a handle.
+pub fn close(handle: u64) -> Result<(), Failure> {
+    let mut table = TABLE.write().unwrap_or_else(PoisonError::into_inner);
+    table.objects.remove(&handle).map(|_| ()).ok_or_else(|| Failure::argument(format!("handle {handle}: is not open")))
+}
+
+pub fn environment(handle: u64) -> Result<Arc<Environment>, Failure> {
+    match object(handle)? {
+        Object::Environment(environment) => Ok(environment),
+        Object::Sampler(_) => Err(Failure::argument(format!("handle {handle}: is a sampler, not an environment"))),
+    }
+}
+
+pub fn sampler(handle: u64) -> Result<Arc<OpenSampler>, Failure> {
+    match object(handle)? {
+        Object::Sampler(sampler) => Ok(sampler),
+        Object::Environment(_) => Err(Failure::argument(format!("handle {handle}: is an environment, not a sampler"))),
+    }
+}

@@ -1,0 +1,306 @@
+//! The C library: environments and samplers by handles, batches of directions. `include/headtail.h` is its header.
+//!
+//! World space is right-handed with Y up; directions are unit vectors that point away from the surface, three floats each. Every pdf is over solid
+//! angle. All functions may be called from any thread at any time, on the same handles too. Nothing unwinds out of them.
+
+mod handles;
+mod status;
+
+use std::{
+    ffi::{CStr, c_char},
+    path::Path,
+    slice,
+    sync::Arc,
+};
+
+use handles::{Object, OpenSampler};
+use headtail_render::{
+    batch::{self, DrawList, Numbers, PointList, SurfaceList},
+    environment::Environment,
+    export::ExportedSampler,
+    image::Image,
+    sampler::{Covering, Sampler},
+    spec::SamplerSpec,
+};
+use status::{Failure, call};
+
+pub use status::HeadtailStatus;
+
+/// Most elements of a list.
+const MOST: usize = 1 << 40;
+
+/// An environment or a sampler that is open. 0 is none.
+pub type HeadtailHandle = u64;
+
+/// Shading points. Each list has one entry for all points, or one for each.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct HeadtailPoints {
+    /// Unit shading normals in world space, three floats each.
+    pub n: *const f32,
+    /// Entries of `n`.
+    pub n_count: usize,
+    /// Unit directions to the viewer; NULL takes the normals, which is enough for diffuse surfaces.
+    pub wo: *const f32,
+    /// Entries of `wo`.
+    pub wo_count: usize,
+    /// Trowbridge-Reitz widths from 0.001 to 1; NULL for diffuse surfaces.
+    pub alpha: *const f32,
+    /// Entries of `alpha`.
+    pub alpha_count: usize,
+    /// Reflectances at normal incidence from 0 to 1; NULL takes 1.
+    pub f0: *const f32,
+    /// Entries of `f0`.
+    pub f0_count: usize,
+}
+
+/// The sentence of the last call of this thread that did not end with HEADTAIL_STATUS_OK. It stays valid until the next such call.
+#[unsafe(no_mangle)]
+pub extern "C" fn headtail_last_error() -> *const c_char {
+    status::last()
+}
+
+/// Opens an environment: a built-in one (overcast, window, studio, sunset), or a Radiance .hdr or OpenEXR file, by its UTF-8 name.
+///
+/// # Safety
+/// `name` is NULL or ends with a zero byte; `out` is NULL or may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_environment_open(name: *const c_char, out: *mut HeadtailHandle) -> HeadtailStatus {
+    call(|| {
+        // SAFETY: as the caller promises.
+        let (name, out) = unsafe { (text("name", name)?, target("out", out)?) };
+        *out = handles::open(Object::Environment(Arc::new(Environment::open(name)?)));
+        Ok(())
+    })
+}
+
+/// Makes an environment of linear Rec.709 radiance, three floats for each texel, rows from the top.
+///
+/// # Safety
+/// `texels` is NULL or holds 3 * width * height floats; `out` is NULL or may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_environment_from_texels(
+    width: usize,
+    height: usize,
+    texels: *const f32,
+    out: *mut HeadtailHandle,
+) -> HeadtailStatus {
+    call(|| {
+        let count = width.checked_mul(height).filter(|count| *count <= 1 << 27);
+        let count = count.ok_or_else(|| Failure::argument(format!("size: {width} x {height} is above 2^27 texels")))?;
+        // SAFETY: as the caller promises.
+        let (pixels, out) = unsafe { (list("texels", texels.cast::<[f32; 3]>(), count)?, target("out", out)?) };
+        let image = Image { width, height, pixels: pixels.to_vec() };
+        *out = handles::open(Object::Environment(Arc::new(Environment::from_image("texels", image)?)));
+        Ok(())
+    })
+}
+
+/// Makes the sampler of a SPEC for an environment: "patches" is the first choice; "mis", "direct:FILE", ... as on the command line.
+///
+/// # Safety
+/// `spec` is NULL or ends with a zero byte; `out` is NULL or may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_sampler_from_spec(
+    spec: *const c_char,
+    environment: HeadtailHandle,
+    out: *mut HeadtailHandle,
+) -> HeadtailStatus {
+    call(|| {
+        // SAFETY: as the caller promises.
+        let (spec, out) = unsafe { (text("spec", spec)?, target("out", out)?) };
+        let environment = handles::environment(environment)?;
+        let parsed: SamplerSpec = spec.parse()?;
+        let SamplerSpec::One(source) = &parsed else {
+            return Err(Failure::argument(format!("sampler '{spec}': has no pdf of its own")));
+        };
+        let sampler = Covering::new(source.build(&environment)?)?.into_inner();
+        *out = keep(sampler, environment, &serde_json::json!({ "sampler": parsed.to_string() }));
+        Ok(())
+    })
+}
+
+/// Opens a sampler's file for the environment that it was made for.
+///
+/// # Safety
+/// `path` is NULL or ends with a zero byte; `out` is NULL or may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_sampler_open(
+    path: *const c_char,
+    environment: HeadtailHandle,
+    out: *mut HeadtailHandle,
+) -> HeadtailStatus {
+    call(|| {
+        // SAFETY: as the caller promises.
+        let (path, out) = unsafe { (Path::new(text("path", path)?), target("out", out)?) };
+        let environment = handles::environment(environment)?;
+        let exported = ExportedSampler::read(path)?;
+        let description = serde_json::to_value(exported.description()).unwrap_or_default();
+        let sampler = exported.open(&environment).map_err(|error| error.in_file(path))?.into_inner();
+        *out = keep(sampler, environment, &description);
+        Ok(())
+    })
+}
+
+/// Writes what a sampler says of itself, as JSON that ends with a zero byte, into `buffer`, as much of it as fits. `length` becomes the bytes that all
+/// of it needs, the zero included; it may be NULL.
+///
+/// # Safety
+/// `buffer` is NULL or has room for `capacity` bytes; `length` is NULL or may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_sampler_describe(
+    sampler: HeadtailHandle,
+    buffer: *mut c_char,
+    capacity: usize,
+    length: *mut usize,
+) -> HeadtailStatus {
+    call(|| {
+        let sampler = handles::sampler(sampler)?;
+        let bytes = sampler.description.as_bytes();
+        if !length.is_null() {
+            // SAFETY: as the caller promises.
+            unsafe { length.write(bytes.len() + 1) };
+        }
+        if !buffer.is_null() && capacity > 0 {
+            let count = bytes.len().min(capacity - 1);
+            // SAFETY: `count` + 1 bytes are within the capacity, which the caller promises.
+            unsafe {
+                std::ptr::copy_nonoverlapping(bytes.as_ptr().cast(), buffer, count);
+                buffer.add(count).write(0);
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Draws a direction for each of `count` points. `u` holds two uniform numbers of [0, 1) for each; where it is NULL, random numbers of `seed` are
+/// taken. `wi` gets three floats for each point, `pdf` one, `radiance`, which may be NULL, three. A pdf of 0 is no sample; the other results are then 0.
+///
+/// # Safety
+/// Lists are NULL or as long as their counts say. Results may be written to, and share no memory with each other or with other lists.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_sampler_sample(
+    sampler: HeadtailHandle,
+    points: *const HeadtailPoints,
+    count: usize,
+    u: *const f32,
+    seed: u64,
+    wi: *mut f32,
+    pdf: *mut f32,
+    radiance: *mut f32,
+) -> HeadtailStatus {
+    call(|| {
+        let sampler = handles::sampler(sampler)?;
+        // SAFETY: as the caller promises.
+        unsafe {
+            let at = point_list(points)?;
+            let numbers = if u.is_null() { Numbers::Seed(seed) } else { Numbers::Given(list("u", u.cast(), count)?) };
+            let light = if radiance.is_null() { None } else { Some(list_mut("radiance", radiance.cast(), count)?) };
+            let out = DrawList {
+                wi: list_mut("wi", wi.cast(), count)?,
+                pdf: list_mut("pdf", pdf, count)?,
+                radiance: light.map(|list| (&*sampler.environment, list)),
+            };
+            Ok(batch::sample(&*sampler.sampler, &at, numbers, out)?)
+        }
+    })
+}
+
+/// The solid-angle pdfs with which [`headtail_sampler_sample`] draws the `count` unit directions `wi` at the points.
+///
+/// # Safety
+/// As for [`headtail_sampler_sample`].
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_sampler_pdf(
+    sampler: HeadtailHandle,
+    points: *const HeadtailPoints,
+    count: usize,
+    wi: *const f32,
+    pdf: *mut f32,
+) -> HeadtailStatus {
+    call(|| {
+        let sampler = handles::sampler(sampler)?;
+        // SAFETY: as the caller promises.
+        unsafe {
+            let (wi, out) = (list("wi", wi.cast(), count)?, list_mut("pdf", pdf, count)?);
+            Ok(batch::pdf(&*sampler.sampler, &point_list(points)?, wi, out)?)
+        }
+    })
+}
+
+/// Closes an environment or a sampler. A sampler keeps what it needs of its environment.
+#[unsafe(no_mangle)]
+pub extern "C" fn headtail_close(handle: HeadtailHandle) -> HeadtailStatus {
+    call(|| handles::close(handle))
+}
+
+fn keep(sampler: Arc<dyn Sampler>, environment: Arc<Environment>, description: &serde_json::Value) -> HeadtailHandle {
+    handles::open(Object::Sampler(Arc::new(OpenSampler { sampler, environment, description: description.to_string() })))
+}
+
+/// # Safety
+/// `pointer` is NULL or ends with a zero byte.
+unsafe fn text<'a>(name: &str, pointer: *const c_char) -> Result<&'a str, Failure> {
+    if pointer.is_null() {
+        return Err(Failure::argument(format!("{name}: is NULL")));
+    }
+    // SAFETY: as the caller promises.
+    let text = unsafe { CStr::from_ptr(pointer) };
+    text.to_str().map_err(|_| Failure::argument(format!("{name}: is not UTF-8")))
+}
+
+/// # Safety
+/// `pointer` is NULL or may be written to.
+unsafe fn target<'a>(name: &str, pointer: *mut HeadtailHandle) -> Result<&'a mut HeadtailHandle, Failure> {
+    check(name, pointer, 1)?;
+    // SAFETY: as the caller promises. What is there is overwritten, whatever it is: any bits are a handle.
+    let out = unsafe { &mut *pointer };
+    *out = 0;
+    Ok(out)
+}
+
+fn check<T>(name: &str, pointer: *const T, count: usize) -> Result<(), Failure> {
+    if pointer.is_null() {
+        return Err(Failure::argument(format!("{name}: is NULL")));
+    }
+    if !pointer.is_aligned() {
+        return Err(Failure::argument(format!("{name}: is not aligned")));
+    }
+    if count > MOST {
+        return Err(Failure::argument(format!("{name}: has {count} entries")));
+    }
+    Ok(())
+}
+
+/// # Safety
+/// `pointer` is NULL or holds `count` entries.
+unsafe fn list<'a, T>(name: &str, pointer: *const T, count: usize) -> Result<&'a [T], Failure> {
+    check(name, pointer, count)?;
+    // SAFETY: as the caller promises.
+    Ok(unsafe { slice::from_raw_parts(pointer, count) })
+}
+
+/// # Safety
+/// `pointer` is NULL or holds `count` entries that nothing else refers to.
+unsafe fn list_mut<'a, T>(name: &str, pointer: *mut T, count: usize) -> Result<&'a mut [T], Failure> {
+    check(name, pointer, count)?;
+    // SAFETY: as the caller promises.
+    Ok(unsafe { slice::from_raw_parts_mut(pointer, count) })
+}
+
+/// # Safety
+/// `points` is NULL or points to lists that are NULL or as long as their counts say.
+unsafe fn point_list<'a>(points: *const HeadtailPoints) -> Result<PointList<'a>, Failure> {
+    // SAFETY: as the caller promises.
+    unsafe {
+        let [points] = list("points", points, 1)? else { unreachable!("a list of one") };
+        let wo = if points.wo.is_null() { &[] } else { list("wo", points.wo.cast(), points.wo_count)? };
+        let f0 = if points.f0.is_null() { &[1.0] } else { list("f0", points.f0, points.f0_count)? };
+        let surface = if points.alpha.is_null() {
+            SurfaceList::Diffuse
+        } else {
+            SurfaceList::Glossy { alpha: list("alpha", points.alpha, points.alpha_count)?, f0 }
+        };
+        Ok(PointList { n: list("n", points.n.cast(), points.n_count)?, wo, surface })
+    }
+}

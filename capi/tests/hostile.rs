@@ -1,0 +1,149 @@
+//! Calls with wrong arguments end with a code and a sentence.
+
+use std::{
+    ffi::{CStr, CString, c_char},
+    ptr::{null, null_mut},
+    thread,
+};
+
+use headtail_c::*;
+
+fn error() -> String {
+    // SAFETY: the text of this thread, copied before the next call.
+    unsafe { CStr::from_ptr(headtail_last_error()) }.to_str().unwrap().to_owned()
+}
+
+fn environment(name: &str) -> HeadtailHandle {
+    let (name, mut handle) = (CString::new(name).unwrap(), 0);
+    // SAFETY: both live as long as the call.
+    assert_eq!(unsafe { headtail_environment_open(name.as_ptr(), &mut handle) }, HeadtailStatus::Ok);
+    handle
+}
+
+fn patches(environment: HeadtailHandle) -> HeadtailHandle {
+    let mut handle = 0;
+    // SAFETY: both live as long as the call.
+    assert_eq!(
+        unsafe { headtail_sampler_from_spec(c"patches".as_ptr(), environment, &mut handle) },
+        HeadtailStatus::Ok
+    );
+    handle
+}
+
+const UP: [f32; 3] = [0.0, 1.0, 0.0];
+
+fn points(n: &[[f32; 3]]) -> HeadtailPoints {
+    HeadtailPoints {
+        n: n.as_ptr().cast(),
+        n_count: n.len(),
+        wo: null(),
+        wo_count: 0,
+        alpha: null(),
+        alpha_count: 0,
+        f0: null(),
+        f0_count: 0,
+    }
+}
+
+#[test]
+fn draws_are_those_of_the_batch_and_their_pdfs_are_found_again() {
+    let map = environment("studio");
+    let sampler = patches(map);
+    assert_eq!(headtail_close(map), HeadtailStatus::Ok);
+    let (mut wi, mut pdf, mut radiance, mut again) = ([[0.0_f32; 3]; 100], [0.0; 100], [[0.0_f32; 3]; 100], [0.0; 100]);
+    let at = points(&[UP]);
+    // SAFETY: lists are as long as is said.
+    unsafe {
+        let [wi, light] = [wi.as_flattened_mut().as_mut_ptr(), radiance.as_flattened_mut().as_mut_ptr()];
+        let status = headtail_sampler_sample(sampler, &at, 100, null(), 7, wi, pdf.as_mut_ptr(), light);
+        assert_eq!(status, HeadtailStatus::Ok, "{}", error());
+        assert_eq!(headtail_sampler_pdf(sampler, &at, 100, wi, again.as_mut_ptr()), HeadtailStatus::Ok, "{}", error());
+    }
+    assert!(pdf.iter().zip(again).all(|(a, b)| *a > 0.0 && (b / a - 1.0).abs() < 1e-2));
+    assert!(radiance.as_flattened().iter().any(|value| *value > 0.0));
+    let (mut text, mut length) = ([0 as c_char; 12], 0);
+    // SAFETY: the buffer has the room that is said.
+    unsafe {
+        assert_eq!(headtail_sampler_describe(sampler, text.as_mut_ptr(), text.len(), &mut length), HeadtailStatus::Ok);
+        assert_eq!(CStr::from_ptr(text.as_ptr()).to_str(), Ok("{\"sampler\":"));
+    }
+    assert_eq!(length, "{\"sampler\":\"patches\"}".len() + 1);
+}
+
+#[test]
+fn closed_handles_and_wrong_ones_are_errors() {
+    let map = environment("overcast");
+    let sampler = patches(map);
+    let (mut handle, mut wi, mut pdf) = (1, [0.0; 3], [0.0; 1]);
+    let mut draw = |handle, at: *const HeadtailPoints, wi_out: *mut f32| {
+        // SAFETY: lists are as long as is said, or NULL.
+        unsafe { headtail_sampler_sample(handle, at, 1, null(), 0, wi_out, pdf.as_mut_ptr(), null_mut()) }
+    };
+    let at = points(&[UP]);
+    for wrong in [0, map, u64::MAX] {
+        assert_eq!(draw(wrong, &at, wi.as_mut_ptr()), HeadtailStatus::Invalid);
+        assert!(error().contains(if wrong == map { "is an environment" } else { "is not open" }));
+    }
+    assert_eq!(draw(sampler, null(), wi.as_mut_ptr()), HeadtailStatus::Invalid);
+    assert_eq!(error(), "points: is NULL");
+    assert_eq!(draw(sampler, &at, null_mut()), HeadtailStatus::Invalid);
+    assert_eq!(error(), "wi: is NULL");
+    assert_eq!(draw(sampler, &points(&[[f32::NAN; 3]]), wi.as_mut_ptr()), HeadtailStatus::Invalid);
+    assert!(error().contains("n: row 0 is (NaN, NaN, NaN)"));
+    assert_eq!(draw(sampler, &points(&[UP; 2]), wi.as_mut_ptr()), HeadtailStatus::Invalid);
+    let crooked = HeadtailPoints { n: (1 + wi.as_ptr() as usize) as *const f32, ..at };
+    assert_eq!(draw(sampler, &crooked, wi.as_mut_ptr()), HeadtailStatus::Invalid);
+    assert_eq!(headtail_close(sampler), HeadtailStatus::Ok);
+    assert_eq!(headtail_close(sampler), HeadtailStatus::Invalid);
+    assert_eq!(draw(sampler, &at, wi.as_mut_ptr()), HeadtailStatus::Invalid);
+    // SAFETY: texts end with a zero byte, or are NULL.
+    unsafe {
+        assert_eq!(headtail_environment_open(null(), &mut handle), HeadtailStatus::Invalid);
+        assert_eq!(headtail_environment_open(c"studio".as_ptr(), null_mut()), HeadtailStatus::Invalid);
+        assert_eq!(headtail_environment_open(c"missing.hdr".as_ptr(), &mut handle), HeadtailStatus::Invalid);
+        assert_eq!(handle, 0);
+        assert_eq!(headtail_environment_open(c"\xff\xfe".as_ptr(), &mut handle), HeadtailStatus::Invalid);
+        assert_eq!(
+            headtail_environment_from_texels(1 << 40, 1 << 40, wi.as_ptr(), &mut handle),
+            HeadtailStatus::Invalid
+        );
+        assert_eq!(headtail_sampler_from_spec(c"ris:4".as_ptr(), map, &mut handle), HeadtailStatus::Invalid);
+        assert_eq!(headtail_sampler_from_spec(c"nonsense".as_ptr(), map, &mut handle), HeadtailStatus::Invalid);
+        assert_eq!(headtail_sampler_open(c"missing".as_ptr(), map, &mut handle), HeadtailStatus::Io);
+    }
+}
+
+#[test]
+fn a_sampler_may_be_closed_while_others_draw() {
+    let map = environment("overcast");
+    let sampler = patches(map);
+    thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| {
+                let (mut wi, mut pdf) = (vec![0.0; 3 * 5000], vec![0.0; 5000]);
+                loop {
+                    let at = points(&[UP]);
+                    // SAFETY: lists are as long as is said.
+                    let status = unsafe {
+                        headtail_sampler_sample(
+                            sampler,
+                            &at,
+                            5000,
+                            null(),
+                            0,
+                            wi.as_mut_ptr(),
+                            pdf.as_mut_ptr(),
+                            null_mut(),
+                        )
+                    };
+                    if status != HeadtailStatus::Ok {
+                        break assert!(error().contains("is not open"));
+                    }
+                    assert!(pdf.iter().all(|pdf| *pdf > 0.0));
+                }
+            });
+        }
+        thread::sleep(std::time::Duration::from_millis(50));
+        assert_eq!(headtail_close(sampler), HeadtailStatus::Ok);
+    });
+}

@@ -1,0 +1,25 @@
+"""Samplers of light directions in proportion to environment light x BRDF x cosine.
+
+World space is right-handed with Y up; directions are unit vectors that point away from the surface, in rows of three 32-bit floats. Every pdf
+is over solid angle, and a pdf of 0 means that there is no sample. A map's layout is that of Mitsuba 3's `envmap` without a transform.
+"""
+
+from ._environment import Environment
+from ._fit import fit, settings
+from ._native import HeadtailError
+from ._render import Rendering, Scene, compare, render
+from ._sampler import Draws, Sampler, bake
+
+__all__ = [
+    "Draws",
+    "Environment",
+    "HeadtailError",
+    "Rendering",
+    "Sampler",
+    "Scene",
+    "bake",
+    "compare",
+    "fit",
+    "render",
+    "settings",
+]

@@ -1,0 +1,54 @@
+"""Training."""
+
+import json
+import os
+
+from . import _native
+from ._environment import environment
+from ._sampler import Sampler
+
+
+def fit(
+    env,
+    material="lambert",
+    *,
+    preset=None,
+    progress=None,
+    checkpoint_dir=None,
+    checkpoint_every=250,
+    resume=False,
+    reproducible=False,
+    **settings,
+):
+    """Trains a head for a map; a `Sampler`, which `save` writes to a file.
+
+    material: "lambert", "ggx:alpha=0.4", "ggx:alpha=0.2..0.8". settings: any key that `settings()` prints, tables as dictionaries:
+    steps=3000, head={"bins": 16}. progress: called after every step with a dictionary of step, steps, loss, kl, relative_variance, seconds.
+    Ctrl-C raises KeyboardInterrupt after the current step; with checkpoint_dir, resume=True goes on from there.
+    """
+    checkpoints = None
+    if checkpoint_dir is not None:
+        if int(checkpoint_every) < 1:
+            raise _native.HeadtailError(f"checkpoint_every: {checkpoint_every} is not at least 1")
+        checkpoints = (os.fspath(checkpoint_dir), int(checkpoint_every), bool(resume))
+    elif resume:
+        raise _native.HeadtailError("resume: needs checkpoint_dir")
+    native = environment(env)._native
+    return Sampler(_native.fit(native, material, preset, _assignments(settings), checkpoints, reproducible, progress))
+
+
+def settings(material=None, *, preset=None, **settings):
+    """Every setting of a run and its value, as a text in TOML."""
+    return _native.settings(material, preset, _assignments(settings))
+
+
+def _assignments(settings, path=""):
+    """`key.of.field = value` in TOML, of nested dictionaries."""
+    lines = []
+    for key, value in settings.items():
+        if isinstance(value, dict):
+            lines += _assignments(value, f"{path}{key}.")
+        else:
+            # JSON's texts, numbers and booleans are TOML's too.
+            lines.append(f"{path}{key}={json.dumps(value)}")
+    return lines

@@ -1,0 +1,43 @@
+"""Integrators for Mitsuba 3: `import headtail.mitsuba` registers `headtail_direct` and `headtail_path`, in every variant that has arrays.
+
+Properties: `sampler` ("patches", "patches:fine" or "table", made on first use), or `file` (a table that `headtail bake` wrote for the scene's map);
+`hide_emitters`; of `headtail_path` also `max_depth` and `rr_depth`. The scene is lit by one environment map (`envmap`, with any `to_world`, or
+`constant`).
+"""
+
+import mitsuba as mi
+
+from headtail import HeadtailError
+
+_registered = set()
+
+
+def register():
+    """Registers the integrators in the current variant; `import` does so, and every `mitsuba.set_variant` after it."""
+    variant = mi.variant()
+    if variant is None or variant in _registered:
+        return
+    _registered.add(variant)
+    if not variant.startswith(("llvm_", "cuda_")) or not variant.endswith("_rgb"):
+        for name in ("headtail_direct", "headtail_path"):
+            mi.register_integrator(name, _refuse(name, variant))
+        return
+    from ._integrators import make
+
+    for name, integrator in make().items():
+        mi.register_integrator(name, integrator)
+
+
+def _refuse(name, variant):
+    def refuse(props):
+        raise HeadtailError(f"{name}: the variant {variant} has no arrays of RGB colours; use llvm_ad_rgb or cuda_ad_rgb")
+
+    return refuse
+
+
+def _variant_changed(old, new):
+    register()
+
+
+mi.detail.add_variant_callback(_variant_changed)
+register()

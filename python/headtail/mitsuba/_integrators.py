@@ -1,0 +1,226 @@
+"""The integrators `headtail_direct` and `headtail_path`."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+import headtail
+from headtail import HeadtailError
+
+from ._patches import Patches, Point
+from ._surface import Surfaces
+from ._table import Table
+from ._warp import remap
+
+
+def environment_of(emitter):
+    """(a map of headtail's, its resolution) of Mitsuba's environment emitter, in the emitter's own frame."""
+    kind, parameters = emitter.class_name(), mi.traverse(emitter)
+    if kind == "ConstantBackgroundEmitter":
+        return headtail.Environment.from_array(np.ones((1, 1, 3), np.float32), "constant")
+    if kind != "EnvironmentMapEmitter":
+        raise HeadtailError(f"environment: there are samplers for envmap and constant, not for {kind}")
+    # Mitsuba repeats the last column before the first and the first after the last.
+    texels = np.array(parameters["data"])[:, 1:-1, :]
+    scale = np.array(parameters["scale"]).ravel()[0]
+    if texels.shape[2] == 1:
+        texels = np.repeat(texels, 3, 2)
+    return headtail.Environment.from_array(texels[..., :3] * scale, "scene")
+
+
+class Light:
+    """The environment of a scene with its sampler, made on first use."""
+
+    def __init__(self, scene, file, spec):
+        emitters = scene.emitters()
+        environment = scene.environment()
+        if environment is None or len(emitters) != 1:
+            raise HeadtailError(
+                f"scene: has {len(emitters)} emitters; headtail's integrators light a scene by one environment map and nothing else"
+            )
+        self.environment, self.surfaces = environment, Surfaces(scene)
+        self.to_world = environment.world_transform()
+        self.to_map = self.to_world.inverse()
+        axes = np.array(self.to_world.matrix).reshape(4, 4)[:3, :3]
+        if not np.allclose(axes @ axes.T, np.eye(3), atol=1e-4):
+            raise HeadtailError("environment: its to_world is no rotation")
+        map = environment_of(environment)
+        if file:
+            sampler = headtail.Sampler.open(file, map)
+        elif spec == "table":
+            sampler = headtail.bake(map)
+        else:
+            sampler = headtail.Sampler.from_spec(spec, map)
+        arrays = sampler._native.arrays()
+        self.product = Table(arrays) if "table.along" in arrays else Patches(arrays)
+
+    def radiance(self, ray, wi, active):
+        """What arrives from a direction in world space."""
+        far = dr.zeros(mi.SurfaceInteraction3f)
+        far.wi, far.wavelengths, far.time = -wi, ray.wavelengths, ray.time
+        return self.environment.eval(far, active)
+
+    def estimate(self, scene, sampler, ray, si, bsdf, active):
+        """Directions of light at hits: for each (wi in world space, BSDF x cosine / pdf with its weight, where there is one)."""
+        toward = dr.dot(si.sh_frame.n, -ray.d)
+        n, wo = self.to_map @ mi.Vector3f(dr.mulsign(si.sh_frame.n, toward)), self.to_map @ mi.Vector3f(-ray.d)
+        if isinstance(self.product, Patches):
+            if self.surfaces.are_diffuse:
+                return [self.patches_alone(sampler, si, bsdf, n, wo, active)]
+            return [self.patches_beside_bsdf(sampler, si, bsdf, n, wo, active)]
+        prepared = self.product.prepare(n)
+        if self.surfaces.are_diffuse:
+            return [self.table_alone(sampler, si, bsdf, prepared, active)]
+        return self.table_and_bsdf(sampler, si, bsdf, prepared, active)
+
+    def patches_alone(self, sampler, si, bsdf, n, wo, active):
+        """One direction of patches, for diffuse surfaces."""
+        local, pdf = self.product.sample(Point(n, wo, None), sampler.next_2d(active), None, None, active)
+        return self.weighted(si, bsdf, local, pdf, active)
+
+    def table_alone(self, sampler, si, bsdf, prepared, active):
+        """One direction of the table, for diffuse surfaces."""
+        local, pdf = self.product.sample(prepared, sampler.next_2d(active), active)
+        return self.weighted(si, bsdf, local, pdf, active)
+
+    def weighted(self, si, bsdf, local, pdf, active):
+        wi = self.to_world @ local
+        value = bsdf.eval(mi.BSDFContext(), si, si.to_local(wi), active)
+        return wi, dr.select(pdf > 0, value / pdf, 0), active & (pdf > 0)
+
+    def patches_beside_bsdf(self, sampler, si, bsdf, n, wo, active):
+        """One direction of patches or of the BSDF, with the mixture's pdf."""
+        context, z = mi.BSDFContext(), sampler.next_2d(active)
+        *lobes, can_draw = self.surfaces.lobes(bsdf, si, active)
+        share = dr.select(can_draw, self.product.shares(lobes), 0)
+        by_product = z.x < share
+        by_bsdf = active & ~by_product
+        drawn, weight = bsdf.sample(context, si, sampler.next_1d(active), sampler.next_2d(active), by_bsdf)
+        z.x = dr.select(by_product, remap(z.x, 0, share), 0)
+        local, pdf = self.product.sample(Point(n, wo, lobes), z, by_bsdf, self.to_map @ si.to_world(drawn.wo), active)
+        wi = dr.select(by_bsdf, si.to_world(drawn.wo), self.to_world @ local)
+        value, other = bsdf.eval_pdf(context, si, si.to_local(wi), active)
+        mixed = share * pdf + (1 - share) * other
+        # A lobe without width has no density: it is a technique of its own.
+        is_delta = by_bsdf & mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
+        ratio = dr.select(is_delta, weight / (1 - share), dr.select(mixed > 0, value / mixed, 0))
+        return wi, ratio, active & (by_bsdf | (pdf > 0))
+
+    def table_and_bsdf(self, sampler, si, bsdf, prepared, active):
+        """Two directions, one of the table and one of the BSDF, power heuristic."""
+        context = mi.BSDFContext()
+        local, pdf = self.product.sample(prepared, sampler.next_2d(active), active)
+        wi = self.to_world @ local
+        value, other = bsdf.eval_pdf(context, si, si.to_local(wi), active & (pdf > 0))
+        first = (wi, dr.select(pdf > 0, value * pdf / (pdf * pdf + other * other), 0), active & (pdf > 0))
+        drawn, weight = bsdf.sample(context, si, sampler.next_1d(active), sampler.next_2d(active), active)
+        wi = si.to_world(drawn.wo)
+        is_delta = mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
+        pdf = dr.select(is_delta, 0, self.product.pdf(prepared, self.to_map @ wi, active & ~is_delta))
+        share = dr.square(drawn.pdf) / (dr.square(drawn.pdf) + dr.square(pdf))
+        return [first, (wi, dr.select(drawn.pdf > 0, weight * share, 0), active)]
+
+    def reflected(self, scene, sampler, ray, si, bsdf, hit, misses):
+        """What hits reflect of the environment, and what shines along the rays of `misses`."""
+        result = mi.Spectrum(0)
+        for index, (wi, ratio, lit) in enumerate(self.estimate(scene, sampler, ray, si, bsdf, hit)):
+            # A new array: what is changed in place is changed for the caller too.
+            lit = lit & (dr.max(ratio) > 0)
+            lit &= ~scene.ray_test(si.spawn_ray(wi), lit)
+            # The first lookup serves both: the kernel has no other for misses.
+            seen = misses if index == 0 else mi.Bool(False)
+            radiance = self.radiance(ray, dr.select(hit, wi, ray.d), lit | seen)
+            result += dr.select(lit, radiance * ratio, dr.select(seen, radiance, 0))
+        return result
+
+
+def make():
+    """The classes for the current variant."""
+
+    class Base(mi.SamplingIntegrator):
+        def __init__(self, props):
+            super().__init__(props)
+            self.file = str(props.get("file", ""))
+            self.spec = str(props.get("sampler", "table"))
+            self.hide_emitters = bool(props.get("hide_emitters", False))
+            if self.spec not in ("table", "patches", "patches:fine"):
+                raise HeadtailError(f"sampler '{self.spec}': is not one of table, patches, patches:fine")
+            self._light, self._scene = None, None
+
+        def light(self, scene):
+            """The scene's light; made anew for another scene, and by `parameters_changed`."""
+            if self._light is None or self._scene is not scene:
+                self._light, self._scene = Light(scene, self.file, self.spec), scene
+            return self._light
+
+        def parameters_changed(self, keys=()):
+            """Forgets samplers: the map may have changed."""
+            self._light = None
+
+        def aov_names(self):
+            return []
+
+    class Direct(Base):
+        """Light of the environment over one surface."""
+
+        def sample(self, scene, sampler, ray, medium=None, active=True):
+            light = self.light(scene)
+            si = scene.ray_intersect(ray, active=active)
+            hit = active & si.is_valid()
+            misses = active & ~hit
+            if self.hide_emitters:
+                misses &= False
+            result = light.reflected(scene, sampler, ray, si, si.bsdf(ray), hit, misses)
+            return result, hit if self.hide_emitters else active, []
+
+        def to_string(self):
+            return f"HeadtailDirect[sampler={self.file or self.spec}]"
+
+    class Path(Base):
+        """Light of the environment over `max_depth` - 1 surfaces, as in Mitsuba's `path`; -1 is no limit."""
+
+        def __init__(self, props):
+            super().__init__(props)
+            self.max_depth = int(props.get("max_depth", -1))
+            self.rr_depth = int(props.get("rr_depth", 5))
+            if self.max_depth < -1 or self.rr_depth < 1:
+                raise HeadtailError("max_depth must be -1 or more, rr_depth at least 1")
+
+        @dr.syntax
+        def sample(self, scene, sampler, ray, medium=None, active=True):
+            light = self.light(scene)
+            limit = self.max_depth if self.max_depth >= 0 else 0xFFFFFFFF
+            ray, result, weight = mi.Ray3f(ray), mi.Spectrum(0), mi.Spectrum(1)
+            depth, eta, seen, active = mi.UInt32(0), mi.Float(1), mi.Bool(False), mi.Bool(active)
+            if self.max_depth == 0:
+                active = mi.Bool(False)
+            while active:
+                si = scene.ray_intersect(ray, active)
+                hit = active & si.is_valid()
+                misses = active & ~hit & (depth == 0)
+                seen |= hit
+                if self.hide_emitters:
+                    misses &= False
+                hit &= depth + 1 < limit
+                bsdf = si.bsdf(ray)
+                result += weight * light.reflected(scene, sampler, ray, si, bsdf, hit, misses)
+                depth += 1
+                active = hit & (depth + 1 < limit)
+                drawn, factor = bsdf.sample(
+                    mi.BSDFContext(), si, sampler.next_1d(active), sampler.next_2d(active), active
+                )
+                ray = si.spawn_ray(si.to_world(drawn.wo))
+                weight *= factor
+                eta *= drawn.eta
+                largest = dr.max(weight)
+                survives = dr.minimum(largest * eta * eta, 0.95)
+                roulette = active & (depth >= self.rr_depth)
+                active &= largest > 0
+                active &= ~roulette | (sampler.next_1d(active) < survives)
+                weight[roulette] *= dr.rcp(survives)
+            return result, seen if self.hide_emitters else mi.Bool(True), []
+
+        def to_string(self):
+            return f"HeadtailPath[sampler={self.file or self.spec}, max_depth={self.max_depth}]"
+
+    return {"headtail_direct": Direct, "headtail_path": Path}

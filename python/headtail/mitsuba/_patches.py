@@ -1,0 +1,251 @@
+"""Patches of sky in Dr.Jit: product sampling in closed form, as `render/src/patches` has it for SIMD lanes."""
+
+import drjit as dr
+import mitsuba as mi
+
+from ._warp import Tail, directions, remap, squares, upload
+
+CLUSTERS, PARTS = 32, 16
+LEAF_FLOOR, CLUSTER_FLOOR = 0.15, 0.02
+LEAST_VISIBLE, LEAST_TOP, LEAST_VARIANCE = 0.02, 0.2, 3e-7
+MOST_BRDF, LEAST_BRDF, LEAST_REFLECTED = 0.9, 0.03, 0.3
+CUTS_COLUMNS, IS_SINGLE = 1 << 7, 1 << 24
+
+
+class Patch:
+    """What a mass is computed from, of one patch or of one for each lane."""
+
+    def __init__(self, numbers):
+        self.energy = numbers[0]
+        self.centroid = mi.Vector3f(*numbers[1:4])
+        self.squares = mi.Vector3f(*numbers[4:7])
+        self.mixed = mi.Vector3f(*numbers[7:10])
+        self.reach, self.mahalanobis, self.cell, self.variance, self.inverse_energy = numbers[10:15]
+
+    def spread(self, t):
+        """Three times the variance of t . w over the patch."""
+        mixed = mi.Vector3f(t.x * t.y, t.x * t.z, t.y * t.z)
+        return dr.maximum(dr.dot(t * t, self.squares) + dr.dot(mixed, self.mixed), 0)
+
+    def cosines(self, n):
+        """Mean, half width and upper bound of the cosines over the patch, as if they were uniform on an interval."""
+        mean = dr.dot(n, self.centroid)
+        half_width = dr.sqrt(self.spread(n) + LEAST_VARIANCE)
+        return mean, half_width, mean + dr.minimum(self.mahalanobis * half_width + self.cell, self.reach)
+
+    def mass(self, at, is_leaf):
+        """Light of the patch times what the surface reflects of it."""
+        cosines = self.cosines(at.n)
+        diffuse = clamped(cosines, is_leaf)
+        if at.is_diffuse:
+            return self.energy * diffuse
+        glossy = dr.select(cosines[2] > 0, self.glossy(at, cosines, is_leaf), 0)
+        both = at.diffuse * dr.inv_pi * diffuse + at.specular * glossy
+        return self.energy * dr.select(at.specular > 0, both, diffuse)
+
+    def glossy(self, at, cosines, is_leaf):
+        """The Trowbridge-Reitz lobe times cosine in the middle of the visible part, widened by the spread of half vectors."""
+        mean, half_width, bound = cosines
+        top = dr.maximum(dr.minimum(mean + half_width, bound), LEAST_TOP * bound)
+        bottom = dr.maximum(mean - half_width, 0)
+        visible = dr.maximum(dr.minimum((top - bottom) / (2 * half_width), 1), LEAST_VISIBLE)
+        w = self.centroid + at.n * (0.5 * (top + bottom) - mean)
+        w /= dr.sqrt(dr.maximum(dr.dot(w, w), 1e-6))
+        cos_i = dr.clip(dr.dot(at.n, w), 1e-4, 1)
+        cos = dr.minimum(dr.dot(at.wo, w), 1 - 1e-6)
+        squared_half = dr.maximum(0.5 * (1 + cos), 1e-3)
+        both = 1 / (squared_half * (1 - cos))
+        per_half, per_squared_sine = (1 - cos) * both, 0.5 * both
+        squared_cos_h = dr.minimum((cos_i + at.cos_o) * (cos_i + at.cos_o) * (0.25 * per_half), 1)
+        across = dr.cross(at.wo, w)
+        variance_across = self.spread(across) * (1 / 3) * per_squared_sine
+        variance_along = dr.maximum(self.variance - variance_across, 0)
+        own = at.alpha * at.alpha
+        along = dr.minimum(own + 0.5 * variance_along, 1)
+        over = dr.minimum(own + 0.5 * variance_across * per_half, 1)
+        tilt_across = dr.square(dr.dot(at.n, across)) * per_squared_sine
+        tilt_along = dr.maximum(1 - squared_cos_h - tilt_across, 0)
+        product = along * over
+        scaled = squared_cos_h * product + tilt_along * over + tilt_across * along
+        smooth, rough = 2 * cos_i * at.cos_o, cos_i + at.cos_o
+        shadowing = 2 * (smooth + at.alpha * (rough - smooth))
+        x = 1 - squared_half
+        fourth = dr.square(dr.square(x))
+        fresnel = at.f0 + (1 - at.f0) * (fourth * fourth * fourth)
+        share = dr.sqrt(visible) if is_leaf else visible
+        lobe = dr.inv_pi * product * dr.sqrt(product) * cos_i / (scaled * scaled * shadowing)
+        return share * fresnel * lobe
+
+
+def clamped(cosines, is_leaf):
+    """The clamped cosine: its root mean square for a leaf, its mean for a cluster; at least a share of its upper bound."""
+    mean, half_width, bound = cosines
+    above = dr.maximum(mean + half_width, 0)
+    if is_leaf:
+        part = above * above * above / (6 * half_width)
+        value = dr.sqrt(dr.select(mean > half_width, mean * mean + half_width * half_width * (1 / 3), part))
+    else:
+        value = dr.select(mean > half_width, mean, above * above / (4 * half_width))
+    return dr.select(bound > 0, dr.maximum(value, bound * (LEAF_FLOOR if is_leaf else CLUSTER_FLOOR)), 0)
+
+
+class Point:
+    """A shading point in the map's frame: unit normal and direction to the viewer, and lobes (None where all surfaces are diffuse)."""
+
+    def __init__(self, n, wo, lobes):
+        self.n, self.wo, self.is_diffuse = n, wo, lobes is None
+        if lobes is not None:
+            self.diffuse, self.specular, self.f0, self.alpha = lobes
+            self.cos_o = dr.maximum(dr.dot(n, wo), 1e-4)
+
+
+def shares(lobes):
+    """The share of samples beside BSDF sampling, as the native sampler has it."""
+    diffuse, specular, f0, alpha = lobes
+    of_lobe = dr.clip(0.5 * dr.power(0.05 / alpha, 1.25), LEAST_BRDF, MOST_BRDF)
+    reflected = specular * dr.maximum(f0, LEAST_REFLECTED)
+    return dr.select(specular > 0, 1 - of_lobe * reflected / (reflected + diffuse), 1)
+
+
+@dr.syntax
+def descend(forest, root, sums, total, z, left, right, top, bottom, active):
+    """Down one tree: (place, mass, the rectangle cut so far). Cuts are in proportion to masses, whose running sums are in local memory."""
+    # As wide as the random numbers: Dr.Jit takes a loop's variable that is one number for all lanes as a constant.
+    zero = z.x * 0
+    left, right, top, bottom = left + zero, right + zero, top + zero, bottom + zero
+    root = root + mi.UInt32(zero)
+    node, before, after, active = mi.UInt32(root), mi.Float(zero), total + zero, active & (zero == 0)
+    split = dr.gather(mi.UInt32, forest, node, active)
+    going = active & ((split & IS_SINGLE) == 0)
+    while going:
+        middle = sums.read(dr.maximum(split & 0x7F, 1) - 1, going)
+        columns = (split & CUTS_COLUMNS) != 0
+        start, end = dr.select(columns, left, top), dr.select(columns, right, bottom)
+        share = (middle - before) / dr.maximum(after - before, 1.17549435e-38)
+        cut = start + (end - start) * share
+        first = dr.select(columns, z.x, z.y) < cut
+        before, after = dr.select(first, before, middle), dr.select(first, middle, after)
+        start, end = dr.select(first, start, cut), dr.select(first, cut, end)
+        left, right = dr.select(columns, start, left), dr.select(columns, end, right)
+        top, bottom = dr.select(columns, top, start), dr.select(columns, bottom, end)
+        node = root + (dr.select(first, split >> 8, split >> 16) & 0xFF)
+        split = dr.gather(mi.UInt32, forest, node, going)
+        going &= (split & IS_SINGLE) == 0
+    return split & 0x7F, after - before, left, right, top, bottom
+
+
+class Patches:
+    """The sampler `patches` of `arrays` (see `Patches::flat` in the crate headtail-render)."""
+
+    def __init__(self, arrays):
+        self.tail = Tail(arrays)
+        self.clusters = [[float(number) for number in record] for record in arrays["patches.clusters"]]
+        self.clusters = [record for record in self.clusters if record[0] > 0]
+        self.records = {name: upload(arrays[f"patches.{name}"]) for name in ("leaves", "twigs")}
+        self.rectangles = {name: upload(arrays[f"patches.{name}_rectangles"]) for name in ("leaf", "twig")}
+        self.forest, self.roots = upload(arrays["patches.forest"]), upload(arrays["patches.roots"])
+        self.twig_of_cell = upload(arrays["patches.twig_of_cell"])
+        self.narrow = float(arrays["patches.narrow"][0])
+
+    shares = staticmethod(shares)
+
+    def sample(self, at, z, given, wi, active=True):
+        """Draws directions for uniform points z, and evaluates pdfs of directions `wi` where `given`: (direction, solid-angle pdf).
+
+        One pass for both: the masses of a point's patches are those of a draw and of a pdf alike. given may be None.
+        """
+        has_given = given is not None
+        twig, inside_cell, factor = mi.UInt32(0), None, None
+        if has_given:
+            x, factor = squares(wi)
+            cell, inside_cell = self.tail.cell(x)
+            twig = dr.gather(mi.UInt32, self.twig_of_cell, cell, active & given)
+        sums, total = self.cluster_sums(at)
+        root = dr.gather(mi.UInt32, self.roots, mi.UInt32(0))
+        place, mass, *cuts = descend(self.forest, root, sums, total, z, *self.square(), active & ~given if has_given else active)
+        if has_given:
+            place, mass = self.given_part(sums, place, mass, twig // (PARTS * PARTS), given, active)
+        probability = part_share(mass, total)
+        number, probability, cuts, inverse_energy = self.level("leaves", 1, at, place, probability, z, cuts, twig // PARTS, given, active)
+        rectangle = dr.gather(mi.Vector4f, self.rectangles["leaf"], number, active)
+        if self.narrow > 1 or not at.is_diffuse:
+            narrow = active & (mi.Float(1) < self.narrow if at.is_diffuse else at.alpha < self.narrow)
+            number, probability, cuts, inverse_energy, rectangle = self.twig_level(
+                at, number, probability, z, cuts, twig, given, narrow, inverse_energy, rectangle
+            )
+        q = probability * inverse_energy
+        left, right, top, bottom = rectangle
+        inside = mi.Point2f(remap(z.x, cuts[0], cuts[1]), remap(z.y, cuts[2], cuts[3]))
+        y = mi.Point2f(within(left, right, inside.x), within(top, bottom, inside.y))
+        draws = active & ~given if has_given else active
+        x, density = self.tail.forward(y, draws)
+        direction, own_factor = directions(x)
+        pdf = density * own_factor
+        if has_given:
+            density = self.tail.density(cell, inside_cell, active & given)
+            direction, pdf = dr.select(given, wi, direction), dr.select(given, density * factor, pdf)
+        pdf *= q
+        return direction, dr.select((pdf > 0) & (pdf < dr.inf), pdf, 0)
+
+    @staticmethod
+    def square():
+        return mi.Float(0), mi.Float(1), mi.Float(0), mi.Float(1)
+
+    def cluster_sums(self, at):
+        """Running sums of the clusters' masses, in local memory, and their total."""
+        sums, total = dr.alloc_local(mi.Float, CLUSTERS), mi.Float(0)
+        for k, record in enumerate(self.clusters):
+            total += Patch([mi.Float(number) for number in record]).mass(at, False)
+            sums[k] = total
+        return sums, total
+
+    @staticmethod
+    def given_part(sums, place, mass, own, given, active):
+        """Place and mass of a part that is given instead of drawn."""
+        upto = sums.read(own, active & given)
+        before = sums.read(dr.maximum(own, 1) - 1, active & given)
+        before = dr.select(own > 0, before, 0)
+        return dr.select(given, own, place), dr.select(given, upto - before, mass)
+
+    def level(self, name, first_root, at, parent, probability, z, cuts, own, given, active):
+        """One level down: (number, probability, cuts, one over the part's energy)."""
+        sums, total = dr.alloc_local(mi.Float, PARTS), mi.Float(0)
+        for k in range(PARTS):
+            total += self.patch(name, parent * PARTS + k, active).mass(at, True)
+            sums[k] = total
+        root = dr.gather(mi.UInt32, self.roots, parent + first_root, active)
+        draws = active if given is None else active & ~given
+        place, mass, *cuts = descend(self.forest, root, sums, total, z, *cuts, draws)
+        if given is not None:
+            place, mass = self.given_part(sums, place, mass, own % PARTS, given, active)
+        number = parent * PARTS + place
+        inverse_energy = dr.gather(mi.Vector4f, self.records[name], number * 4 + 3, active).z
+        return number, probability * part_share(mass, total), cuts, inverse_energy
+
+    @dr.syntax
+    def twig_level(self, at, number, probability, z, cuts, twig, given, narrow, inverse_energy, rectangle):
+        """The level below the leaves, for narrow lobes."""
+        if narrow:
+            first = 1 + CLUSTERS
+            number, probability, cuts, inverse_energy = self.level(
+                "twigs", first, at, number, probability, z, cuts, twig, given, narrow
+            )
+            rectangle = dr.gather(mi.Vector4f, self.rectangles["twig"], number, narrow)
+        return number, probability, cuts, inverse_energy, rectangle
+
+    def patch(self, name, number, active):
+        parts = [dr.gather(mi.Vector4f, self.records[name], number * 4 + k, active) for k in range(4)]
+        return Patch([number for part in parts for number in part])
+
+
+def part_share(mass, total):
+    """The share of a mass; 0 where there is nothing to draw."""
+    return dr.select((mass > 0) & (total > 0), mass / total, 0)
+
+
+def within(start, end, inside):
+    """A place in an interval, and never its end, which belongs to the next patch."""
+    place = start + (end - start) * inside
+    below = dr.reinterpret_array(mi.Float, dr.reinterpret_array(mi.UInt32, end) - 1)
+    return dr.select(place < end, place, below)
+

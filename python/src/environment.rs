@@ -1,0 +1,82 @@
+//! Environment maps.
+
+use std::sync::Arc;
+
+use headtail_render::{batch, environment, image::Image};
+use numpy::{
+    PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyUntypedArrayMethods, ToPyArray, ndarray::Array3,
+};
+use pyo3::prelude::*;
+
+use crate::{error::of_render, sampler::rows};
+
+/// An environment map.
+#[pyclass(frozen, module = "headtail._native")]
+pub struct Environment(pub Arc<environment::Environment>);
+
+#[pymethods]
+impl Environment {
+    #[staticmethod]
+    fn open(py: Python<'_>, name_or_path: &str) -> PyResult<Self> {
+        let map = py.detach(|| environment::Environment::open(name_or_path)).map_err(of_render)?;
+        Ok(Self(Arc::new(map)))
+    }
+
+    #[staticmethod]
+    fn from_array(py: Python<'_>, texels: PyReadonlyArray3<'_, f32>, name: &str) -> PyResult<Self> {
+        let (height, width) = (texels.shape()[0], texels.shape()[1]);
+        let pixels = texels.as_slice()?.as_chunks().0.to_vec();
+        let map = py.detach(|| environment::Environment::from_image(name, Image { width, height, pixels }));
+        Ok(Self(Arc::new(map.map_err(of_render)?)))
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        self.0.name()
+    }
+
+    #[getter]
+    fn width(&self) -> usize {
+        self.0.width()
+    }
+
+    #[getter]
+    fn height(&self) -> usize {
+        self.0.height()
+    }
+
+    #[getter]
+    fn hash(&self) -> &str {
+        self.0.hash()
+    }
+
+    #[getter]
+    fn repairs(&self) -> Vec<String> {
+        self.0.repairs().to_vec()
+    }
+
+    fn array<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        let Image { width, height, pixels } = self.0.to_image();
+        array_of(py, (height, width), &pixels)
+    }
+
+    fn radiance(
+        &self,
+        py: Python<'_>,
+        wi: PyReadonlyArray2<'_, f32>,
+        mut out: PyReadwriteArray2<'_, f32>,
+    ) -> PyResult<()> {
+        let (wi, out) = (rows(&wi)?, out.as_slice_mut()?.as_chunks_mut().0);
+        py.detach(|| batch::radiance(&self.0, wi, out)).map_err(of_render)
+    }
+}
+
+/// An image as `[height, width, 3]`.
+pub fn array_of<'py>(
+    py: Python<'py>,
+    (height, width): (usize, usize),
+    pixels: &[[f32; 3]],
+) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    let array = Array3::from_shape_vec((height, width, 3), pixels.as_flattened().to_vec());
+    array.map(|array| array.to_pyarray(py)).map_err(|error| crate::error::refused(error.to_string()))
+}

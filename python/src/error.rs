@@ -1,0 +1,28 @@
+//! Errors of the crates as Python exceptions, with the same sentences.
+
+use pyo3::{
+    create_exception,
+    exceptions::{PyOSError, PyValueError},
+    prelude::*,
+};
+
+create_exception!(headtail, HeadtailError, PyValueError, "What a file holds or a caller gave cannot be used.");
+
+/// The exception of an error of the renderer: `OSError` where the system refused a file, else `headtail.HeadtailError`.
+pub fn of_render(error: headtail_render::Error) -> PyErr {
+    match error {
+        headtail_render::Error::Io { .. } => PyOSError::new_err(error.to_string()),
+        _ => refused(error.to_string()),
+    }
+}
+
+/// The exception of an error of training.
+#[cfg(feature = "fit")]
+pub fn of_train(error: headtail_train::Error) -> PyErr {
+    refused(error.to_string())
+}
+
+/// An exception with a sentence of its own.
+pub fn refused(sentence: impl Into<String>) -> PyErr {
+    HeadtailError::new_err(sentence.into())
+}

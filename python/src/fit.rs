@@ -1,0 +1,130 @@
+//! Training.
+
+use std::{
+    path::PathBuf,
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use headtail_render::{
+    bake::{CellGrid, NormalGrid},
+    export::{ExportedSampler, Intermediate},
+};
+use headtail_train::{
+    CheckpointFolder, ConfigBuilder, FitConfig, Fitted, Material, Preset, Progress, Run, TrainingLight, Viewpoints,
+    build_target, check_exportable, exported_sampler, fit_with,
+};
+use pyo3::{prelude::*, types::PyDict};
+
+use crate::{
+    environment::Environment,
+    error::{of_render, of_train, refused},
+    sampler::Sampler,
+};
+
+/// The configuration of a preset, assignments over it and a material.
+fn configuration(material: Option<&str>, preset: Option<&str>, assignments: &[String]) -> PyResult<FitConfig> {
+    let material: Option<Material> = material.map(str::parse).transpose().map_err(|error: String| refused(error))?;
+    let preset = match preset {
+        Some(name) => name.parse().map_err(|error: String| refused(error))?,
+        None => Preset::fast_for(material.unwrap_or(Material::Lambert)),
+    };
+    let mut builder = ConfigBuilder::new(preset);
+    for assignment in assignments {
+        builder.assignment(assignment).map_err(of_train)?;
+    }
+    let config = builder.build().map_err(of_train)?;
+    let config = material.map_or(config.clone(), |material| config.for_material(material));
+    config.validate().map_err(of_train)?;
+    Ok(config)
+}
+
+/// All settings of a run, as TOML.
+#[pyfunction]
+pub fn settings(material: Option<&str>, preset: Option<&str>, assignments: Vec<String>) -> PyResult<String> {
+    configuration(material, preset, &assignments)?.to_toml().map_err(of_train)
+}
+
+/// Trains a head. After Ctrl-C, or an exception of `progress`, the run ends with a checkpoint where there is a folder for them.
+#[pyfunction]
+#[pyo3(signature = (environment, material, preset, assignments, checkpoints, reproducible, progress))]
+#[expect(clippy::too_many_arguments, reason = "the settings of one run")]
+pub fn fit(
+    py: Python<'_>,
+    environment: &Environment,
+    material: Option<&str>,
+    preset: Option<&str>,
+    assignments: Vec<String>,
+    checkpoints: Option<(PathBuf, usize, bool)>,
+    reproducible: bool,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Sampler> {
+    let config = configuration(material, preset, &assignments)?;
+    check_exportable(&config).map_err(of_train)?;
+    let map = environment.0.clone();
+    let checkpoints = checkpoints.map(|(folder, every, resume)| CheckpointFolder {
+        folder,
+        every,
+        resume,
+        target: format!("environment {}, conditions from everywhere", map.hash()),
+    });
+    let (stop, mut raised) = (AtomicBool::new(false), None);
+    let mut watch = |now: &Progress| {
+        if let Err(error) = Python::attach(|py| tell(py, progress.as_ref(), now)) {
+            raised.get_or_insert(error);
+            stop.store(true, Ordering::Relaxed);
+        }
+        Ok(())
+    };
+    let exported = py.detach(|| {
+        let tail = checkpoints.as_ref().map(|head| CheckpointFolder {
+            folder: head.folder.join("tail"),
+            target: format!("tail of {}", head.target),
+            ..head.clone()
+        });
+        let mut warn = |error: &headtail_train::Error| eprintln!("warning: {error}; the checkpoint before it is used");
+        let run = Run { progress: &mut watch, interrupt: &stop, checkpoints: tail.as_ref(), warn: &mut warn };
+        let (light, _) = TrainingLight::fit(&config, &map, run)?;
+        let target = build_target(&config, &light.tail, Viewpoints::Sphere);
+        let run = Run { progress: &mut watch, interrupt: &stop, checkpoints: checkpoints.as_ref(), warn: &mut warn };
+        let Fitted { head, summary } = fit_with(&config, &*target, run)?;
+        exported_sampler(&head, &config, &summary, &map, &light, !reproducible)
+    });
+    if let Some(error) = raised {
+        return Err(error);
+    }
+    let exported = exported.map_err(of_train)?;
+    Sampler::of_exported("head".into(), exported, Some(map), None).map_err(of_render)
+}
+
+/// Tabulates a trained head.
+#[pyfunction]
+pub fn bake_head(py: Python<'_>, source: &Sampler, normals: [usize; 2], cells: [usize; 2]) -> PyResult<Sampler> {
+    let Some(exported) = &source.exported else {
+        return Err(refused(format!("{}: holds no trained head", source.name)));
+    };
+    let Intermediate::Head(head) = &exported.intermediate else {
+        return Err(refused(format!("{}: holds a table already; name a trained head", source.name)));
+    };
+    py.detach(|| {
+        let normals = NormalGrid::new(normals[0], normals[1]).map_err(of_render)?;
+        let cells = CellGrid::new(cells[0], cells[1]).map_err(of_render)?;
+        let table = headtail_train::learned_bake(head, &exported.tail, normals, cells).map_err(of_train)?;
+        let exported = ExportedSampler { intermediate: Intermediate::Bake(table), ..exported.clone() };
+        let map = source.has_map.then(|| source.map.clone());
+        Sampler::of_exported("baked".into(), exported, map, None).map_err(of_render)
+    })
+}
+
+/// Lets Python look after a step: Ctrl-C, and a callback with what is known.
+fn tell(py: Python<'_>, callback: Option<&Py<PyAny>>, now: &Progress) -> PyResult<()> {
+    py.check_signals()?;
+    let Some(callback) = callback else { return Ok(()) };
+    let known = PyDict::new(py);
+    known.set_item("step", now.step)?;
+    known.set_item("steps", now.steps)?;
+    known.set_item("loss", now.loss)?;
+    known.set_item("kl", now.divergence.map(|divergence| divergence.kl))?;
+    known.set_item("relative_variance", now.divergence.map(|divergence| divergence.relative_variance))?;
+    known.set_item("seconds", now.seconds)?;
+    callback.call1(py, (known,)).map(|_| ())
+}

@@ -1,0 +1,250 @@
+//! Samplers: of SPECs, of files, baked.
+
+use std::{path::PathBuf, sync::Arc};
+
+use headtail_render::{
+    bake::{CellGrid, NormalGrid, direct_bake},
+    batch::{self, DrawList, Numbers, PointList, SurfaceList},
+    environment,
+    estimator::{Estimator, SingleSample},
+    export::{ExportedSampler, Intermediate, flat_patches, flat_table},
+    flat::{FlatArray, FlatNumbers},
+    image::Image,
+    sampler::{self, Covering},
+    spec::{SamplerSpec, Source},
+    tail::{Tail, TailKind},
+};
+use numpy::{
+    IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyReadwriteArray2,
+    PyUntypedArrayMethods,
+};
+use pyo3::{prelude::*, types::PyDict};
+
+use crate::{
+    environment::Environment,
+    error::{of_render, refused},
+};
+
+/// A sampler of directions, ready for one map.
+#[pyclass(frozen, module = "headtail._native")]
+pub struct Sampler {
+    /// The SPEC or the file that it is of.
+    pub name: String,
+    /// Draws directions; estimators without a closed pdf (`ris`, `mis2`) have none.
+    sampler: Option<Arc<dyn sampler::Sampler>>,
+    /// The map, and whether it is there in colour; the luminance of a file alone draws, but radiates nothing.
+    pub map: Arc<environment::Environment>,
+    pub has_map: bool,
+    spec: Option<SamplerSpec>,
+    pub exported: Option<ExportedSampler>,
+}
+
+/// Rows of `N` numbers of a contiguous array.
+pub fn rows<'a, const N: usize>(array: &'a PyReadonlyArray2<'_, f32>) -> PyResult<&'a [[f32; N]]> {
+    if array.shape()[1] != N {
+        return Err(refused(format!("an array has {} columns; {N} are needed", array.shape()[1])));
+    }
+    Ok(array.as_slice()?.as_chunks().0)
+}
+
+type Rows<'py> = PyReadonlyArray2<'py, f32>;
+type List<'py> = PyReadonlyArray1<'py, f32>;
+
+#[pymethods]
+impl Sampler {
+    #[staticmethod]
+    fn from_spec(py: Python<'_>, spec: &str, environment: &Environment) -> PyResult<Self> {
+        let map = environment.0.clone();
+        py.detach(|| {
+            let spec: SamplerSpec = spec.parse()?;
+            let sampler = match &spec {
+                SamplerSpec::One(source) => Some(Covering::new(source.build(&map)?)?.into_inner()),
+                SamplerSpec::Two(_) | SamplerSpec::Ris(..) => {
+                    spec.build(&map)?;
+                    None
+                }
+            };
+            let exported = spec.path().map(|(_, file)| ExportedSampler::read(file)).transpose()?;
+            Ok(Self { name: spec.to_string(), sampler, map, has_map: true, spec: Some(spec), exported })
+        })
+        .map_err(of_render)
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (path, environment=None))]
+    fn open(py: Python<'_>, path: PathBuf, environment: Option<&Environment>) -> PyResult<Self> {
+        let map = environment.map(|environment| environment.0.clone());
+        py.detach(|| {
+            let exported = ExportedSampler::read(&path)?;
+            let spec = map.is_some().then(|| SamplerSpec::of_exported(&exported, path.clone()));
+            Self::of_exported(path.display().to_string(), exported, map, spec).map_err(|error| error.in_file(&path))
+        })
+        .map_err(of_render)
+    }
+
+    #[staticmethod]
+    fn direct(
+        py: Python<'_>,
+        environment: &Environment,
+        normals: [usize; 2],
+        cells: [usize; 2],
+        tail: &str,
+    ) -> PyResult<Self> {
+        let map = environment.0.clone();
+        let kind = TailKind::from_name(tail)
+            .ok_or_else(|| refused(format!("tail '{tail}' is neither hierarchical nor row-column")))?;
+        py.detach(|| {
+            let warp = Tail::of_environment(kind, &map)?;
+            let table =
+                direct_bake(&warp, NormalGrid::new(normals[0], normals[1])?, CellGrid::new(cells[0], cells[1])?)?;
+            let exported = ExportedSampler::new(Intermediate::DirectBake(table), kind, &map, None)?;
+            Self::of_exported("direct".into(), exported, Some(map), None)
+        })
+        .map_err(of_render)
+    }
+
+    /// The arrays that implementations on other devices read, by name.
+    fn arrays<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let patches = match &self.spec {
+            Some(SamplerSpec::One(Source::Patches(detail))) => Some(*detail),
+            _ => None,
+        };
+        let arrays = py.detach(|| match (patches, &self.exported) {
+            (Some(detail), _) => flat_patches(&Tail::of_environment(TailKind::Hierarchical, &self.map)?, detail),
+            (None, Some(exported)) => flat_table(exported),
+            (None, None) => Err(headtail_render::Error::argument(
+                &*self.name,
+                "has no form for other devices: use patches or a table",
+            )),
+        });
+        let result = PyDict::new(py);
+        for FlatArray { name, shape, numbers } in arrays.map_err(of_render)? {
+            match numbers {
+                FlatNumbers::Floats(numbers) => result.set_item(name, numbers.into_pyarray(py).reshape(shape)?)?,
+                FlatNumbers::Integers(numbers) => result.set_item(name, numbers.into_pyarray(py).reshape(shape)?)?,
+            }
+        }
+        Ok(result)
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    #[getter]
+    fn has_map(&self) -> bool {
+        self.has_map
+    }
+
+    fn description(&self) -> PyResult<Option<String>> {
+        let text = self.exported.as_ref().map(|exported| serde_json::to_string(&exported.description()));
+        text.transpose().map_err(|error| refused(error.to_string()))
+    }
+
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let Some(exported) = &self.exported else {
+            return Err(refused(format!("{}: is not one that a file holds; bake or fit one", self.name)));
+        };
+        py.detach(|| exported.write(&path)).map_err(of_render)
+    }
+
+    #[pyo3(signature = (n, wo, surface, u, seed, wi, pdf, radiance))]
+    #[expect(clippy::too_many_arguments, reason = "the arrays of one call")]
+    fn sample(
+        &self,
+        py: Python<'_>,
+        n: Rows<'_>,
+        wo: Option<Rows<'_>>,
+        surface: Option<(List<'_>, List<'_>)>,
+        u: Option<Rows<'_>>,
+        seed: u64,
+        mut wi: PyReadwriteArray2<'_, f32>,
+        mut pdf: PyReadwriteArray1<'_, f32>,
+        mut radiance: Option<PyReadwriteArray2<'_, f32>>,
+    ) -> PyResult<()> {
+        let sampler = self.closed()?;
+        let at = PointList { n: rows(&n)?, wo: optional(&wo)?, surface: surface_of(&surface)? };
+        let numbers = match &u {
+            Some(u) => Numbers::Given(rows(u)?),
+            None => Numbers::Seed(seed),
+        };
+        let radiance = match &mut radiance {
+            Some(_) if !self.has_map => return Err(refused(format!("{}: was opened without its map", self.name))),
+            Some(list) => Some((&*self.map, list.as_slice_mut()?.as_chunks_mut().0)),
+            None => None,
+        };
+        let out = DrawList { wi: wi.as_slice_mut()?.as_chunks_mut().0, pdf: pdf.as_slice_mut()?, radiance };
+        py.detach(|| batch::sample(sampler, &at, numbers, out)).map_err(of_render)
+    }
+
+    fn pdf(
+        &self,
+        py: Python<'_>,
+        n: Rows<'_>,
+        wo: Option<Rows<'_>>,
+        surface: Option<(List<'_>, List<'_>)>,
+        wi: Rows<'_>,
+        mut out: PyReadwriteArray1<'_, f32>,
+    ) -> PyResult<()> {
+        let sampler = self.closed()?;
+        let at = PointList { n: rows(&n)?, wo: optional(&wo)?, surface: surface_of(&surface)? };
+        let (wi, out) = (rows(&wi)?, out.as_slice_mut()?);
+        py.detach(|| batch::pdf(sampler, &at, wi, out)).map_err(of_render)
+    }
+}
+
+impl Sampler {
+    /// The sampler of a file's content; without its map for directions alone.
+    pub fn of_exported(
+        name: String,
+        mut exported: ExportedSampler,
+        map: Option<Arc<environment::Environment>>,
+        spec: Option<SamplerSpec>,
+    ) -> headtail_render::Result<Self> {
+        let has_map = map.is_some();
+        let kept = exported.clone();
+        let map = match map {
+            Some(map) => map,
+            None if exported.compact_emitters => {
+                let reason = "are the difference between the map and the file: give the map";
+                return Err(headtail_render::Error::argument("compact_emitters", reason));
+            }
+            None => {
+                let (width, height, luminance) = &exported.luminance;
+                let pixels = luminance.iter().map(|&value| [value; 3]).collect();
+                let grey = Image { width: *width, height: *height, pixels };
+                let map = environment::Environment::from_image(&exported.environment, grey)?;
+                map.hash().clone_into(&mut exported.environment_hash);
+                Arc::new(map)
+            }
+        };
+        let sampler = exported.open(&map)?.into_inner();
+        Ok(Self { name, sampler: Some(sampler), map, has_map, spec, exported: Some(kept) })
+    }
+
+    fn closed(&self) -> PyResult<&dyn sampler::Sampler> {
+        let sampler = self.sampler.as_deref();
+        sampler.ok_or_else(|| refused(format!("{}: has no pdf of its own; it can be rendered and compared", self.name)))
+    }
+
+    /// The estimator of a rendering.
+    pub fn estimator(&self) -> headtail_render::Result<Box<dyn Estimator>> {
+        match (&self.sampler, &self.spec) {
+            (Some(sampler), _) => Ok(Box::new(SingleSample::new(Covering::new(sampler.clone())?, self.map.clone()))),
+            (None, Some(spec)) => spec.build(&self.map),
+            (None, None) => Err(headtail_render::Error::argument("sampler", "has neither a pdf nor a SPEC")),
+        }
+    }
+}
+
+fn optional<'a>(array: &'a Option<Rows<'_>>) -> PyResult<&'a [[f32; 3]]> {
+    array.as_ref().map_or(Ok(&[]), rows)
+}
+
+fn surface_of<'a>(surface: &'a Option<(List<'_>, List<'_>)>) -> PyResult<SurfaceList<'a>> {
+    Ok(match surface {
+        Some((alpha, f0)) => SurfaceList::Glossy { alpha: alpha.as_slice()?, f0: f0.as_slice()? },
+        None => SurfaceList::Diffuse,
+    })
+}

@@ -1,0 +1,152 @@
+"""The integrators in Mitsuba 3: the same means as Mitsuba's own, and what they refuse."""
+
+import numpy as np
+import pytest
+
+mi = pytest.importorskip("mitsuba")
+stats = pytest.importorskip("scipy.stats")
+
+import headtail  # noqa: E402
+
+# Double precision has other types throughout.
+VARIANTS = [variant for variant in ("llvm_ad_rgb", "llvm_rgb", "cuda_ad_rgb") if variant in mi.variants()]
+
+MATERIALS = {
+    "diffuse": {"type": "twosided", "nested": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.8, 0.5, 0.3]}}},
+    "glossy": {"type": "twosided", "nested": {"type": "roughconductor", "alpha": 0.3, "distribution": "ggx"}},
+    "textured": {
+        "type": "twosided",
+        "nested": {
+            "type": "principled",
+            "base_color": {"type": "checkerboard"},
+            "roughness": {"type": "checkerboard", "color0": 0.3, "color1": 0.7},
+            "metallic": 0.5,
+        },
+    },
+    "bumped": {
+        "type": "twosided",
+        "nested": {"type": "bumpmap", "arbitrary": {"type": "bitmap", "raw": True}, "nested": {"type": "diffuse"}, "scale": 0.2},
+    },
+    "plastic": {"type": "plastic"},
+}
+
+TILE, RUNS, SPP = 16, 6, 32
+
+
+@pytest.fixture(scope="module", params=VARIANTS)
+def variant(request):
+    try:
+        mi.set_variant(request.param)
+        mi.Float(1) + mi.Float(2)
+    except Exception as error:  # no device, or no LLVM
+        pytest.skip(f"{request.param}: {error}")
+    import headtail.mitsuba  # noqa: F401
+
+    return request.param
+
+
+def scene(material, integrator, **more):
+    transform = mi.ScalarTransform4f
+    waves = 0.5 + 0.5 * np.sin(np.linspace(0, 20 * np.pi, 256, dtype=np.float32))
+    MATERIALS["bumped"]["nested"]["arbitrary"]["bitmap"] = mi.Bitmap(waves[:, None, None] * waves[None, :, None])
+    bitmap = mi.Bitmap(headtail.Environment("studio").array())
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": integrator,
+            "map": {"type": "envmap", "bitmap": bitmap, "to_world": transform().rotate([0.36, 0.8, 0.48], 40)},
+            "sensor": {
+                "type": "perspective",
+                "fov": 40,
+                "to_world": transform().look_at([0, 2, 6], [0, 0.7, 0], [0, 1, 0]),
+                "film": {"type": "hdrfilm", "width": 64, "height": 48, "rfilter": {"type": "box"}},
+            },
+            "floor": {"type": "rectangle", "to_world": transform().rotate([1, 0, 0], -90).scale(5), "bsdf": MATERIALS[material]},
+            "ball": {"type": "sphere", "center": [0, 1, 0], "bsdf": MATERIALS[material]},
+            "box": {"type": "cube", "to_world": transform().translate([2, 0.5, 0.5]).rotate([0, 1, 0], 30).scale(0.5), "bsdf": MATERIALS[material]},
+            **more,
+        }
+    )
+
+
+def runs(scene, first_seed):
+    """Luminance means of tiles, [runs, tiles]."""
+    pictures = np.array([np.array(mi.render(scene, spp=SPP, seed=first_seed + run))[..., :3].mean(-1) for run in range(RUNS)])
+    rows, columns = pictures.shape[1] // TILE, pictures.shape[2] // TILE
+    return pictures.reshape(RUNS, rows, TILE, columns, TILE).mean((2, 4)).reshape(RUNS, -1)
+
+
+def agree(a, b):
+    """Whether no tile's means differ by Welch's test, at 1 per mille corrected for the number of tiles."""
+    p = stats.ttest_ind(a, b, equal_var=False).pvalue
+    return np.nanmin(p) > 1e-3 / a.shape[1]
+
+
+@pytest.mark.parametrize("kind", ["direct", "path"])
+@pytest.mark.parametrize("sampler", ["table", "patches"])
+@pytest.mark.parametrize("material", ["diffuse", "glossy", "textured", "bumped"])
+def test_means_are_those_of_mitsubas_own_integrators(variant, material, sampler, kind):
+    settings = {"max_depth": 4} if kind == "path" else {}
+    own = runs(scene(material, {"type": f"headtail_{kind}", "sampler": sampler, **settings}), 100)
+    theirs = runs(scene(material, {"type": kind, **settings}), 0)
+    assert agree(own, theirs), f"{own.mean()} {theirs.mean()}"
+
+
+def test_six_per_cent_more_light_are_found(variant):
+    """The test above can fail."""
+    own = runs(scene("diffuse", {"type": "headtail_direct"}), 100)
+    assert not agree(1.06 * own, runs(scene("diffuse", {"type": "direct"}), 0))
+
+
+def test_lobes_without_width_reflect_what_they_should(variant):
+    own, theirs = (np.array(mi.render(scene("plastic", {"type": kind}), spp=512)).mean() for kind in ("headtail_direct", "direct"))
+    # Mirrors of small lamps: two per cent between pictures of different seeds.
+    assert abs(own / theirs - 1) < 0.04
+
+
+def test_the_sampler_follows_the_map(variant):
+    own = scene("diffuse", {"type": "headtail_direct"})
+    before = np.array(mi.render(own, spp=64)).mean()
+    parameters = mi.traverse(own)
+    parameters["map.scale"] = 2 * parameters["map.scale"]
+    parameters.update()
+    assert np.array(mi.render(own, spp=64)).mean() == pytest.approx(2 * before, rel=0.02)
+
+
+def test_what_cannot_be_is_refused_with_a_sentence(variant, tmp_path):
+    other = {"lamp": {"type": "point", "position": [0, 5, 0]}}
+    stretch = mi.ScalarTransform4f().scale([1, 2, 1])
+    stretched = {"map": {"type": "envmap", "bitmap": mi.Bitmap(np.ones((4, 8, 3), np.float32)), "to_world": stretch}}
+    headtail.bake("window").save(tmp_path / "window.safetensors")
+    for integrator, more, words in [
+        ({"type": "headtail_direct", "sampler": "magic"}, {}, "is not one of table, patches"),
+        ({"type": "headtail_path", "max_depth": -3}, {}, "max_depth must be"),
+        ({"type": "headtail_direct"}, other, "has 2 emitters"),
+        ({"type": "headtail_direct", "file": str(tmp_path / "window.safetensors")}, {}, "made for the environment 'window'"),
+        ({"type": "headtail_direct", "file": str(tmp_path / "none")}, {}, "No such file"),
+        ({"type": "headtail_direct"}, stretched, "is no rotation"),
+    ]:
+        with pytest.raises(Exception) as raised:
+            mi.render(scene("diffuse", integrator, **more), spp=1)
+        chain, error = [], raised.value
+        while error is not None:
+            chain.append(str(error))
+            error = error.__cause__
+        assert words in " ".join(chain)
+
+
+def test_a_file_of_the_scenes_map_is_used(variant, tmp_path):
+    map = headtail.Environment("studio").array()
+    headtail.bake(map).save(tmp_path / "table.safetensors")
+    own = scene("diffuse", {"type": "headtail_direct", "file": str(tmp_path / "table.safetensors")})
+    assert np.isfinite(np.array(mi.render(own, spp=4))).all()
+
+
+def test_scalar_variants_are_refused_with_a_sentence():
+    mi.set_variant("scalar_rgb")
+    import headtail.mitsuba  # noqa: F401
+
+    with pytest.raises(Exception, match="scalar_rgb has no arrays|failed to instantiate") as raised:
+        mi.load_dict({"type": "headtail_direct"})
+    text = f"{raised.value} {raised.value.__cause__}"
+    assert "has no arrays of RGB colours" in text

@@ -1,0 +1,162 @@
+"""Samplers over batches: what they draw, and how they take and give arrays."""
+
+import threading
+
+import numpy as np
+import pytest
+from conftest import directions, uniform
+
+import headtail
+from headtail import HeadtailError, Sampler
+
+
+@pytest.mark.parametrize("spec", ["patches", "mis", "emitter"])
+def test_estimates_are_those_of_a_sum_over_the_map(studio, spec):
+    """Reflected light of a white diffuse surface and of a glossy one: by samples, and by a sum over all texels."""
+    sampler = Sampler.from_spec(spec, studio)
+    n = np.array([0.3, 0.9, -0.3], np.float32)
+    n /= np.linalg.norm(n)
+    draws = sampler.sample(n, count=200_000, seed=3)
+    lit = draws.pdf > 0
+    values = np.zeros((len(lit), 3))
+    values[lit] = draws.radiance[lit] * (np.maximum(draws.wi[lit] @ n, 0) / np.pi / draws.pdf[lit])[:, None]
+    # The bilinear map by the midpoint rule, 4 x 4 points in each texel.
+    rows, columns = (4 * side for side in studio.shape)
+    theta, phi = np.meshgrid((np.arange(rows) + 0.5) * np.pi / rows, (np.arange(columns) + 0.5) * 2 * np.pi / columns, indexing="ij")
+    wi = np.stack([np.sin(phi) * np.sin(theta), np.cos(theta), -np.cos(phi) * np.sin(theta)], -1).reshape(-1, 3).astype(np.float32)
+    weight = np.sin(theta).ravel() * (np.pi / rows) * (2 * np.pi / columns) * np.maximum(wi @ n, 0) / np.pi
+    expected = (studio.radiance(wi) * weight[:, None]).sum(0)
+    deviation = values.std(0) / np.sqrt(len(values))
+    # Five standard errors, and half a per cent for the rule at the edges of lamps.
+    assert np.all(np.abs(values.mean(0) - expected) < 5 * deviation + 5e-3 * expected)
+
+
+@pytest.mark.parametrize("surface", [{}, {"alpha": 0.3}, {"alpha": 0.1, "f0": 0.5}])
+def test_the_pdf_of_a_draw_is_that_of_its_direction(patches, surface):
+    n, u = directions(5000, 1), uniform(5000, 2)
+    draws = patches.sample(n, u=u, **surface)
+    drawn = draws.pdf > 0
+    again = patches.pdf(draws.wi[drawn], n[drawn], **surface)
+    # The direction is rounded to 32 bits, which moves some draws across the border of a patch.
+    assert np.quantile(np.abs(again / draws.pdf[drawn] - 1), 0.999) < 1e-2
+
+
+def test_results_go_where_they_are_told(patches):
+    n = directions(1000, 1)
+    expected = patches.sample(n, seed=5)
+    out = np.full((1000, 3), np.nan, np.float32), np.full(1000, np.nan, np.float32), None
+    draws = patches.sample(n, seed=5, radiance=False, out=out)
+    assert draws.wi is out[0] and draws.pdf is out[1] and draws.radiance is None
+    assert np.array_equal(draws.wi, expected.wi) and np.array_equal(draws.pdf, expected.pdf)
+
+
+class Foreign:
+    """An array of another library, which knows DLPack alone."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __dlpack__(self, **settings):
+        return self.array.__dlpack__(**settings)
+
+    def __dlpack_device__(self):
+        return self.array.__dlpack_device__()
+
+
+def test_arrays_of_other_libraries_are_taken_without_a_copy(patches):
+    n, pdf = directions(100, 1), np.zeros(100, np.float32)
+    draws = patches.sample(Foreign(n), seed=1, out=(None, Foreign(pdf), None))
+    assert np.shares_memory(draws.pdf, pdf) and np.array_equal(pdf, patches.sample(n, seed=1).pdf)
+    assert np.shares_memory(np.from_dlpack(draws.wi), draws.wi)
+
+
+def test_threads_draw_side_by_side(patches):
+    n = directions(20_000, 1)
+    expected = [patches.sample(n, seed=seed).wi for seed in range(4)]
+    results = [None] * 4
+
+    def draw(seed):
+        results[seed] = patches.sample(n, seed=seed).wi
+
+    threads = [threading.Thread(target=draw, args=(seed,)) for seed in range(4)]
+    [thread.start() for thread in threads]
+    [thread.join() for thread in threads]
+    assert all(np.array_equal(a, b) for a, b in zip(results, expected))
+
+
+def test_a_file_draws_what_was_written_to_it(table, studio, tmp_path):
+    table.save(tmp_path / "table.safetensors")
+    n, u = directions(1000, 1), uniform(1000, 2)
+    expected = table.sample(n, u=u)
+    opened = Sampler.open(tmp_path / "table.safetensors", studio)
+    assert opened.info["intermediate"]["kind"] == "direct-bake"
+    assert np.array_equal(opened.sample(n, u=u).wi, expected.wi)
+    # Without the map there is no radiance, but the same directions.
+    alone = Sampler.open(tmp_path / "table.safetensors").sample(n, u=u)
+    assert alone.radiance is None
+    assert np.allclose(alone.wi, expected.wi, atol=1e-4) and np.allclose(alone.pdf, expected.pdf, rtol=1e-3)
+    with pytest.raises(HeadtailError, match="was made for the environment 'studio', not for 'window'"):
+        Sampler.open(tmp_path / "table.safetensors", "window")
+
+
+def test_mistakes_raise_with_a_sentence(patches, studio, tmp_path):
+    n = directions(10, 1)
+    for call, words in [
+        (lambda: patches.sample(n[:, :2]), "n: has the shape"),
+        (lambda: patches.sample(n * 2), "n: row 0 is .* not of unit length"),
+        (lambda: patches.sample(n * np.nan), "not of unit length"),
+        (lambda: patches.sample(n, wo=n[:4]), "wo: has 4 rows; 10, or 1 for all"),
+        (lambda: patches.sample(n, alpha=0), "alpha: row 0 is 0"),
+        (lambda: patches.sample(n, f0=0.5), "f0: is for glossy surfaces"),
+        (lambda: patches.sample(n, u=np.ones((10, 2))), "u: row 0"),
+        (lambda: patches.sample(n, u=np.zeros((10, 2), complex)), "u: holds complex128"),
+        (lambda: patches.sample(["a"] * 3), "n: holds"),
+        (lambda: patches.sample(n, count=-1), "count: -1"),
+        (lambda: patches.sample(n, count=7), "n: has 10 rows"),
+        (lambda: patches.sample(n, seed=-1), "seed: -1"),
+        (lambda: patches.sample(n, out=(np.zeros((10, 3)), None, None)), "out: wi must be a writable"),
+        (lambda: patches.pdf(n * 0, n), "wi: row 0"),
+        (lambda: Sampler.from_spec("nonsense", studio), "is not one of brdf"),
+        (lambda: Sampler.from_spec("ris:4", studio).sample(n), "has no pdf of its own"),
+        (lambda: patches.save(tmp_path / "x"), "bake or fit one"),
+        (lambda: headtail.Environment.from_array(np.zeros((4, 8, 3))), "black"),
+        (lambda: headtail.Environment.from_array(np.zeros((4, 8))), "texels: has the shape"),
+    ]:
+        with pytest.raises(HeadtailError, match=words):
+            call()
+    with pytest.raises(OSError, match="No such file"):
+        Sampler.open(tmp_path / "missing")
+    with pytest.raises(TypeError, match="use Sampler.from_spec"):
+        Sampler("patches")
+
+
+def test_hostile_arguments_raise_and_never_crash(patches):
+    """Arrays of any shape, type, layout and value in any place: an exception of the right kind, or finite results."""
+    random = np.random.default_rng(9)
+    good = {"n": directions(6, 1), "wo": directions(6, 2), "alpha": np.float32(0.3), "u": uniform(6, 3)}
+    shapes = [(), (0,), (1,), (3,), (6,), (6, 3), (3, 6), (0, 3), (6, 2), (1, 3), (6, 3, 1), (7, 3)]
+    values = [np.nan, np.inf, -np.inf, 0.0, 1.0, -1.0, 1e38, 1e-40]
+    raised = 0
+    for _ in range(3000):
+        arguments = dict(good)
+        name = random.choice(list(arguments) + ["f0", "out"])
+        array = random.choice(values) * np.ones(shapes[random.integers(len(shapes))])
+        kind = random.integers(5)
+        if kind == 1:
+            with np.errstate(all="ignore"):
+                array = array.astype(random.choice(["f4", "f4", "f4", "f2", "O", "U3", "c8", "?", "i4"]))
+        elif kind == 2:
+            array = np.asfortranarray(array.astype("f4"))
+        elif kind == 3:
+            array = None if name != "n" else "n"
+        elif kind == 4:
+            array = good["n"].copy()
+            array[random.integers(6), random.integers(3)] = random.choice(values)
+        arguments[name] = array if name != "out" else (array, None, None)
+        try:
+            draws = patches.sample(**arguments)
+        except (HeadtailError, TypeError, ValueError):
+            raised += 1
+        else:
+            assert np.isfinite(draws.wi).all() and np.isfinite(draws.pdf).all() and (draws.pdf >= 0).all()
+    assert raised > 1000

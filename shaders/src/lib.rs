@@ -1,0 +1,178 @@
+//! headtail's samplers as shaders: WGSL, written once for each concept, and its translations by `naga`.
+//!
+//! A shader reads two storage buffers, `headtail_floats` and `headtail_integers`: the arrays of a sampler one after the other. Where each begins is a
+//! constant of the shader, and in the layout.
+
+use std::fmt::Write;
+
+use headtail_render::{
+    Error, Result,
+    flat::{FlatArray, FlatNumbers},
+};
+use naga::{
+    ShaderStage,
+    back::{glsl, hlsl, msl, spv},
+    valid::{Capabilities, ModuleInfo, ValidationFlags, Validator},
+};
+
+/// A language to translate to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// The WebGPU shading language, in which the shaders are written.
+    Wgsl,
+    /// OpenGL 4.3's, as a compute shader.
+    Glsl,
+    /// Direct3D's, shader model 5.1.
+    Hlsl,
+    /// Metal's 2.0.
+    Msl,
+    /// Vulkan's binary form, version 1.3.
+    Spirv,
+}
+
+impl Target {
+    /// All targets.
+    pub const ALL: [Self; 5] = [Self::Wgsl, Self::Glsl, Self::Hlsl, Self::Msl, Self::Spirv];
+
+    /// The name, and the extension of files.
+    pub const fn name_and_extension(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Wgsl => ("wgsl", "wgsl"),
+            Self::Glsl => ("glsl", "comp"),
+            Self::Hlsl => ("hlsl", "hlsl"),
+            Self::Msl => ("msl", "metal"),
+            Self::Spirv => ("spirv", "spv"),
+        }
+    }
+}
+
+/// A sampler for a device.
+#[derive(Clone, Debug)]
+pub struct Shader {
+    /// WGSL.
+    pub source: String,
+    /// What `headtail_floats` holds.
+    pub floats: Vec<f32>,
+    /// What `headtail_integers` holds.
+    pub integers: Vec<u32>,
+    /// JSON: for each array its buffer, where it begins (in numbers), and its shape.
+    pub layout: String,
+}
+
+const WARP: &str = include_str!("../wgsl/warp.wgsl");
+const PATCHES: &str = include_str!("../wgsl/patches.wgsl");
+const TABLE: &str = include_str!("../wgsl/table.wgsl");
+const EXAMPLE: &str = include_str!("../wgsl/example.wgsl");
+
+impl Shader {
+    /// The shader of a sampler's arrays (see [`headtail_render::export::flat_patches`] and [`headtail_render::export::flat_table`]).
+    ///
+    /// # Errors
+    /// The arrays are not those of a sampler, or hold more numbers than a device can address.
+    pub fn new(arrays: &[FlatArray]) -> Result<Self> {
+        let (mut floats, mut integers, mut layout) = (Vec::new(), Vec::new(), serde_json::Map::new());
+        let mut source = String::from(
+            "@group(0) @binding(0) var<storage, read> headtail_floats: array<f32>;\n\
+             @group(0) @binding(1) var<storage, read> headtail_integers: array<u32>;\n\n",
+        );
+        let mut constant = |name: &str, value: usize| {
+            // Writing to a text cannot fail.
+            let _ = writeln!(source, "const HEADTAIL_{}: u32 = {value}u;", name.to_uppercase().replace('.', "_"));
+        };
+        for FlatArray { name, shape, numbers } in arrays {
+            let (buffer, start) = match numbers {
+                FlatNumbers::Floats(numbers) => ("headtail_floats", append(&mut floats, numbers)),
+                FlatNumbers::Integers(numbers) => ("headtail_integers", append(&mut integers, numbers)),
+            };
+            constant(name, start);
+            layout.insert((*name).into(), serde_json::json!({ "buffer": buffer, "start": start, "shape": shape }));
+        }
+        if floats.len().max(integers.len()) > u32::MAX as usize / 4 {
+            return Err(Error::argument("sampler", "holds more numbers than a device can address"));
+        }
+        let tail = shape_of(arrays, "tail.nodes")?;
+        constant("width", tail[1]);
+        constant("rows", tail[0] - 1);
+        constant("levels", shape_of(arrays, "tail.levels")?[0]);
+        let product = if let Ok(table) = shape_of(arrays, "table.along") {
+            let numbers = arrays.iter().find(|array| array.name == "table.shape").map(|array| &array.numbers);
+            let Some(FlatNumbers::Integers(grid)) = numbers else { return Err(missing("table.shape")) };
+            for (name, &count) in ["polar", "azimuth"].into_iter().zip(grid) {
+                constant(name, count as usize);
+            }
+            constant("table_rows", table[1]);
+            constant("table_columns", table[2]);
+            TABLE
+        } else {
+            shape_of(arrays, "patches.clusters")?;
+            PATCHES
+        };
+        let source = [&source, WARP, product, EXAMPLE].join("\n");
+        let layout = serde_json::to_string_pretty(&layout).unwrap_or_default();
+        Ok(Self { source, floats, integers, layout })
+    }
+
+    /// The shader in a language; text is UTF-8.
+    ///
+    /// # Errors
+    /// `naga` refuses the shader or cannot translate it.
+    pub fn translate(&self, target: Target) -> Result<Vec<u8>> {
+        let refused = |reason: String| Error::argument(format!("shader for {}", target.name_and_extension().0), reason);
+        let module =
+            naga::front::wgsl::parse_str(&self.source).map_err(|error| refused(error.emit_to_string(&self.source)))?;
+        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+        let info = validator.validate(&module).map_err(|error| refused(error.emit_to_string(&self.source)))?;
+        let text = match target {
+            Target::Wgsl => self.source.clone(),
+            Target::Glsl => to_glsl(&module, &info).map_err(refused)?,
+            Target::Hlsl => to_hlsl(&module, &info).map_err(refused)?,
+            Target::Msl => {
+                let options = msl::Options { lang_version: (2, 0), ..Default::default() };
+                let written = msl::write_string(&module, &info, &options, &Default::default());
+                written.map_err(|error| refused(error.to_string()))?.0
+            }
+            Target::Spirv => {
+                let options = spv::Options { lang_version: (1, 3), ..Default::default() };
+                let words =
+                    spv::write_vec(&module, &info, &options, None).map_err(|error| refused(error.to_string()))?;
+                return Ok(words.into_iter().flat_map(u32::to_le_bytes).collect());
+            }
+        };
+        Ok(text.into_bytes())
+    }
+}
+
+fn to_glsl(module: &naga::Module, info: &ModuleInfo) -> std::result::Result<String, String> {
+    let options = glsl::Options { version: glsl::Version::Desktop(430), ..Default::default() };
+    let pipeline = glsl::PipelineOptions {
+        shader_stage: ShaderStage::Compute,
+        entry_point: "headtail_draw".into(),
+        multiview: None,
+    };
+    let mut text = String::new();
+    let writer = glsl::Writer::new(&mut text, module, info, &options, &pipeline, Default::default());
+    writer.and_then(|mut writer| writer.write()).map_err(|error| error.to_string())?;
+    Ok(text)
+}
+
+fn to_hlsl(module: &naga::Module, info: &ModuleInfo) -> std::result::Result<String, String> {
+    let (options, pipeline) = (hlsl::Options::default(), hlsl::PipelineOptions::default());
+    let mut text = String::new();
+    hlsl::Writer::new(&mut text, &options, &pipeline).write(module, info, None).map_err(|error| error.to_string())?;
+    Ok(text)
+}
+
+/// Where the numbers begin that are appended.
+fn append<T: Copy>(all: &mut Vec<T>, numbers: &[T]) -> usize {
+    let start = all.len();
+    all.extend_from_slice(numbers);
+    start
+}
+
+fn missing(name: &str) -> Error {
+    Error::argument("sampler", format!("has no array '{name}'"))
+}
+
+fn shape_of<'a>(arrays: &'a [FlatArray], name: &str) -> Result<&'a [usize]> {
+    arrays.iter().find(|array| array.name == name).map(|array| &*array.shape).ok_or_else(|| missing(name))
+}

@@ -1,0 +1,178 @@
+//! Shaders on a device (Mesa's software adapter where there is no other) draw what the native samplers draw.
+//!
+//! Points and densities agree to rounding, but where rounding puts a point on the other side of a border (of a patch, a cell of a table, a texel):
+//! there densities jump, and few points are near to borders.
+
+use std::{borrow::Cow, sync::Arc};
+
+use glam::Vec3;
+use headtail_render::{
+    bake::{CellGrid, NormalGrid, direct_bake},
+    batch::{self, DrawList, Numbers, PointList, SurfaceList},
+    brdf::{Ggx, Kernel, Lambert},
+    environment::Environment,
+    export::{ExportedSampler, Intermediate, flat_patches, flat_table},
+    patches::{Detail, PatchSampler},
+    random::{Purpose, Stream},
+    sampler::{EnvironmentLight, Sampler},
+    tail::TailKind,
+};
+use headtail_shaders::Shader;
+use wgpu::util::DeviceExt;
+
+const COUNT: usize = 1 << 20;
+/// What results may differ by, relative to the pdf.
+const TOLERANCE: f32 = 1e-4;
+/// The share of points that may lie across a border.
+const ACROSS: f64 = 2e-3;
+
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct Query {
+    n: [f32; 3],
+    u: f32,
+    wo: [f32; 3],
+    v: f32,
+    lobes: [f32; 4],
+    wi: [f32; 4],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct Answer {
+    wi: [f32; 3],
+    pdf: f32,
+    pdf_of_given: f32,
+    padding: [f32; 3],
+}
+
+/// Points everywhere; among normals and directions are the poles, and directions along the seam of the map.
+fn queries(glossy: bool) -> (Vec<Query>, Vec<f32>) {
+    let mut random = Stream::new(11, Purpose::Test, u64::from(glossy));
+    let special =
+        [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [-1e-7, 0.0, -1.0], [1e-4, 1.0, -1e-4], [1.0, 0.0, 0.0]];
+    let mut alphas = Vec::with_capacity(COUNT);
+    let queries = (0..COUNT).map(|k| {
+        let mut direction = |every: usize| -> [f32; 3] {
+            let own = random.direction().to_array();
+            if k % every == 0 {
+                Vec3::from_array(special[k / every % special.len()]).normalize().to_array()
+            } else {
+                own
+            }
+        };
+        let (n, wo, wi) = (direction(997), direction(1009), direction(101));
+        let wo = if Vec3::from_array(n).dot(Vec3::from_array(wo)) < 0.0 { wo.map(|x| -x) } else { wo };
+        let (u, v, alpha) = (random.uniform(), random.uniform(), 0.1 + 0.9 * random.uniform());
+        alphas.push(alpha);
+        let cos_o = Vec3::from_array(n).dot(Vec3::from_array(wo));
+        let lobes =
+            if glossy { Ggx::new(alpha, Vec3::ONE).lobes(cos_o) } else { Lambert { albedo: Vec3::ONE }.lobes(cos_o) };
+        let lobes = [lobes.diffuse, lobes.specular, lobes.f0, lobes.alpha];
+        Query { n, u, wo, v, lobes, wi: [wi[0], wi[1], wi[2], 0.0] }
+    });
+    (queries.collect(), alphas)
+}
+
+fn draw_on_device(shader: &Shader, queries: &[Query]) -> Option<Vec<Answer>> {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())).ok()?;
+    println!("adapter: {}", adapter.get_info().name);
+    let limits = adapter.limits();
+    let descriptor = wgpu::DeviceDescriptor { required_limits: limits, ..Default::default() };
+    let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
+    let source = wgpu::ShaderSource::Wgsl(Cow::Borrowed(&shader.source));
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: None, source });
+    let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: None,
+        layout: None,
+        module: &module,
+        entry_point: Some("headtail_draw"),
+        compilation_options: Default::default(),
+        cache: None,
+    });
+    let buffer = |contents: &[u8], usage| {
+        device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
+    };
+    let storage = wgpu::BufferUsages::STORAGE;
+    let inputs =
+        [bytemuck::cast_slice(&shader.floats), bytemuck::cast_slice(&shader.integers), bytemuck::cast_slice(queries)]
+            .map(|bytes| buffer(bytes, storage));
+    let size = (queries.len() * size_of::<Answer>()) as u64;
+    let make =
+        |usage| device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false });
+    let answers = make(storage | wgpu::BufferUsages::COPY_SRC);
+    let copy = make(wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
+    let entries: Vec<_> = inputs
+        .iter()
+        .chain([&answers])
+        .zip(0..)
+        .map(|(buffer, binding)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+        .collect();
+    let layout = pipeline.get_bind_group_layout(0);
+    let group =
+        device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries });
+    let mut encoder = device.create_command_encoder(&Default::default());
+    {
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(&pipeline);
+        pass.set_bind_group(0, &group, &[]);
+        pass.dispatch_workgroups(queries.len().div_ceil(64) as u32, 1, 1);
+    }
+    encoder.copy_buffer_to_buffer(&answers, 0, &copy, 0, size);
+    queue.submit([encoder.finish()]);
+    copy.slice(..).map_async(wgpu::MapMode::Read, |result| result.unwrap());
+    device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
+    let view = copy.slice(..).get_mapped_range().unwrap();
+    Some(bytemuck::cast_slice(&view).to_vec())
+}
+
+/// Compares a shader with its native sampler; prints how far they are apart.
+fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, glossy: bool) {
+    let (queries, alphas) = queries(glossy);
+    let start = std::time::Instant::now();
+    let answers = draw_on_device(shader, &queries).expect("a device: install mesa-vulkan-drivers");
+    let seconds = start.elapsed().as_secs_f64();
+    let [n, wo]: [Vec<[f32; 3]>; 2] = [queries.iter().map(|q| q.n).collect(), queries.iter().map(|q| q.wo).collect()];
+    let u: Vec<[f32; 2]> = queries.iter().map(|q| [q.u, q.v]).collect();
+    let given: Vec<[f32; 3]> = queries.iter().map(|q| [q.wi[0], q.wi[1], q.wi[2]]).collect();
+    let surface = if glossy { SurfaceList::Glossy { alpha: &alphas, f0: &[1.0] } } else { SurfaceList::Diffuse };
+    let at = PointList { n: &n, wo: &wo, surface };
+    let (mut wi, mut pdf, mut of_given) = (vec![[0.0; 3]; COUNT], vec![0.0; COUNT], vec![0.0; COUNT]);
+    batch::sample(sampler, &at, Numbers::Given(&u), DrawList { wi: &mut wi, pdf: &mut pdf, radiance: None }).unwrap();
+    batch::pdf(sampler, &at, &given, &mut of_given).unwrap();
+    let near = |a: f32, b: f32| (a - b).abs() <= TOLERANCE * a.abs().max(b.abs());
+    let (mut directions, mut pdfs, mut givens) = (0, 0, 0);
+    for (k, answer) in answers.iter().enumerate() {
+        let is_drawn = pdf[k] > 0.0;
+        let far = |axis: usize| (answer.wi[axis] - wi[k][axis]).abs() > TOLERANCE;
+        directions += usize::from(is_drawn && (0..3).any(far));
+        pdfs += usize::from(!near(answer.pdf, pdf[k]));
+        givens += usize::from(!near(answer.pdf_of_given, of_given[k]));
+    }
+    let share = |count: usize| count as f64 / COUNT as f64;
+    println!(
+        "{name}: beyond {TOLERANCE}: directions {:.1e}, their pdfs {:.1e}, pdfs of given directions {:.1e}; {seconds:.2} s on the device",
+        share(directions),
+        share(pdfs),
+        share(givens)
+    );
+    for count in [directions, pdfs, givens] {
+        assert!(share(count) < ACROSS, "{name}: {count} of {COUNT}");
+    }
+}
+
+#[test]
+fn shaders_draw_what_the_native_samplers_draw() {
+    let map = Arc::new(Environment::open("studio").unwrap());
+    let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical).unwrap();
+    let shader = Shader::new(&flat_patches(light.tail(), Detail::Leaves).unwrap()).unwrap();
+    let patches = PatchSampler::new(light.clone(), Detail::Leaves).unwrap();
+    compare("patches, diffuse", &shader, &patches, false);
+    compare("patches, glossy", &shader, &patches, true);
+    let table = direct_bake(light.tail(), NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap()).unwrap();
+    let exported = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
+    let shader = Shader::new(&flat_table(&exported).unwrap()).unwrap();
+    let native = exported.open(&map).unwrap();
+    compare("table", &shader, &native, false);
+}

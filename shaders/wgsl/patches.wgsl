@@ -1,0 +1,188 @@
+// Patches of sky: product sampling in closed form for a diffuse lobe and a Trowbridge-Reitz lobe.
+//
+// Lobes are (luminance of the diffuse reflectance, weight of the Trowbridge-Reitz lobe, luminance of its reflectance at normal incidence, its
+// width); of a diffuse surface (1, 0, 1, 1).
+
+const HEADTAIL_CLUSTERS: u32 = 32u;
+const HEADTAIL_PARTS: u32 = 16u;
+const HEADTAIL_LEAST_VARIANCE: f32 = 3e-7;
+
+struct HeadtailSurface { n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32> }
+
+// Three times the variance of t . w over a patch.
+fn headtail_spread(squares: vec3<f32>, mixed: vec3<f32>, t: vec3<f32>) -> f32 {
+    return max(dot(t * t, squares) + dot(vec3<f32>(t.x * t.y, t.x * t.z, t.y * t.z), mixed), 0.0);
+}
+
+// The light of a patch times what the surface reflects of it.
+fn headtail_mass(start: u32, k: u32, at: HeadtailSurface, is_leaf: bool) -> f32 {
+    let a = headtail_four(start, 4u * k);
+    let b = headtail_four(start, 4u * k + 1u);
+    let c = headtail_four(start, 4u * k + 2u);
+    let d = headtail_four(start, 4u * k + 3u);
+    let centroid = a.yzw;
+    let squares = b.xyz;
+    let mixed = vec3<f32>(b.w, c.xy);
+    let mean = dot(at.n, centroid);
+    let half_width = sqrt(headtail_spread(squares, mixed, at.n) + HEADTAIL_LEAST_VARIANCE);
+    // c.z: reach, c.w: the same in the metric of the spread, d.x: what a cell adds.
+    let bound = mean + min(c.w * half_width + d.x, c.z);
+    if (!(bound > 0.0)) { return 0.0; }
+    let above = max(mean + half_width, 0.0);
+    var diffuse: f32;
+    if (is_leaf) {
+        let part = above * above * above / (6.0 * half_width);
+        diffuse = max(sqrt(select(part, mean * mean + half_width * half_width / 3.0, mean > half_width)), 0.15 * bound);
+    } else {
+        diffuse = max(select(above * above / (4.0 * half_width), mean, mean > half_width), 0.02 * bound);
+    }
+    if (!(at.lobes.y > 0.0)) { return a.x * diffuse; }
+    let top = max(min(mean + half_width, bound), 0.2 * bound);
+    let bottom = max(mean - half_width, 0.0);
+    let visible = max(min((top - bottom) / (2.0 * half_width), 1.0), 0.02);
+    let toward = centroid + at.n * (0.5 * (top + bottom) - mean);
+    let w = toward * (1.0 / sqrt(max(dot(toward, toward), 1e-6)));
+    let cos_o = max(dot(at.n, at.wo), 1e-4);
+    let cos_i = min(max(dot(at.n, w), 1e-4), 1.0);
+    let cosine = min(dot(at.wo, w), 1.0 - 1e-6);
+    let squared_half = max(0.5 * (1.0 + cosine), 1e-3);
+    let both = 1.0 / (squared_half * (1.0 - cosine));
+    let per_half = (1.0 - cosine) * both;
+    let per_squared_sine = 0.5 * both;
+    let squared_cos_h = min((cos_i + cos_o) * (cos_i + cos_o) * (0.25 * per_half), 1.0);
+    let across = cross(at.wo, w);
+    let variance_across = headtail_spread(squares, mixed, across) / 3.0 * per_squared_sine;
+    let variance_along = max(d.y - variance_across, 0.0);
+    let alpha = at.lobes.w;
+    let along = min(alpha * alpha + 0.5 * variance_along, 1.0);
+    let over = min(alpha * alpha + 0.5 * variance_across * per_half, 1.0);
+    let tilt = dot(at.n, across);
+    let tilt_across = tilt * tilt * per_squared_sine;
+    let tilt_along = max(1.0 - squared_cos_h - tilt_across, 0.0);
+    let product = along * over;
+    let scaled = squared_cos_h * product + tilt_along * over + tilt_across * along;
+    let smooth_part = 2.0 * cos_i * cos_o;
+    let shadowing = 2.0 * (smooth_part + alpha * (cos_i + cos_o - smooth_part));
+    let x = 1.0 - squared_half;
+    let fourth = (x * x) * (x * x);
+    let fresnel = at.lobes.z + (1.0 - at.lobes.z) * (fourth * fourth * fourth);
+    let lobe = product * sqrt(product) * cos_i / (HEADTAIL_PI * scaled * scaled * shadowing);
+    let glossy = select(visible, sqrt(visible), is_leaf) * fresnel * lobe;
+    return a.x * (at.lobes.x / HEADTAIL_PI * diffuse + at.lobes.y * glossy);
+}
+
+struct HeadtailStep { sums: array<f32, 32>, total: f32 }
+
+// The running sums of the masses of `count` patches from `first` on.
+fn headtail_sums(start: u32, first: u32, count: u32, at: HeadtailSurface, is_leaf: bool) -> HeadtailStep {
+    var step: HeadtailStep;
+    step.total = 0.0;
+    for (var k = 0u; k < count; k++) {
+        step.total += headtail_mass(start, first + k, at, is_leaf);
+        step.sums[k] = step.total;
+    }
+    return step;
+}
+
+struct HeadtailFound { place: u32, mass: f32, sides: vec4<f32> }
+
+// Down one tree: the rectangle of uniform points is cut in proportion to masses.
+fn headtail_descend(root: u32, given: HeadtailStep, z: vec2<f32>, cuts: vec4<f32>) -> HeadtailFound {
+    var step = given;
+    var sides = cuts;
+    var before = 0.0;
+    var after = step.total;
+    var split = headtail_integers[HEADTAIL_PATCHES_FOREST + root];
+    while ((split & 0x1000000u) == 0u) {
+        let middle = step.sums[max(split & 0x7fu, 1u) - 1u];
+        let share = (middle - before) / max(after - before, HEADTAIL_TINY);
+        var lower: bool;
+        if ((split & 0x80u) != 0u) {
+            let cut = sides.x + (sides.y - sides.x) * share;
+            lower = z.x < cut;
+            sides = select(vec4<f32>(cut, sides.yzw), vec4<f32>(sides.x, cut, sides.zw), lower);
+        } else {
+            let cut = sides.z + (sides.w - sides.z) * share;
+            lower = z.y < cut;
+            sides = select(vec4<f32>(sides.xy, cut, sides.w), vec4<f32>(sides.xyz, cut), lower);
+        }
+        before = select(middle, before, lower);
+        after = select(after, middle, lower);
+        split = headtail_integers[HEADTAIL_PATCHES_FOREST + root + (select(split >> 16u, split >> 8u, lower) & 0xffu)];
+    }
+    return HeadtailFound(split & 0x7fu, after - before, sides);
+}
+
+fn headtail_part(mass: f32, total: f32) -> f32 {
+    if (!(mass > 0.0 && total > 0.0)) { return 0.0; }
+    return mass / total;
+}
+
+// A place in an interval, and never its end, which belongs to the next patch.
+fn headtail_within(start: f32, end: f32, inside: f32) -> f32 {
+    let place = start + (end - start) * inside;
+    return select(bitcast<f32>(bitcast<u32>(end) - 1u), place, place < end);
+}
+
+// The share of samples to draw here, beside sampling the BSDF; 1 for diffuse surfaces.
+fn headtail_share(lobes: vec4<f32>) -> f32 {
+    if (!(lobes.y > 0.0)) { return 1.0; }
+    let of_lobe = clamp(0.5 * pow(0.05 / lobes.w, 1.25), 0.03, 0.9);
+    let reflected = lobes.y * max(lobes.z, 0.3);
+    return 1.0 - of_lobe * reflected / (reflected + lobes.x);
+}
+
+// Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.
+fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) -> vec4<f32> {
+    let at = HeadtailSurface(n, wo, lobes);
+    var step = headtail_sums(HEADTAIL_PATCHES_CLUSTERS, 0u, HEADTAIL_CLUSTERS, at, false);
+    var found = headtail_descend(headtail_integers[HEADTAIL_PATCHES_ROOTS], step, z, vec4<f32>(0.0, 1.0, 0.0, 1.0));
+    var probability = headtail_part(found.mass, step.total);
+    let cluster = found.place;
+    step = headtail_sums(HEADTAIL_PATCHES_LEAVES, cluster * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
+    found = headtail_descend(headtail_integers[HEADTAIL_PATCHES_ROOTS + 1u + cluster], step, z, found.sides);
+    probability *= headtail_part(found.mass, step.total);
+    let leaf = cluster * HEADTAIL_PARTS + found.place;
+    var rectangle = headtail_four(HEADTAIL_PATCHES_LEAF_RECTANGLES, leaf);
+    var inverse_energy = headtail_floats[HEADTAIL_PATCHES_LEAVES + 16u * leaf + 14u];
+    if (lobes.w < headtail_floats[HEADTAIL_PATCHES_NARROW]) {
+        step = headtail_sums(HEADTAIL_PATCHES_TWIGS, leaf * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
+        found = headtail_descend(headtail_integers[HEADTAIL_PATCHES_ROOTS + 1u + HEADTAIL_CLUSTERS + leaf], step, z, found.sides);
+        probability *= headtail_part(found.mass, step.total);
+        let twig = leaf * HEADTAIL_PARTS + found.place;
+        rectangle = headtail_four(HEADTAIL_PATCHES_TWIG_RECTANGLES, twig);
+        inverse_energy = headtail_floats[HEADTAIL_PATCHES_TWIGS + 16u * twig + 14u];
+    }
+    let inside = vec2<f32>(headtail_remap(z.x, found.sides.x, found.sides.y), headtail_remap(z.y, found.sides.z, found.sides.w));
+    let y = vec2<f32>(headtail_within(rectangle.x, rectangle.y, inside.x), headtail_within(rectangle.z, rectangle.w, inside.y));
+    let x = headtail_tail(y);
+    let w = headtail_direction(x.xy);
+    return vec4<f32>(w.xyz, probability * inverse_energy * x.z * w.w);
+}
+
+// The solid-angle pdf with which `headtail_sample` draws a unit direction.
+fn headtail_pdf(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, wi: vec3<f32>) -> f32 {
+    let at = HeadtailSurface(n, wo, lobes);
+    let x = headtail_square(wi);
+    let cell = headtail_cell(x.xy);
+    let twig = headtail_integers[HEADTAIL_PATCHES_TWIG_OF_CELL + u32(cell.y) * HEADTAIL_WIDTH + u32(cell.x)];
+    let leaf = twig / HEADTAIL_PARTS;
+    var own = leaf / HEADTAIL_PARTS;
+    var step = headtail_sums(HEADTAIL_PATCHES_CLUSTERS, 0u, HEADTAIL_CLUSTERS, at, false);
+    var probability = headtail_share_of(step, own);
+    step = headtail_sums(HEADTAIL_PATCHES_LEAVES, own * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
+    probability *= headtail_share_of(step, leaf % HEADTAIL_PARTS);
+    var inverse_energy = headtail_floats[HEADTAIL_PATCHES_LEAVES + 16u * leaf + 14u];
+    if (lobes.w < headtail_floats[HEADTAIL_PATCHES_NARROW]) {
+        step = headtail_sums(HEADTAIL_PATCHES_TWIGS, leaf * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
+        probability *= headtail_share_of(step, twig % HEADTAIL_PARTS);
+        inverse_energy = headtail_floats[HEADTAIL_PATCHES_TWIGS + 16u * twig + 14u];
+    }
+    return probability * inverse_energy * headtail_density(cell) * x.z;
+}
+
+fn headtail_share_of(given: HeadtailStep, place: u32) -> f32 {
+    var step = given;
+    let before = select(step.sums[max(place, 1u) - 1u], 0.0, place == 0u);
+    return headtail_part(step.sums[place] - before, step.total);
+}

@@ -1,0 +1,102 @@
+//! `headtail export`: samplers as shaders.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use clap::{Args, ValueEnum};
+use headtail_render::{
+    export::{ExportedSampler, flat_patches, flat_table},
+    file::replace,
+    patches::Detail,
+    tail::{Tail, TailKind},
+};
+use headtail_shaders::{Shader, Target};
+
+use crate::arguments::{make_folder, open_environment};
+
+/// Write a sampler as a shader, with the numbers that it reads.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail export out/room/direct.safetensors --target wgsl --out out/room/shader
+  headtail export patches --env room.hdr --target spirv --out out/room/shader
+
+DIR/headtail.EXT has the functions headtail_sample, headtail_pdf and headtail_share and, as an example, a compute shader headtail_draw. \
+DIR/floats.bin and DIR/integers.bin are the buffers of bindings 0 and 1 (little-endian, 32 bits), DIR/layout.json says what lies where. \
+There are shaders of tables and of patches, over the hierarchical tail.")]
+pub struct Arguments {
+    /// A table that `bake` wrote, or patches, or patches:fine, which need --env.
+    #[arg(value_name = "FILE|patches")]
+    sampler: String,
+    /// The map of patches: a built-in environment or a .hdr or .exr file.
+    #[arg(long, value_name = "MAP")]
+    env: Option<String>,
+    /// The language.
+    #[arg(long)]
+    target: TargetArgument,
+    /// Folder for the files.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum TargetArgument {
+    /// WebGPU.
+    Wgsl,
+    /// OpenGL 4.3.
+    Glsl,
+    /// Direct3D.
+    Hlsl,
+    /// Metal.
+    Msl,
+    /// Vulkan.
+    Spirv,
+}
+
+impl From<TargetArgument> for Target {
+    fn from(argument: TargetArgument) -> Self {
+        match argument {
+            TargetArgument::Wgsl => Self::Wgsl,
+            TargetArgument::Glsl => Self::Glsl,
+            TargetArgument::Hlsl => Self::Hlsl,
+            TargetArgument::Msl => Self::Msl,
+            TargetArgument::Spirv => Self::Spirv,
+        }
+    }
+}
+
+/// Writes the shader, its buffers and their layout.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let detail = match &*arguments.sampler {
+        "patches" => Some(Detail::Leaves),
+        "patches:fine" => Some(Detail::Twigs),
+        _ => None,
+    };
+    let arrays = match (detail, &arguments.env) {
+        (Some(detail), Some(map)) => {
+            flat_patches(&Tail::of_environment(TailKind::Hierarchical, &*open_environment(map)?)?, detail)?
+        }
+        (Some(_), None) => bail!("{} needs the map: give --env MAP", arguments.sampler),
+        (None, Some(_)) => bail!("--env: a file has its map already"),
+        (None, None) => {
+            let file = PathBuf::from(&arguments.sampler);
+            flat_table(&ExportedSampler::read(&file)?).map_err(|error| error.in_file(&file))?
+        }
+    };
+    let (shader, target) = (Shader::new(&arrays)?, Target::from(arguments.target));
+    let source = shader.translate(target)?;
+    make_folder(&arguments.out)?;
+    let bytes = |numbers: &[u32]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();
+    let floats: Vec<u32> = shader.floats.iter().map(|number| number.to_bits()).collect();
+    let name = format!("headtail.{}", target.name_and_extension().1);
+    let files = [
+        (&*name, source),
+        ("floats.bin", bytes(&floats)),
+        ("integers.bin", bytes(&shader.integers)),
+        ("layout.json", shader.layout.into_bytes()),
+    ];
+    for (name, content) in files {
+        replace(&arguments.out.join(name), &content)?;
+    }
+    println!("{} written, with floats.bin, integers.bin and layout.json", arguments.out.join(name).display());
+    Ok(())
+}

@@ -1,0 +1,34 @@
+//! `headtail export`.
+
+use std::fs;
+
+use super::{fail, succeed};
+
+#[test]
+fn shaders_are_written_with_their_buffers() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    succeed(at, "bake --direct --env overcast --normals 4x6 --cells 4x4 --out table");
+    for (target, file) in [("wgsl", "headtail.wgsl"), ("spirv", "headtail.spv")] {
+        let said = succeed(at, &format!("export table --target {target} --out table-{target}"));
+        assert!(said.contains(&format!("table-{target}/{file} written")), "{said}");
+        assert!(fs::metadata(at.join(format!("table-{target}/{file}"))).unwrap().len() > 1000);
+    }
+    succeed(at, "export patches --env overcast --target glsl --out patches");
+    let layout = fs::read_to_string(at.join("patches/layout.json")).unwrap();
+    let layout: serde_json::Value = serde_json::from_str(&layout).unwrap();
+    let array = &layout["patches.narrow"];
+    let start = 4 * array["start"].as_u64().unwrap() as usize;
+    let floats = fs::read(at.join("patches/floats.bin")).unwrap();
+    assert_eq!(f32::from_le_bytes(floats[start..start + 4].try_into().unwrap()), 0.3);
+}
+
+#[test]
+fn what_has_no_shader_is_refused_with_a_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    succeed(at, "bake --direct --env overcast --tail row-column --normals 4x6 --cells 4x4 --out table");
+    assert!(fail(at, "export table --target wgsl --out x").contains("of the hierarchical one alone"));
+    assert!(fail(at, "export patches --target wgsl --out x").contains("give --env MAP"));
+    assert!(fail(at, "export missing --target wgsl --out x").contains("missing"));
+}
