@@ -34,7 +34,7 @@ impl Stages {
     }
 
     /// Who may learn from whom. Where a sequence is shared by a block of pixels, groups would know nothing of each other's places: there, every stage
-    /// begins with a fresh sequence ([`Self::sample`]).
+    /// begins with a fresh sequence ([`Self::point`]).
     pub fn grouping(&self) -> Grouping {
         match self.points {
             PointSet::Sobol => Grouping::Four,

@@ -1,7 +1,7 @@
 //! What part of the sky is seen from where, learned from the shadow rays of a rendering.
 //!
 //! Shading points are gathered in cells of space ([`Cells`]), and for each cell the shadow rays are counted that were sent to each patch of
-//! sky, and those that were not stopped ([`Counts`]). From these follow weights ([`Weights`]) that a sampler multiplies its product of light,
+//! sky, and those that were not stopped. From these follow weights ([`Weights`]) that a sampler multiplies its product of light,
 //! BRDF and cosine with: equal areas of Y carry equal light, so patches are small where light is.
 //!
 //! # Why estimates stay unbiased
