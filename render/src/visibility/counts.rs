@@ -47,6 +47,8 @@ pub struct Counts {
     /// Of each cell, the place of the one that it lies in.
     parents: Vec<Option<u32>>,
     keys: Vec<CellKey>,
+    /// How many cells each group has.
+    of_group: [usize; 4],
     /// For each cell and patch the rays that came through in the upper half, all in the lower.
     rays: Vec<AtomicU64>,
     /// Rays of cells that are not there.
@@ -114,7 +116,8 @@ impl Counts {
         }
     }
 
-    /// Makes cells for the rays that had none, at most `most` in all: the finest that were seen often enough, and those that they lie in.
+    /// Makes cells for the rays that had none: the finest that were seen often enough, and those that they lie in. At most `most` for each group, so that no group's
+    /// rays decide what is known of another's.
     pub fn settle(&mut self, most: usize) {
         let mut rays = std::mem::take(self.fresh.get_mut().unwrap_or_else(PoisonError::into_inner));
         for level in 0..LEVELS {
@@ -129,7 +132,7 @@ impl Counts {
             // Where memory is short, the cells that are seen most.
             new.sort_unstable_by_key(|&(count, key)| (std::cmp::Reverse(count), key));
             for (_, key) in new {
-                if self.cells() + LEVELS <= most {
+                if self.of_group[key.group() as usize] + LEVELS <= most {
                     self.insert(key, level);
                 }
             }
@@ -178,6 +181,7 @@ impl Counts {
         self.places.insert(key, cell);
         self.parents.push(parent);
         self.keys.push(key);
+        self.of_group[key.group() as usize] += 1;
         self.rays.extend(std::iter::repeat_with(AtomicU64::default).take(PATCHES));
         cell
     }
@@ -230,10 +234,11 @@ mod tests {
     fn memory_is_bounded_and_what_is_seen_most_stays() {
         let mut counts = Counts::default();
         counts.add(rays(50_000).into_iter());
+        // Of group 0, as its key is made.
         let often = Cells::new(Vec3A::ZERO, 0.01).key(Vec3A::new(-3.0, 0.0, 9.0), Vec3A::Y);
         counts.add((0..5000).map(|_| (often, 5, true)));
         counts.settle(100);
-        assert!((LEVELS..=100).contains(&counts.cells()));
+        assert!(counts.of_group.iter().all(|own| (LEVELS..=100).contains(own)) && counts.cells() <= 400);
         assert_eq!(counts.find(often).map(|(_, level)| level), Some(0));
         let mut none = Counts::default();
         none.add(rays(100).into_iter());

@@ -134,7 +134,8 @@ impl VisibilityCache {
 
     /// Turns what was observed into weights. After the last time nothing may be observed any more.
     pub fn learn(&mut self, is_last: bool) {
-        self.counts.settle(self.most_cells);
+        let groups = if self.grouping == Grouping::Four { 4 } else { 1 };
+        self.counts.settle(self.most_cells / groups);
         if is_last && self.grouping == Grouping::Four {
             self.counts = self.counts.regrouped(|group| group >> 1);
             self.by_halves = true;
