@@ -9,6 +9,8 @@ use std::{
     },
 };
 
+use rayon::prelude::*;
+
 use super::{
     cells::{CellKey, LEVELS},
     weights::PATCHES,
@@ -81,11 +83,11 @@ impl Counts {
         self.parents[cell]
     }
 
-    /// The cells, smaller ones first.
-    pub fn by_size(&self) -> Vec<usize> {
+    /// The cells of each size, smaller ones first.
+    pub fn by_size(&self) -> Vec<Vec<usize>> {
         let mut cells: Vec<usize> = (0..self.cells()).collect();
         cells.sort_by_key(|&cell| self.keys[cell].size());
-        cells
+        cells.chunk_by(|&a, &b| self.keys[a].size() == self.keys[b].size()).map(<[usize]>::to_vec).collect()
     }
 
     /// Rays of each patch: those that came through, and all.
@@ -121,7 +123,7 @@ impl Counts {
     pub fn settle(&mut self, most: usize) {
         let mut rays = std::mem::take(self.fresh.get_mut().unwrap_or_else(PoisonError::into_inner));
         for level in 0..LEVELS {
-            rays.sort_unstable();
+            rays.par_sort_unstable();
             let groups: Vec<&[Ray]> = rays.chunk_by(|a, b| a.0 == b.0).collect();
             let mut new: Vec<(usize, CellKey)> = groups
                 .iter()

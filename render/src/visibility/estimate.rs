@@ -26,9 +26,8 @@ struct Visibility {
 }
 
 impl Visibility {
-    /// The visibility that rays of each patch (those that came through, and all) speak for, after that of a larger cell.
-    fn of(rays: impl Iterator<Item = [f32; 2]>, above: &Self) -> Self {
-        let rays: Vec<[f32; 2]> = rays.collect();
+    /// The visibility that rays speak for, after that of a larger cell.
+    fn of(rays: &Rays, above: &Self) -> Self {
         let mut own = above.clone();
         for (cluster, rays) in rays.chunks_exact(LANES).enumerate() {
             let [seen, all] = rays.iter().fold([0.0, 0.0], |sum, rays| [sum[0] + rays[0], sum[1] + rays[1]]);
@@ -58,56 +57,70 @@ impl Visibility {
 
 /// The weights of all cells, after those of no cell. A cell's visibility is that of the larger one that it lies in until it has rays of its own.
 pub fn weights(counts: &Counts, energies: &[f32]) -> Vec<Weights> {
-    // Cells that others lie in, with the rays of all of these.
-    let order = counts.by_size();
-    let mut place = vec![None; counts.cells()];
-    let mut sums: Vec<Vec<[f32; 2]>> = Vec::new();
+    let by_size = counts.by_size();
+    let mut inside = vec![Vec::new(); counts.cells()];
     for cell in 0..counts.cells() {
         if let Some(parent) = counts.parent(cell) {
-            place[parent as usize].get_or_insert_with(|| {
-                sums.push(vec![[0.0; 2]; PATCHES]);
-                sums.len() - 1
-            });
+            inside[parent as usize].push(cell);
         }
     }
-    for &cell in &order {
-        let above = counts.parent(cell).and_then(|parent| place[parent as usize]);
-        for (patch, rays) in counts.rays(cell).enumerate() {
-            let mut total = rays.map(|rays| rays as f32);
-            if let Some(own) = place[cell] {
-                // Those of all smaller cells are there already.
-                let sum = &mut sums[own][patch];
-                *sum = [sum[0] + total[0], sum[1] + total[1]];
-                total = *sum;
+    // Cells that others lie in, with the rays of all of these: smaller ones first.
+    let mut rays: Vec<Option<Rays>> = vec![None; counts.cells()];
+    for cells in &by_size {
+        let sums = cells.par_iter().filter(|&&cell| !inside[cell].is_empty()).map(|&cell| {
+            let mut sum = rays_of(counts, cell);
+            for &part in &inside[cell] {
+                match &rays[part] {
+                    Some(rays) => add(&mut sum, rays),
+                    None => add(&mut sum, &rays_of(counts, part)),
+                }
             }
-            if let Some(above) = above {
-                let sum = &mut sums[above][patch];
-                *sum = [sum[0] + total[0], sum[1] + total[1]];
-            }
-        }
-    }
-    let unknown = Visibility { patches: vec![UNKNOWN; PATCHES], clusters: [UNKNOWN; CLUSTERS] };
-    let mut larger: Vec<Option<Visibility>> = vec![None; sums.len()];
-    let of_parent = |larger: &[Option<Visibility>], cell: usize| {
-        let above = counts.parent(cell).and_then(|parent| place[parent as usize]);
-        above.and_then(|above| larger[above].clone()).unwrap_or_else(|| unknown.clone())
-    };
-    for &cell in order.iter().rev() {
-        if let Some(own) = place[cell] {
-            larger[own] = Some(Visibility::of(sums[own].iter().copied(), &of_parent(&larger, cell)));
-        }
-    }
-    let of_cell = |cell: usize| {
-        let known = place[cell].and_then(|own| larger[own].clone());
-        let own = known.unwrap_or_else(|| {
-            let rays = counts.rays(cell).map(|rays| rays.map(|rays| rays as f32));
-            Visibility::of(rays, &of_parent(&larger, cell))
+            (cell, sum)
         });
-        own.weights(energies)
+        for (cell, sum) in sums.collect::<Vec<_>>() {
+            rays[cell] = Some(sum);
+        }
+    }
+    // Their visibility: larger ones first.
+    let unknown = Visibility { patches: vec![UNKNOWN; PATCHES], clusters: [UNKNOWN; CLUSTERS] };
+    let mut known: Vec<Option<Visibility>> = vec![None; counts.cells()];
+    for cells in by_size.iter().rev() {
+        let found = cells.par_iter().filter_map(|&cell| {
+            let rays = rays[cell].as_ref()?;
+            Some((cell, Visibility::of(rays, above(counts, &known, cell).unwrap_or(&unknown))))
+        });
+        for (cell, visibility) in found.collect::<Vec<_>>() {
+            known[cell] = Some(visibility);
+        }
+    }
+    let of_cell = |cell: usize| match &known[cell] {
+        Some(visibility) => visibility.weights(energies),
+        None => {
+            let above = above(counts, &known, cell).unwrap_or(&unknown);
+            Visibility::of(&rays_of(counts, cell), above).weights(energies)
+        }
     };
     let mut out = vec![Weights::UNKNOWN];
     out.par_extend((0..counts.cells()).into_par_iter().map(of_cell));
     out
+}
+
+/// Rays of each patch: those that came through, and all.
+type Rays = Vec<[f32; 2]>;
+
+fn rays_of(counts: &Counts, cell: usize) -> Rays {
+    counts.rays(cell).map(|rays| rays.map(|rays| rays as f32)).collect()
+}
+
+fn add(sum: &mut Rays, rays: &Rays) {
+    for (sum, rays) in sum.iter_mut().zip(rays) {
+        *sum = [sum[0] + rays[0], sum[1] + rays[1]];
+    }
+}
+
+/// The visibility of the cell that a cell lies in.
+fn above<'a>(counts: &Counts, known: &'a [Option<Visibility>], cell: usize) -> Option<&'a Visibility> {
+    counts.parent(cell).and_then(|parent| known[parent as usize].as_ref())
 }
 
 #[cfg(test)]
