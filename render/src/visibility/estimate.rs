@@ -27,7 +27,7 @@ struct Visibility {
 
 impl Visibility {
     /// The visibility that rays speak for, after that of a larger cell.
-    fn of(rays: &Rays, above: &Self) -> Self {
+    fn of(rays: &[[f32; 2]], above: &Self) -> Self {
         let mut own = above.clone();
         for (cluster, rays) in rays.chunks_exact(LANES).enumerate() {
             let [seen, all] = rays.iter().fold([0.0, 0.0], |sum, rays| [sum[0] + rays[0], sum[1] + rays[1]]);
@@ -112,7 +112,7 @@ fn rays_of(counts: &Counts, cell: usize) -> Rays {
     counts.rays(cell).map(|rays| rays.map(|rays| rays as f32)).collect()
 }
 
-fn add(sum: &mut Rays, rays: &Rays) {
+fn add(sum: &mut [[f32; 2]], rays: &[[f32; 2]]) {
     for (sum, rays) in sum.iter_mut().zip(rays) {
         *sum = [sum[0] + rays[0], sum[1] + rays[1]];
     }
