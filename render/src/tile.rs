@@ -204,15 +204,6 @@ impl<'a> Rows<'a> {
         Rows { tile: self.tile, list: Some(rows) }
     }
 
-    /// Position in metres and shading normal at a place.
-    #[inline(always)]
-    pub fn position_and_normal(&self, place: usize) -> (Vec3A, Vec3A) {
-        let (strip, lane) = (self.row(place) / LANES, self.row(place) % LANES);
-        let vector =
-            |which: usize| Vec3A::from_array(self.tile.vectors[which].each_ref().map(|column| column[strip][lane]));
-        (vector(P), vector(NS))
-    }
-
     /// One strip of positions in metres.
     #[inline(always)]
     pub fn positions(&self, strip: usize) -> [Lanes; 3] {

@@ -11,7 +11,7 @@ use crate::{
     points::Points,
     sampler::{BrdfSampler, Covering, OneSampleMis},
     tile::Rows,
-    visibility::{CacheSize, Cells, Grouping, Origin, Unoccluded, VisibilityCache, Weighting},
+    visibility::{CacheSize, Cells, Grouping, Unoccluded, VisibilityCache, Weighting},
 };
 
 /// Pixels that a cell is wide, at least.
@@ -81,11 +81,8 @@ impl Estimator for Session<'_> {
 impl Learner for Session<'_> {
     fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]) {
         let patches = self.estimator.sampler.get().patches_of(contributions.wi());
-        let rays = contributions.places().iter().zip(patches).zip(visible).map(|((&place, patch), &visible)| {
-            let (p, n) = at.position_and_normal(place as usize);
-            (Origin { p, n, key: at.key(place as usize) }, patch, visible)
-        });
-        self.cache.observe(rays);
+        let rays = contributions.places().iter().zip(patches).zip(visible);
+        self.cache.observe(at, rays.map(|((&place, patch), &visible)| (place, patch, visible)));
     }
 
     fn learn(&mut self, is_last: bool) {

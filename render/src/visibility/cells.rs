@@ -42,15 +42,16 @@ impl Cells {
         Self { eye, angle: angle.max(f32::MIN_POSITIVE) }
     }
 
-    /// The cell of the finest level that a point with a normal lies in, in group 0.
+    /// The cell of the finest level that a single point with a normal lies in, in group 0.
+    #[cfg(test)]
     pub fn key(&self, p: Vec3A, n: Vec3A) -> CellKey {
         let lanes = |vector: Vec3A| vector.to_array().map(|number| [number; LANES]);
         CellKey(self.keys(&lanes(p), &lanes(n))[0])
     }
 
-    /// [`Self::key`] for a strip of points.
+    /// The cells of the finest level that a strip of points with normals lies in, in group 0.
     #[inline(always)]
-    pub fn keys(&self, p: &[Lanes; 3], n: &[Lanes; 3]) -> [u64; LANES] {
+    fn keys(&self, p: &[Lanes; 3], n: &[Lanes; 3]) -> [u64; LANES] {
         let eye = self.eye.to_array();
         let (mut high, mut scale) = ([0_u32; LANES], [0.0; LANES]);
         for k in 0..LANES {

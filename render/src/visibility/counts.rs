@@ -18,6 +18,7 @@ use super::{
 
 /// Observations that make a cell.
 const LEAST_RAYS: usize = 8;
+
 /// A hash of keys that are spread enough by a product.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct KeyHasher(u64);

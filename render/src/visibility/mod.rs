@@ -24,7 +24,6 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use cells::CellKey;
 use counts::Counts;
-use glam::Vec3A;
 
 use crate::{
     simd::{LANES, Lanes},
@@ -54,17 +53,6 @@ pub enum Grouping {
     One,
     /// Four groups of pixels, squares of four pixels along a side: for points that are a sequence in each pixel.
     Four,
-}
-
-/// Where a shadow ray left from.
-#[derive(Clone, Copy, Debug)]
-pub struct Origin {
-    /// Position in metres.
-    pub p: Vec3A,
-    /// Shading normal.
-    pub n: Vec3A,
-    /// The key of the pixel.
-    pub key: u32,
 }
 
 /// What a cache has come to.
@@ -97,16 +85,6 @@ impl VisibilityCache {
         Self { cells, grouping, by_halves: false, counts, weights, energies, most_cells, asked: Default::default() }
     }
 
-    /// The weights at a point, for the pixel with a key.
-    pub fn weights(&self, p: Vec3A, n: Vec3A, key: u32) -> &Weights {
-        &self.weights[self.index(self.cells.key(p, n).of_group(self.read_group(key))) as usize]
-    }
-
-    /// The number of the weights of a cell: those of the finest that it lies in. 0 where there is none.
-    fn index(&self, key: CellKey) -> u32 {
-        self.counts.find(key).map_or(0, |(cell, _)| cell + 1)
-    }
-
     /// The group that a pixel's rays are counted in.
     fn group(&self, key: u32) -> u32 {
         match self.grouping {
@@ -124,12 +102,23 @@ impl VisibilityCache {
         }
     }
 
-    /// Counts shadow rays: where each left from, the patch that it was sent to, and whether it came through. Whatever the order of the rays, and on any
-    /// number of threads, what is learned is the same.
-    pub fn observe(&self, rays: impl Iterator<Item = (Origin, u16, bool)>) {
-        self.counts.add(rays.map(|(from, patch, is_visible)| {
-            (self.cells.key(from.p, from.n).of_group(self.group(from.key)), patch, is_visible)
-        }));
+    /// The finest cells of points, each for the group that `group` gives for the key of its pixel.
+    fn keys(&self, at: &Rows<'_>, group: impl Fn(u32) -> u32) -> Vec<CellKey> {
+        let mut keys = Vec::with_capacity(at.len());
+        for strip in 0..at.strips() {
+            let mut own = [0; LANES];
+            cells::keys(&self.cells, &at.positions(strip), &at.normals(strip), &mut own);
+            let places = strip * LANES..((strip + 1) * LANES).min(at.len());
+            keys.extend(own.iter().zip(places).map(|(&key, place)| CellKey(key).of_group(group(at.key(place)))));
+        }
+        keys
+    }
+
+    /// Counts shadow rays: the place among the rows that each left from, the patch that it was sent to, and whether it came through. Whatever the order
+    /// of the rays, and on any number of threads, what is learned is the same.
+    pub fn observe(&self, at: &Rows<'_>, rays: impl Iterator<Item = (u16, u16, bool)>) {
+        let keys = self.keys(at, |key| self.group(key));
+        self.counts.add(rays.map(|(place, patch, is_visible)| (keys[usize::from(place)], patch, is_visible)));
     }
 
     /// Turns what was observed into weights. After the last time nothing may be observed any more.
@@ -154,18 +143,14 @@ impl VisibilityCache {
 
 impl Weighting for VisibilityCache {
     fn indices(&self, at: &Rows<'_>, out: &mut [Lanes]) {
-        let mut keys = [[0; LANES]; 1];
         let (mut last, mut unknown) = ((None, 0), 0);
-        for (strip, out) in out.iter_mut().enumerate() {
-            cells::keys(&self.cells, &at.positions(strip), &at.normals(strip), &mut keys[0]);
-            for k in 0..LANES.min(at.len() - strip * LANES) {
-                let key = CellKey(keys[0][k]).of_group(self.read_group(at.key(strip * LANES + k)));
-                if last.0 != Some(key) {
-                    last = (Some(key), self.index(key));
-                }
-                unknown += u64::from(last.1 == 0);
-                out[k] = f32::from_bits(last.1);
+        for (key, out) in self.keys(at, |key| self.read_group(key)).into_iter().zip(out.as_flattened_mut()) {
+            if last.0 != Some(key) {
+                // Those of no cell come first.
+                last = (Some(key), self.counts.find(key).map_or(0, |(cell, _)| cell + 1));
             }
+            unknown += u64::from(last.1 == 0);
+            *out = f32::from_bits(last.1);
         }
         self.asked[0].fetch_add(at.len() as u64, Relaxed);
         self.asked[1].fetch_add(unknown, Relaxed);
@@ -179,36 +164,50 @@ impl Weighting for VisibilityCache {
 
 #[cfg(test)]
 mod tests {
+    use glam::{Vec3, Vec3A};
+
     use super::*;
+    use crate::{
+        brdf::Lambert,
+        tile::{ShadingPoint, Tile},
+    };
 
     /// The weights that the pixels of each group draw with in the second and in the third stage. What a ray finds depends on what it was drawn with;
     /// those of group `other` find something else from the first sample on.
     fn weights_of_groups(grouping: Grouping, other: Option<u32>) -> [Vec<Vec<f32>>; 2] {
         let mut cache = VisibilityCache::new(Cells::new(Vec3A::ZERO, 0.01), grouping, vec![1.0; PATCHES], 1 << 30);
         // Four places near to each other; pixels of all groups see each.
-        let place = |k: u32| Vec3A::new(0.1 * (k % 4) as f32, 0.0, 10.0);
-        let drawn = |cache: &VisibilityCache, key: u32, k: u32| -> Vec<f32> {
-            let weights = cache.weights(place(k), Vec3A::Y, key << BLOCK_BITS);
-            (0..PATCHES).map(|patch| weights.of_patch(patch)).collect()
+        let mut tile = Tile::default();
+        for row in 0..16 {
+            let p = Vec3A::new(0.1 * (row % 4) as f32, 0.0, 10.0);
+            let surface = Lambert { albedo: Vec3::ONE }.into();
+            let point = ShadingPoint { p, ng: Vec3A::Y, ns: Vec3A::Y, wo: Vec3A::Y, surface };
+            tile.push(&point, (row / 4) << BLOCK_BITS);
+        }
+        let at = tile.rows();
+        let drawn = |cache: &VisibilityCache| -> Vec<Vec<f32>> {
+            let mut indices = [[0.0; LANES]; 1];
+            cache.indices(&at, &mut indices);
+            let of_row = |&index: &f32| {
+                (0..PATCHES).map(move |patch| cache.at(index).map_or(0.0, |weights| weights.of_patch(patch)))
+            };
+            indices[0].chunks_exact(4).map(|rows| rows.iter().flat_map(of_row).collect()).collect()
         };
         let mut out = [Vec::new(), Vec::new()];
         for stage in 0..2 {
-            for key in 0..4 {
-                for k in 0..4 {
-                    let bits = drawn(&cache, key, k)
-                        .iter()
-                        .fold(7_u32, |sum, w| sum.wrapping_mul(31).wrapping_add(w.to_bits()));
-                    let bits = bits ^ if other == Some(key) { 0x5555 } else { 0 };
+            for (key, own) in drawn(&cache).iter().enumerate() {
+                for (k, weights) in own.chunks_exact(PATCHES).enumerate() {
+                    let bits = weights.iter().fold(7_u32, |sum, w| sum.wrapping_mul(31).wrapping_add(w.to_bits()));
+                    let bits = bits ^ if other == Some(key as u32) { 0x5555 } else { 0 };
                     let rays = (0..2000_u32).map(|ray| {
                         let number = (ray ^ bits).wrapping_mul(0x9e37_79b9) >> 8;
-                        let from = Origin { p: place(k), n: Vec3A::Y, key: key << BLOCK_BITS };
-                        (from, (number % 7) as u16, number % 11 == bits % 11)
+                        ((4 * key + k) as u16, (number % 7) as u16, number % 11 == bits % 11)
                     });
-                    cache.observe(rays);
+                    cache.observe(&at, rays);
                 }
             }
             cache.learn(stage == 1);
-            out[stage] = (0..4).map(|key| (0..4).flat_map(|k| drawn(&cache, key, k)).collect()).collect();
+            out[stage] = drawn(&cache);
         }
         out
     }
