@@ -7,13 +7,17 @@ use clap::Args;
 use glam::Vec3A;
 use headtail_render::{
     environment::Environment,
+    estimator::Estimator,
     export::ExportedSampler,
     integrator::{Budget, View},
     points::{PointSet, Points},
     scene::{Camera, MaterialSpec, Scene},
-    spec::{FileKind, SamplerSpec, Source},
+    spec::{FileKind, Place, SamplerSpec, Source},
     tail::TailKind,
 };
+
+/// What may be learned of a scene, unless another number is given.
+pub const VISIBILITY_MEGABYTES: u32 = 64;
 
 /// Which picture to take.
 #[derive(Args, Clone, Debug)]
@@ -43,6 +47,9 @@ pub struct ViewArguments {
     /// finer grain; with :N in sets of N samples, else in sets that the budget fits into) or independent (random).
     #[arg(long, value_name = "POINTS", default_value = "sobol")]
     pub points: PointsArgument,
+    /// Most that patches+vis learns of a scene, in MB of 2^20 bytes; its cells grow where that is not enough.
+    #[arg(long, value_name = "MB", default_value_t = VISIBILITY_MEGABYTES, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub visibility_memory: u32,
     /// Threads to render with. Default: all cores.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
@@ -182,6 +189,7 @@ pub struct OpenedView {
     unshadowed: bool,
     depth: u32,
     points: PointsArgument,
+    visibility_bytes: usize,
 }
 
 impl ViewArguments {
@@ -212,6 +220,7 @@ impl ViewArguments {
             unshadowed: self.unshadowed,
             depth: self.depth,
             points: self.points,
+            visibility_bytes: (self.visibility_memory as usize) << 20,
         })
     }
 }
@@ -228,6 +237,22 @@ impl OpenedView {
             unshadowed: self.unshadowed,
             depth: self.depth,
         }
+    }
+
+    /// The estimator of a SPEC for this map and this scene.
+    pub fn estimator(&self, spec: &SamplerSpec) -> Result<Box<dyn Estimator>> {
+        let place = Place { scene: Some(&self.scene), memory: self.visibility_bytes };
+        Ok(spec.build_in(&self.environment, place)?)
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Most bytes that are learned of the scene.
+    pub fn visibility_bytes(&self) -> usize {
+        self.visibility_bytes
     }
 
     /// The points of a rendering with a budget.

@@ -1,4 +1,6 @@
-//! `headtail bake`: tabulate a head, or the target itself.
+//! `headtail bake`: tabulate a head, or the target itself, or what is seen of the sky in a scene.
+
+mod visibility;
 
 use std::{path::PathBuf, time::Instant};
 
@@ -14,16 +16,18 @@ use headtail_train::learned_bake;
 
 use crate::arguments::{Grid, TailArgument, make_folder, open_environment};
 
-/// Tabulate a trained head, or the cosine product itself without any training, over a grid of normals.
+/// Tabulate a trained head, or the cosine product itself without any training, over a grid of normals; or the visibility of the sky in a scene.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail bake --direct --env studio --out out/studio-direct.safetensors
   headtail bake --direct --env room.hdr --cells 64x64 --out out/room-direct.safetensors
   headtail bake --from out/room/sampler.safetensors --normals 16x32 --cells 8x8 --out out/room-baked.safetensors
+  headtail bake --visibility --scene bedroom --env room.hdr --out out/bedroom-visibility.safetensors
 
 The paper's table has 16x32 normals of 8x8 cells; the default has 32x32 cells (2 MB, to which the map's luminance is \
-added). Between normals the tables are interpolated.")]
-#[command(group = clap::ArgGroup::new("source").required(true).args(["from", "direct"]))]
+added). Between normals the tables are interpolated. Visibility is for \
+render --sampler patches+vis:FILE: it holds for all materials and viewpoints of the scene, under the same map.")]
+#[command(group = clap::ArgGroup::new("source").required(true).args(["from", "direct", "visibility"]))]
 pub struct Arguments {
     /// Bake the head in this file.
     #[arg(long, value_name = "FILE")]
@@ -31,7 +35,10 @@ pub struct Arguments {
     /// Bake light x cosine itself; needs --env.
     #[arg(long, requires = "env")]
     direct: bool,
-    /// The map for --direct: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
+    /// Learn what is seen of the sky in a scene; needs --env and --scene.
+    #[arg(long, requires = "env", requires = "scene")]
+    visibility: bool,
+    /// The map for --direct and --visibility: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
     #[arg(long, value_name = "MAP", conflicts_with = "from")]
     env: Option<String>,
     /// The tail warp for --direct.
@@ -46,11 +53,21 @@ pub struct Arguments {
     /// File to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    #[command(flatten)]
+    view: visibility::Arguments,
 }
 
 /// Bakes and writes the table.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
+    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        make_folder(folder)?;
+    }
+    if let (true, Some(map)) = (arguments.visibility, &arguments.env) {
+        arguments.view.bake(map)?.write(&arguments.out)?;
+        println!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
+        return Ok(());
+    }
     let normals = NormalGrid::new(arguments.normals.0, arguments.normals.1).context("--normals")?;
     let cells = CellGrid::new(arguments.cells.0, arguments.cells.1).context("--cells")?;
     let baked = match (&arguments.from, &arguments.env) {
@@ -69,9 +86,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         (None, None) => bail!("give --from FILE, or --direct with --env MAP"),
     };
-    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        make_folder(folder)?;
-    }
     baked.write(&arguments.out)?;
     println!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())

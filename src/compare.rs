@@ -150,7 +150,7 @@ impl Entry {
     fn build(spec: &SamplerSpec, opened: &OpenedView) -> Result<Self> {
         let label = spec.to_string();
         let start = Instant::now();
-        let estimator = spec.build(&opened.environment)?;
+        let estimator = opened.estimator(spec)?;
         let built = start.elapsed().as_secs_f64();
         let mut preparation = Preparation { sampler: label.clone(), seconds: built, text: "tables built".into() };
         note_use(spec)?;

@@ -11,7 +11,10 @@ use headtail_render::{
 use headtail_train::{FitConfig, TrainingLight, exported_sampler};
 
 use crate::{
-    arguments::{CameraArguments, PointsArgument, TailArgument, ViewArguments, make_folder, open_environment},
+    arguments::{
+        CameraArguments, PointsArgument, TailArgument, VISIBILITY_MEGABYTES, ViewArguments, make_folder,
+        open_environment,
+    },
     bake, compare, fit, progress,
     run::RunTable,
 };
@@ -79,6 +82,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         unshadowed: false,
         depth: 1,
         points: arguments.points,
+        visibility_memory: VISIBILITY_MEGABYTES,
         threads: None,
     };
     let samplers = vec![

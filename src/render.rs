@@ -67,7 +67,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     );
     let budget = budget(arguments.spp, arguments.seconds)?;
     let opened = arguments.view.open()?;
-    let estimator = arguments.sampler.build(&opened.environment)?;
+    let estimator = opened.estimator(&arguments.sampler)?;
     note_use(&arguments.sampler)?;
     if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         make_folder(folder)?;

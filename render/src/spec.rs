@@ -17,11 +17,26 @@ use crate::{
     export::{ExportedSampler, Intermediate},
     patches::{Detail, PatchSampler},
     sampler::{BrdfSampler, Covering, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
+    scene::Scene,
     tail::TailKind,
+    visibility::SceneVisibility,
 };
 
-/// Most bytes that are learned of a scene.
-const MEMORY: usize = 64 << 20;
+/// Where an estimator is used.
+#[derive(Clone, Copy)]
+pub struct Place<'a> {
+    /// The scene, which what was learned beforehand must be of.
+    pub scene: Option<&'a Scene>,
+    /// Most bytes that are learned of the scene.
+    pub memory: usize,
+}
+
+impl Default for Place<'_> {
+    /// In no scene in particular; 64 MiB.
+    fn default() -> Self {
+        Self { scene: None, memory: 64 << 20 }
+    }
+}
 
 /// An estimator by name.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,8 +45,8 @@ pub enum SamplerSpec {
     One(Source),
     /// Two-sample MIS with BRDF sampling, power heuristic; two shadow rays.
     Two(Source),
-    /// One direction, from a source that learns what is visible while an image is rendered: patches.
-    Learning(Source),
+    /// One direction, from a source that learns what is visible while an image is rendered: patches. It may begin with the visibility in a file.
+    Learning(Source, Option<PathBuf>),
     /// Resampled importance sampling with this many candidates, half of them from the source, half from BRDF sampling.
     Ris(u32, Source),
 }
@@ -140,7 +155,7 @@ impl SamplerSpec {
     /// Where the directions come from.
     pub fn source(&self) -> &Source {
         match self {
-            Self::One(source) | Self::Two(source) | Self::Learning(source) | Self::Ris(_, source) => source,
+            Self::One(source) | Self::Two(source) | Self::Learning(source, _) | Self::Ris(_, source) => source,
         }
     }
 
@@ -149,20 +164,26 @@ impl SamplerSpec {
         self.source().path()
     }
 
-    /// Builds the estimator for a map.
+    /// Builds the estimator for a map, in no scene in particular: [`Self::build_in`].
     ///
     /// # Errors
-    /// A file cannot be read, is of another kind, or was made for another map.
+    /// As there, and if what was learned of one scene belongs to it.
     pub fn build(&self, environment: &Arc<Environment>) -> Result<Box<dyn Estimator>> {
-        if let Self::Learning(Source::Patches(detail)) = self {
-            let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
-            let patches = PatchSampler::new(light, *detail)?;
-            return Ok(Box::new(LearnedVisibility::new(patches, environment.clone(), MEMORY)?));
+        self.build_in(environment, Place::default())
+    }
+
+    /// Builds the estimator for a map and a scene.
+    ///
+    /// # Errors
+    /// A file cannot be read, is of another kind, or was made for another map or another scene.
+    pub fn build_in(&self, environment: &Arc<Environment>, place: Place<'_>) -> Result<Box<dyn Estimator>> {
+        if let Self::Learning(Source::Patches(detail), file) = self {
+            return Ok(Box::new(learned(*detail, file.as_deref(), environment, place)?));
         }
         let source = self.source().build(environment)?;
         let environment = environment.clone();
         Ok(match self {
-            Self::Learning(source) => {
+            Self::Learning(source, _) => {
                 return Err(Error::argument(format!("sampler '{source}'"), "learns no visibility: only patches do"));
             }
             Self::One(_) => Box::new(SingleSample::new(Covering::new(source)?, environment)),
@@ -215,6 +236,24 @@ impl Source {
     }
 }
 
+/// Patches that learn, after what a file knows.
+fn learned(
+    detail: Detail,
+    file: Option<&Path>,
+    environment: &Arc<Environment>,
+    place: Place<'_>,
+) -> Result<LearnedVisibility> {
+    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+    let estimator = LearnedVisibility::new(PatchSampler::new(light, detail)?, environment.clone(), place.memory)?;
+    let Some(file) = file else {
+        return Ok(estimator);
+    };
+    let scene = place.scene.ok_or_else(|| Error::invalid(file, "visibility", "is of one scene, and none is named"))?;
+    let visibility = SceneVisibility::read(file)?;
+    let checked = visibility.check(&scene.geometry_hash(), environment.hash());
+    checked.and_then(|()| estimator.knowing(&visibility)).map_err(|error| error.in_file(file))
+}
+
 /// The sampler of a file, alone or in a mixture with BRDF sampling.
 fn open(kind: FileKind, file: &Path, environment: &Arc<Environment>, mixed: bool) -> Result<Arc<dyn Sampler>> {
     let exported = ExportedSampler::read(file)?;
@@ -242,10 +281,15 @@ impl FromStr for SamplerSpec {
         if let Some(source) = text.strip_prefix("mis2:") {
             return Ok(Self::Two(source_of(source, text)?));
         }
-        if let Some(source) = text.strip_suffix("+vis") {
+        let knowing = text.split_once("+vis:").filter(|(source, _)| !source.contains(':') || *source == "patches:fine");
+        let learning = text.strip_suffix("+vis").map(|source| (source, None));
+        if let Some((source, file)) = knowing.map(|(source, file)| (source, Some(file))).or(learning) {
             let source = source_of(source, text)?;
-            let learns = matches!(source, Source::Patches(_));
-            return if learns { Ok(Self::Learning(source)) } else { Err(wrong("only patches learn visibility")) };
+            return match (&source, file) {
+                (Source::Patches(_), Some("")) => Err(wrong("name a file, as in patches+vis:FILE")),
+                (Source::Patches(_), file) => Ok(Self::Learning(source, file.map(PathBuf::from))),
+                _ => Err(wrong("only patches learn visibility")),
+            };
         }
         let Some(rest) = text.strip_prefix("ris").filter(|rest| rest.is_empty() || rest.starts_with(':')) else {
             return Ok(Self::One(source_of(text, text)?));
@@ -261,7 +305,7 @@ impl FromStr for SamplerSpec {
 /// The source of a part of a SPEC, which `whole` is.
 fn source_of(text: &str, whole: &str) -> Result<Source> {
     const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, patches:fine, patches+vis, patches:fine+vis, \
-                         head:FILE, baked:FILE, \
+                         patches+vis:FILE,                          head:FILE, baked:FILE, \
                          direct:FILE, head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, oracle";
     let wrong = |reason: String| Error::argument(format!("sampler '{whole}'"), reason);
     let (name, file) = text.split_once(':').map_or((text, None), |(name, file)| (name, Some(file)));
@@ -298,7 +342,8 @@ impl fmt::Display for SamplerSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::One(source) => source.fmt(f),
-            Self::Learning(source) => write!(f, "{source}+vis"),
+            Self::Learning(source, None) => write!(f, "{source}+vis"),
+            Self::Learning(source, Some(file)) => write!(f, "{source}+vis:{}", file.display()),
             Self::Two(Source::Emitter) => f.write_str("mis2"),
             Self::Two(source) => write!(f, "mis2:{source}"),
             Self::Ris(candidates, Source::Emitter) => write!(f, "ris:{candidates}"),
@@ -355,6 +400,9 @@ mod tests {
             "patches:fine",
             "patches+vis",
             "patches:fine+vis",
+            "patches+vis:a/b:c",
+            "patches:fine+vis:a",
+            "head:a+vis:b",
             "ris:4:patches",
             "mis2:direct:a",
             "ris:4:head+mis:a",
@@ -381,6 +429,8 @@ mod tests {
             "patches+mis",
             "patches+mis:fine",
             "mis+vis",
+            "mis+vis:a",
+            "patches+vis:",
             "ris:4:patches+vis",
             "head+mis",
             "ris:4:head",

@@ -64,7 +64,7 @@ pub fn ready(
             SamplerSpec::file(FileKind::Baked, file)
         }
     };
-    let estimator = spec.build(&opened.environment)?;
+    let estimator = opened.estimator(&spec)?;
     let prepared = start.elapsed().as_secs_f64();
     let bytes = spec.path().map_or(Ok(0), |(_, file)| std::fs::metadata(file).map(|data| data.len()));
     Ok(Ready { bytes: bytes.with_context(|| candidate.name.clone())?, spec, estimator, prepared })

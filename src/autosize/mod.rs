@@ -17,7 +17,7 @@ use self::{
     contest::Contest,
 };
 use crate::{
-    arguments::{CameraArguments, ViewArguments, make_folder},
+    arguments::{CameraArguments, VISIBILITY_MEGABYTES, ViewArguments, make_folder},
     progress,
 };
 use headtail_render::{points::PointSet, scene::MaterialSpec};
@@ -84,6 +84,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         unshadowed: false,
         depth: 1,
         points: crate::arguments::PointsArgument::Named(PointSet::Sobol),
+        visibility_memory: VISIBILITY_MEGABYTES,
         threads: None,
     };
     let opened = view.open()?;

@@ -138,7 +138,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let setting = Setting::open(arguments)?;
     ensure!(
-        !matches!(arguments.sampler, SamplerSpec::Learning(_)),
+        !matches!(arguments.sampler, SamplerSpec::Learning(..)),
         "--sampler {}: masks are taken in one pass, in which nothing can be learned: name a sampler without +vis",
         arguments.sampler
     );

@@ -73,7 +73,7 @@ pub fn errors_of_view(
 ) -> Result<Measures> {
     let view = measured.view(env, material)?;
     let opened = view.open()?;
-    let estimator = spec.build(&opened.environment)?;
+    let estimator = opened.estimator(spec)?;
     let reference = Reference::shared(&view, &opened, measured.reference_spp, cache)?;
     let truth = compare::select(&reference.image, &reference.covered);
     let error = |budget: Budget| -> Result<f64> {

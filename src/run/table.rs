@@ -9,7 +9,7 @@ use headtail_train::{ConfigBuilder, FitConfig, Material, Preset};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-use crate::arguments::{CameraArguments, PointsArgument, Triple, ViewArguments};
+use crate::arguments::{CameraArguments, PointsArgument, Triple, VISIBILITY_MEGABYTES, ViewArguments};
 
 /// A run as its file has it: any part of the keys.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -223,6 +223,7 @@ impl MeasuredView {
             unshadowed: false,
             depth: 1,
             points: PointsArgument::Named(headtail_render::points::PointSet::Sobol),
+            visibility_memory: VISIBILITY_MEGABYTES,
             threads: None,
         })
     }

@@ -11,7 +11,7 @@ use crate::{
     points::Points,
     sampler::{BrdfSampler, Covering, OneSampleMis},
     tile::Rows,
-    visibility::{CacheSize, Cells, Grouping, Unoccluded, VisibilityCache, Weighting},
+    visibility::{CacheSize, Cells, Grouping, Known, SceneVisibility, Unoccluded, VisibilityCache, Weighting},
 };
 
 /// Pixels that a cell is wide, at least.
@@ -27,6 +27,7 @@ pub struct LearnedVisibility {
     sampler: Covering<PatchSampler>,
     environment: Arc<Environment>,
     memory: usize,
+    known: Option<Arc<Known>>,
 }
 
 impl LearnedVisibility {
@@ -35,7 +36,28 @@ impl LearnedVisibility {
     /// # Errors
     /// The sampler leaves a part of the light out.
     pub fn new(sampler: PatchSampler, environment: Arc<Environment>, memory: usize) -> Result<Self> {
-        Ok(Self { sampler: Covering::new(sampler)?, environment, memory })
+        Ok(Self { sampler: Covering::new(sampler)?, environment, memory, known: None })
+    }
+
+    /// The same with what was learned beforehand: it draws with that from the first sample on, and learns where nothing is known. The points of a
+    /// rendering must be independent of those that it was learned with, as those of [`learn_visibility`](crate::integrator::learn_visibility) are.
+    ///
+    /// # Errors
+    /// It takes more memory than the estimator has.
+    pub fn knowing(self, visibility: &SceneVisibility) -> Result<Self> {
+        let known = Known::new(visibility, &self.sampler.get().energies(), self.memory)?;
+        Ok(Self { known: Some(Arc::new(known)), ..self })
+    }
+
+    /// What learns in one rendering; the concrete type of [`Estimator::learner`].
+    pub fn session(&self, setting: Setting) -> LearningSession<'_> {
+        let groups = if setting.grouping == Grouping::Four { GROUPS_AT_ONCE } else { 1.0 };
+        let cells = CELLS_PER_PIXEL * groups * setting.pixels as f32;
+        let shortage = (cells * VisibilityCache::CELL_BYTES as f32 / self.memory as f32).max(1.0).sqrt();
+        let cells = Cells::new(setting.eye, CELL_PIXELS * shortage * setting.pixel);
+        let cache = VisibilityCache::new(cells, setting.grouping, self.sampler.get().energies(), self.memory);
+        let cache = if let Some(known) = &self.known { cache.knowing(known.clone()) } else { cache };
+        LearningSession { estimator: self, cache }
     }
 
     fn propose_with<W: Weighting>(
@@ -57,28 +79,38 @@ impl Estimator for LearnedVisibility {
     }
 
     fn learner<'a>(&'a self, setting: Setting) -> Option<Box<dyn Learner + 'a>> {
-        let groups = if setting.grouping == Grouping::Four { GROUPS_AT_ONCE } else { 1.0 };
-        let cells = CELLS_PER_PIXEL * groups * setting.pixels as f32;
-        let shortage = (cells * VisibilityCache::CELL_BYTES as f32 / self.memory as f32).max(1.0).sqrt();
-        let cells = Cells::new(setting.eye, CELL_PIXELS * shortage * setting.pixel);
-        let cache = VisibilityCache::new(cells, setting.grouping, self.sampler.get().energies(), self.memory);
-        Some(Box::new(Session { estimator: self, cache }))
+        Some(Box::new(self.session(setting)))
     }
 }
 
-/// One rendering.
-struct Session<'a> {
+/// A [`LearnedVisibility`] in one rendering.
+#[derive(Debug)]
+pub struct LearningSession<'a> {
     estimator: &'a LearnedVisibility,
     cache: VisibilityCache,
 }
 
-impl Estimator for Session<'_> {
+impl LearningSession<'_> {
+    /// The same that goes on where others have ended.
+    #[must_use]
+    pub fn resuming(self, visibility: SceneVisibility) -> Self {
+        Self { cache: self.cache.resuming(visibility), ..self }
+    }
+
+    /// What it has learned. `scene_hash` is [`Scene::geometry_hash`](crate::scene::Scene::geometry_hash).
+    pub fn into_visibility(self, scene_hash: String) -> SceneVisibility {
+        let map = &self.estimator.environment;
+        self.cache.into_scene_visibility(scene_hash, map.name().to_owned(), map.hash().to_owned())
+    }
+}
+
+impl Estimator for LearningSession<'_> {
     fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena) {
         self.estimator.propose_with(&self.cache, at, points, out, arena);
     }
 }
 
-impl Learner for Session<'_> {
+impl Learner for LearningSession<'_> {
     fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]) {
         let patches = self.estimator.sampler.get().patches_of(contributions.wi());
         let rays = contributions.places().iter().zip(patches).zip(visible);

@@ -7,7 +7,7 @@ mod ris;
 mod single_sample;
 mod two_sample_mis;
 
-pub use learned_visibility::LearnedVisibility;
+pub use learned_visibility::{LearnedVisibility, LearningSession};
 pub use ris::Ris;
 pub use single_sample::SingleSample;
 pub use two_sample_mis::TwoSampleMis;

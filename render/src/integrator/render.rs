@@ -19,7 +19,7 @@ use crate::{
     image::Image,
     points::{PointSet, Points},
     timings::flush,
-    visibility::CacheSize,
+    visibility::{CacheSize, Grouping},
 };
 
 /// Edge of a tile in pixels.
@@ -104,13 +104,7 @@ pub fn render(
     let mut film = Film::new(view.width, view.height);
     let planned = if let Budget::Spp(total) = budget { total } else { STAGES_FROM };
     let mut stages = Stages::new(points.set(), planned);
-    let setting = Setting {
-        eye: view.camera.look_from(),
-        pixel: view.camera.pixel_angle(view.height),
-        pixels: view.width * view.height,
-        grouping: stages.grouping(),
-    };
-    let mut learner = estimator.learner(setting);
+    let mut learner = estimator.learner(setting(&view, stages.grouping()));
     let mut spp = 0;
     loop {
         let stage = stages.of(spp);
@@ -119,7 +113,8 @@ pub fn render(
             count = count.min(end - spp);
         }
         let learner_now = learner.as_deref();
-        film.add(&view, &Pass { estimator, learner: learner_now, points, stages, stage, samples: (spp, spp + count) });
+        let samples = (spp, spp + count);
+        film.add(&view, &Pass { estimator, learner: learner_now, points, stages, stage, samples, observes_all: false });
         spp += count;
         let spent = match budget {
             Budget::Spp(total) => f64::from(spp) / f64::from(total),
@@ -146,16 +141,28 @@ pub fn render(
     Rendering { learned, ..film.resolve(points.set(), spp, start.elapsed().as_secs_f64()) }
 }
 
+/// What estimators that learn are told of a view.
+pub(super) fn setting(view: &View<'_>, grouping: Grouping) -> Setting {
+    Setting {
+        eye: view.camera.look_from(),
+        pixel: view.camera.pixel_angle(view.height),
+        pixels: view.width * view.height,
+        grouping,
+    }
+}
+
 /// Some samples of every pixel.
-struct Pass<'a> {
-    estimator: &'a dyn Estimator,
+pub(super) struct Pass<'a> {
+    pub estimator: &'a dyn Estimator,
     /// The same estimator if it learns.
-    learner: Option<&'a dyn Learner>,
-    points: Points,
-    stages: Stages,
-    stage: Stage,
+    pub learner: Option<&'a dyn Learner>,
+    pub points: Points,
+    pub stages: Stages,
+    pub stage: Stage,
     /// The first, and the first after them.
-    samples: (u32, u32),
+    pub samples: (u32, u32),
+    /// Whether to learn from all samples.
+    pub observes_all: bool,
 }
 
 impl Pass<'_> {
@@ -164,7 +171,7 @@ impl Pass<'_> {
         match self.learner {
             None => (Estimate { estimator: self.estimator, learner: None }, self.points.at_sample(sample)),
             Some(learner) => {
-                let observer = Some(learner).filter(|_| self.stage.observes(sample));
+                let observer = Some(learner).filter(|_| self.observes_all || self.stage.observes(sample));
                 let points = self.points.at_sample(self.stages.point(&self.stage, sample));
                 (Estimate { estimator: learner, learner: observer }, points)
             }
@@ -173,7 +180,7 @@ impl Pass<'_> {
 }
 
 /// The sums of all pixels, tile after tile: each sum is made in the order of the samples, so that it does not depend on passes.
-struct Film {
+pub(super) struct Film {
     width: usize,
     height: usize,
     places: Vec<(u16, u16)>,
@@ -183,7 +190,7 @@ struct Film {
 }
 
 impl Film {
-    fn new(width: usize, height: usize) -> Self {
+    pub fn new(width: usize, height: usize) -> Self {
         let mut film =
             Self { width, height, places: Vec::with_capacity(width * height), sums: Vec::new(), tiles: Vec::new() };
         for top in (0..height).step_by(TILE) {
@@ -201,7 +208,7 @@ impl Film {
     }
 
     /// Adds samples to every pixel, tiles in parallel.
-    fn add(&mut self, view: &View<'_>, pass: &Pass<'_>) {
+    pub fn add(&mut self, view: &View<'_>, pass: &Pass<'_>) {
         thread_local! {
             static WORKSPACE: RefCell<Workspace> = RefCell::default();
         }

@@ -6,6 +6,16 @@ use glam::{Vec2, Vec3, Vec4};
 use super::{Material, Scene, Texture};
 
 impl Scene {
+    /// BLAKE3 of all triangles in hexadecimal, which visibility depends on: the same whatever the surfaces are made of.
+    pub fn geometry_hash(&self) -> String {
+        let mut hasher = Hasher::new();
+        for mesh in &self.meshes {
+            add_floats(&mut hasher, mesh.positions.iter().map(Vec3::to_array));
+            add(&mut hasher, &mesh.triangles.iter().flatten().flat_map(|i| i.to_le_bytes()).collect::<Vec<_>>());
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+
     /// BLAKE3 of all meshes and materials in hexadecimal: equal scenes have equal hashes, wherever they come from.
     pub fn content_hash(&self) -> String {
         let mut hasher = Hasher::new();

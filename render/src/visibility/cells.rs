@@ -42,6 +42,11 @@ impl Cells {
         Self { eye, angle: angle.max(f32::MIN_POSITIVE) }
     }
 
+    /// The eye, and the angle.
+    pub fn parts(&self) -> (Vec3A, f32) {
+        (self.eye, self.angle)
+    }
+
     /// The cell of the finest level that a single point with a normal lies in, in group 0.
     #[cfg(test)]
     pub fn key(&self, p: Vec3A, n: Vec3A) -> CellKey {

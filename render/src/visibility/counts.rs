@@ -79,6 +79,11 @@ impl Counts {
         self.parents.len()
     }
 
+    /// The key of a cell.
+    pub fn key(&self, cell: usize) -> CellKey {
+        self.keys[cell]
+    }
+
     /// The cell that a cell lies in.
     pub fn parent(&self, cell: usize) -> Option<u32> {
         self.parents[cell]
@@ -168,10 +173,18 @@ impl Counts {
         out
     }
 
-    /// How many cells a cell lies in, from the top.
-    fn level_of(&self, cell: usize) -> usize {
+    /// How many sizes smaller there are than a cell's.
+    pub fn level_of(&self, cell: usize) -> usize {
         let above = std::iter::successors(self.parents[cell], |&parent| self.parents[parent as usize]);
         (LEVELS - 1).saturating_sub(above.count())
+    }
+
+    /// Adds rays of a cell, which is made if need be: for each patch those that came through, and all.
+    pub fn restore(&mut self, key: CellKey, level: usize, rays: impl Iterator<Item = [u32; 2]>) {
+        let cell = self.insert(key, level) as usize;
+        for (own, [seen, all]) in self.rays[cell * PATCHES..][..PATCHES].iter_mut().zip(rays) {
+            *own.get_mut() += u64::from(seen) << 32 | u64::from(all);
+        }
     }
 
     /// Adds a cell and all that it lies in; its place.

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::{
+    cells::CellKey,
     counts::Counts,
     weights::{CLUSTERS, PATCHES, Weights},
 };
@@ -20,12 +21,22 @@ const LEAST: f32 = 0.3;
 
 /// Visibility of the patches of a cell, and of their clusters.
 #[derive(Clone, Debug)]
-struct Visibility {
+pub struct Visibility {
     patches: Vec<f32>,
     clusters: [f32; CLUSTERS],
 }
 
 impl Visibility {
+    /// That of which nothing is known.
+    pub fn unknown() -> Self {
+        Self { patches: vec![UNKNOWN; PATCHES], clusters: [UNKNOWN; CLUSTERS] }
+    }
+
+    /// The visibility of each patch.
+    pub fn patches(&self) -> &[f32] {
+        &self.patches
+    }
+
     /// The visibility that rays speak for, after that of a larger cell.
     fn of(rays: &[[f32; 2]], above: &Self) -> Self {
         let mut own = above.clone();
@@ -44,7 +55,8 @@ impl Visibility {
         own
     }
 
-    fn weights(&self, energies: &[f32]) -> Weights {
+    /// What a sampler weighs the patches with, whose shares of light are `energies`.
+    pub fn weights(&self, energies: &[f32]) -> Weights {
         let root = |patch: usize| (self.patches[patch] / SEEN).min(1.0).sqrt();
         let (mut sum, mut all) = (0.0, f32::MIN_POSITIVE);
         for (patch, energy) in energies.iter().enumerate() {
@@ -55,8 +67,13 @@ impl Visibility {
     }
 }
 
-/// The weights of all cells, after those of no cell. A cell's visibility is that of the larger one that it lies in until it has rays of its own.
-pub fn weights(counts: &Counts, energies: &[f32]) -> Vec<Weights> {
+/// What `of` makes of the visibility of each cell. It is that of the larger one that the cell lies in until it has rays of its own; where `known` has something
+/// of the cell, that takes the larger one's place.
+pub fn estimate<'a, T: Send>(
+    counts: &Counts,
+    known: impl Fn(CellKey) -> Option<&'a Visibility> + Sync,
+    of: impl Fn(Visibility) -> T + Sync,
+) -> Vec<T> {
     let by_size = counts.by_size();
     let mut inside = vec![Vec::new(); counts.cells()];
     for cell in 0..counts.cells() {
@@ -82,27 +99,20 @@ pub fn weights(counts: &Counts, energies: &[f32]) -> Vec<Weights> {
         }
     }
     // Their visibility: larger ones first.
-    let unknown = Visibility { patches: vec![UNKNOWN; PATCHES], clusters: [UNKNOWN; CLUSTERS] };
-    let mut known: Vec<Option<Visibility>> = vec![None; counts.cells()];
+    let unknown = Visibility::unknown();
+    let mut found: Vec<Option<Visibility>> = vec![None; counts.cells()];
+    let before = |found: &[Option<Visibility>], cell: usize, rays: &[[f32; 2]]| {
+        let above = counts.parent(cell).and_then(|parent| found[parent as usize].as_ref());
+        Visibility::of(rays, known(counts.key(cell)).or(above).unwrap_or(&unknown))
+    };
     for cells in by_size.iter().rev() {
-        let found = cells.par_iter().filter_map(|&cell| {
-            let rays = rays[cell].as_ref()?;
-            Some((cell, Visibility::of(rays, above(counts, &known, cell).unwrap_or(&unknown))))
-        });
-        for (cell, visibility) in found.collect::<Vec<_>>() {
-            known[cell] = Some(visibility);
+        let own = cells.par_iter().filter_map(|&cell| Some((cell, before(&found, cell, rays[cell].as_ref()?))));
+        for (cell, visibility) in own.collect::<Vec<_>>() {
+            found[cell] = Some(visibility);
         }
     }
-    let of_cell = |cell: usize| match &known[cell] {
-        Some(visibility) => visibility.weights(energies),
-        None => {
-            let above = above(counts, &known, cell).unwrap_or(&unknown);
-            Visibility::of(&rays_of(counts, cell), above).weights(energies)
-        }
-    };
-    let mut out = vec![Weights::UNKNOWN];
-    out.par_extend((0..counts.cells()).into_par_iter().map(of_cell));
-    out
+    let of_cell = |cell: usize| of(found[cell].clone().unwrap_or_else(|| before(&found, cell, &rays_of(counts, cell))));
+    (0..counts.cells()).into_par_iter().map(of_cell).collect()
 }
 
 /// Rays of each patch: those that came through, and all.
@@ -116,11 +126,6 @@ fn add(sum: &mut [[f32; 2]], rays: &[[f32; 2]]) {
     for (sum, rays) in sum.iter_mut().zip(rays) {
         *sum = [sum[0] + rays[0], sum[1] + rays[1]];
     }
-}
-
-/// The visibility of the cell that a cell lies in.
-fn above<'a>(counts: &Counts, known: &'a [Option<Visibility>], cell: usize) -> Option<&'a Visibility> {
-    counts.parent(cell).and_then(|parent| known[parent as usize].as_ref())
 }
 
 #[cfg(test)]
@@ -139,8 +144,8 @@ mod tests {
         counts.add(rays.chain((0..10).map(|_| (key(0.13), 3, false))));
         counts.settle(1000);
         let energies = vec![1.0; PATCHES];
-        let weights = weights(&counts, &energies);
-        let at = |x: f32, patch| weights[counts.find(key(x)).unwrap().0 as usize + 1].of_patch(patch);
+        let weights = estimate(&counts, |_| None, |visibility| visibility.weights(&energies));
+        let at = |x: f32, patch| weights[counts.find(key(x)).unwrap().0 as usize].of_patch(patch);
         // The root of (1/16) / 0.2, in steps of 1/255; 64 rays of the prior, which is as good as the same, change little.
         assert!((at(0.01, 3) - (0.0625_f32 / SEEN).sqrt()).abs() < 0.015, "{}", at(0.01, 3));
         // No less than a share of the mean, which is near to 1.

@@ -15,12 +15,18 @@
 mod cells;
 mod counts;
 mod estimate;
+mod file;
+mod known;
 mod weights;
 
 pub use cells::Cells;
+pub use known::{Known, SceneVisibility};
 pub use weights::{CLUSTERS, PATCHES, Unoccluded, Weighting, Weights};
 
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{
+    Arc,
+    atomic::{AtomicU64, Ordering::Relaxed},
+};
 
 use cells::CellKey;
 use counts::Counts;
@@ -39,6 +45,8 @@ pub struct VisibilityCache {
     by_halves: bool,
     counts: Counts,
     weights: Vec<Weights>,
+    /// What was learned before. Nothing is counted in its cells.
+    known: Option<Arc<Known>>,
     /// The shares of light of the patches.
     energies: Vec<f32>,
     most_cells: usize,
@@ -66,6 +74,9 @@ pub struct CacheSize {
     pub unknown: f64,
 }
 
+/// Marks numbers of weights that were known before; the others count those of this rendering, after those of no cell.
+const IS_KNOWN: u32 = 1 << 31;
+
 /// The lowest bits of keys that a group of pixels has all of: a strip of lanes is in one group.
 const BLOCK_BITS: u32 = 4;
 
@@ -82,7 +93,34 @@ impl VisibilityCache {
     pub fn new(cells: Cells, grouping: Grouping, energies: Vec<f32>, bytes: usize) -> Self {
         assert_eq!(energies.len(), PATCHES, "a share of light for each patch");
         let (counts, weights, most_cells) = (Counts::default(), vec![Weights::UNKNOWN], bytes / Self::CELL_BYTES);
-        Self { cells, grouping, by_halves: false, counts, weights, energies, most_cells, asked: Default::default() }
+        let asked = Default::default();
+        Self { cells, grouping, by_halves: false, counts, weights, known: None, energies, most_cells, asked }
+    }
+
+    /// The same with what was learned before, in whose cells it learns on: what is known keeps, the rest is learned.
+    #[must_use]
+    pub fn knowing(self, known: Arc<Known>) -> Self {
+        let most_cells = self.most_cells.saturating_sub(known.bytes() / Self::CELL_BYTES);
+        Self { cells: known.cells(), known: Some(known), most_cells, ..self }
+    }
+
+    /// The same that goes on learning everywhere where others have begun.
+    #[must_use]
+    pub fn resuming(mut self, visibility: SceneVisibility) -> Self {
+        (self.cells, self.counts) = (visibility.cells, visibility.counts);
+        self.estimate();
+        self
+    }
+
+    /// What was learned by all groups together, of a scene and under a map with these hashes.
+    pub fn into_scene_visibility(
+        self,
+        scene_hash: String,
+        environment: String,
+        environment_hash: String,
+    ) -> SceneVisibility {
+        let counts = self.counts.regrouped(|_| 0);
+        SceneVisibility { scene_hash, environment, environment_hash, cells: self.cells, counts }
     }
 
     /// The group that a pixel's rays are counted in.
@@ -118,7 +156,19 @@ impl VisibilityCache {
     /// of the rays, and on any number of threads, what is learned is the same.
     pub fn observe(&self, at: &Rows<'_>, rays: impl Iterator<Item = (u16, u16, bool)>) {
         let keys = self.keys(at, |key| self.group(key));
-        self.counts.add(rays.map(|(place, patch, is_visible)| (keys[usize::from(place)], patch, is_visible)));
+        // A cell that was known before keeps what is known of it.
+        let is_known = |key: &CellKey| self.known.as_ref().is_some_and(|known| known.visibility(*key).is_some());
+        let mut last = (None, None);
+        let learning = keys.into_iter().map(|key| {
+            if last.0 != Some(key) {
+                last = (Some(key), Some(key).filter(|key| !is_known(key)));
+            }
+            last.1
+        });
+        let keys: Vec<Option<CellKey>> = learning.collect();
+        let of_ray =
+            |(place, patch, is_visible): (u16, u16, bool)| Some((keys[usize::from(place)]?, patch, is_visible));
+        self.counts.add(rays.filter_map(of_ray));
     }
 
     /// Turns what was observed into weights. After the last time nothing may be observed any more.
@@ -129,15 +179,31 @@ impl VisibilityCache {
             self.counts = self.counts.regrouped(|group| group >> 1);
             self.by_halves = true;
         }
-        self.weights = estimate::weights(&self.counts, &self.energies);
+        self.estimate();
         self.asked = Default::default();
+    }
+
+    fn estimate(&mut self) {
+        let known = |key| self.known.as_ref().and_then(|known| known.visibility(key));
+        let weights = estimate::estimate(&self.counts, known, |visibility| visibility.weights(&self.energies));
+        self.weights = std::iter::once(Weights::UNKNOWN).chain(weights).collect();
+    }
+
+    /// The number of the weights at a key: those of the finest cell that is known.
+    fn number(&self, key: CellKey) -> u32 {
+        let own = self.counts.find(key);
+        match self.known.as_ref().and_then(|known| known.find(key)) {
+            Some((cell, level)) if own.is_none_or(|(_, own)| level < own) => IS_KNOWN | cell,
+            _ => own.map_or(0, |(cell, _)| cell + 1),
+        }
     }
 
     /// How large it is.
     pub fn size(&self) -> CacheSize {
-        let cells = self.counts.cells();
+        let (cells, bytes) = self.known.as_ref().map_or((0, 0), |known| (known.len(), known.bytes()));
+        let (cells, bytes) = (cells + self.counts.cells(), bytes + self.counts.cells() * Self::CELL_BYTES);
         let [all, unknown] = self.asked.each_ref().map(|count| count.load(Relaxed) as f64);
-        CacheSize { cells, bytes: cells * Self::CELL_BYTES, unknown: unknown / all.max(1.0) }
+        CacheSize { cells, bytes, unknown: unknown / all.max(1.0) }
     }
 }
 
@@ -146,8 +212,7 @@ impl Weighting for VisibilityCache {
         let (mut last, mut unknown) = ((None, 0), 0);
         for (key, out) in self.keys(at, |key| self.read_group(key)).into_iter().zip(out.as_flattened_mut()) {
             if last.0 != Some(key) {
-                // Those of no cell come first.
-                last = (Some(key), self.counts.find(key).map_or(0, |(cell, _)| cell + 1));
+                last = (Some(key), self.number(key));
             }
             unknown += u64::from(last.1 == 0);
             *out = f32::from_bits(last.1);
@@ -158,7 +223,11 @@ impl Weighting for VisibilityCache {
 
     #[inline(always)]
     fn at(&self, index: f32) -> Option<&Weights> {
-        self.weights.get(index.to_bits() as usize)
+        let number = index.to_bits();
+        if number & IS_KNOWN != 0 {
+            return self.known.as_ref().and_then(|known| known.weights(number & !IS_KNOWN));
+        }
+        self.weights.get(number as usize)
     }
 }
 

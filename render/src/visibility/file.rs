@@ -1,0 +1,166 @@
+//! The file of a scene's visibility.
+
+use std::{
+    collections::{HashMap, HashSet},
+    fs,
+    path::Path,
+};
+
+use glam::Vec3A;
+use safetensors::{
+    SafeTensors,
+    tensor::{Dtype, TensorView, serialize},
+};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    cells::{CellKey, Cells, LEVELS},
+    counts::Counts,
+    known::SceneVisibility,
+    weights::PATCHES,
+};
+use crate::{
+    error::{Error, Result},
+    file,
+};
+
+/// The version of the format, and of the division of the sky into patches that its counts belong to.
+const FORMAT_VERSION: u32 = 1;
+/// Larger files are refused before they are read.
+const LARGEST_FILE: u64 = 1 << 30;
+/// The entry of the metadata.
+const ENTRY: &str = "headtail.visibility";
+
+/// What a file says of itself.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Description {
+    format_version: u32,
+    program_version: String,
+    scene_hash: String,
+    environment: String,
+    environment_hash: String,
+    /// Where the camera stood, in metres.
+    eye: [f32; 3],
+    /// The side of a cell over its distance from there.
+    angle: f32,
+}
+
+impl SceneVisibility {
+    /// Writes the file to a temporary name beside `path` and renames it. The same visibility gives the same bytes.
+    ///
+    /// Counts of a patch above 65535 are halved, seen and all alike, until they fit.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let mut cells: Vec<usize> = (0..self.cells()).collect();
+        cells.sort_unstable_by_key(|&cell| self.counts.key(cell));
+        let keys: Vec<u8> = cells.iter().flat_map(|&cell| self.counts.key(cell).0.to_le_bytes()).collect();
+        let levels: Vec<u8> = cells.iter().map(|&cell| self.counts.level_of(cell) as u8).collect();
+        let rays: Vec<u8> = cells.iter().flat_map(|&cell| self.counts.rays(cell)).flat_map(halved).collect();
+        let (eye, angle) = self.cells.parts();
+        let description = Description {
+            format_version: FORMAT_VERSION,
+            program_version: env!("CARGO_PKG_VERSION").to_owned(),
+            scene_hash: self.scene_hash.clone(),
+            environment: self.environment.clone(),
+            environment_hash: self.environment_hash.clone(),
+            eye: eye.to_array(),
+            angle,
+        };
+        let invalid = |reason: String| Error::invalid(path, "tensors", reason);
+        let text = serde_json::to_string(&description).map_err(|error| invalid(error.to_string()))?;
+        let view = |dtype, shape: &[usize], bytes| {
+            TensorView::new(dtype, shape.to_vec(), bytes).map_err(|error| invalid(error.to_string()))
+        };
+        let tensors = [
+            ("keys", view(Dtype::U64, &[cells.len()], &keys)?),
+            ("levels", view(Dtype::U8, &[cells.len()], &levels)?),
+            ("rays", view(Dtype::U16, &[cells.len(), PATCHES, 2], &rays)?),
+        ];
+        let metadata = HashMap::from([(ENTRY.to_owned(), text)]);
+        let bytes = serialize(tensors, Some(metadata)).map_err(|error| invalid(error.to_string()))?;
+        file::replace(path, &bytes)
+    }
+
+    /// Reads a file: a safetensors file with `keys` `[cells]` (u64, the bits of cells), `levels` `[cells]` (u8, how many sizes of
+    /// cells are smaller), `rays` `[cells, 512, 2]` (u16: for each patch the shadow rays that came through, and all), and one entry of metadata.
+    ///
+    /// # Errors
+    /// One sentence that names the file and the field: the file is not of this format or is damaged.
+    pub fn read(path: &Path) -> Result<Self> {
+        let size = fs::metadata(path).map_err(|error| Error::io(path, error))?.len();
+        if size > LARGEST_FILE {
+            return Err(Error::invalid(path, "size", format!("{size} bytes; at most {LARGEST_FILE} are read")));
+        }
+        let bytes = fs::read(path).map_err(|error| Error::io(path, error))?;
+        let invalid = |field: &str, reason: String| Error::invalid(path, field, reason);
+        let foreign =
+            |reason: String| invalid("header", format!("this is no visibility written by headtail ({reason})"));
+        let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| foreign(error.to_string()))?;
+        let tensors = SafeTensors::deserialize(&bytes).map_err(|error| foreign(error.to_string()))?;
+        let text = metadata.metadata().as_ref().and_then(|entries| entries.get(ENTRY));
+        let text = text.ok_or_else(|| foreign(format!("metadata '{ENTRY}' is missing")))?;
+        let description: Description = serde_json::from_str(text).map_err(|error| invalid(ENTRY, error.to_string()))?;
+        if description.format_version != FORMAT_VERSION {
+            let reason = format!("is {}; this program reads version {FORMAT_VERSION}", description.format_version);
+            return Err(invalid("format_version", reason));
+        }
+        let (eye, angle) = (Vec3A::from(description.eye), description.angle);
+        if !eye.is_finite() || !(angle > 0.0 && angle.is_finite()) {
+            return Err(invalid("eye and angle", "are no position and no positive angle".to_owned()));
+        }
+        let take = |name: &str, dtype, rest: &[usize]| {
+            let view = tensors.tensor(name).map_err(|error| invalid(&format!("tensor '{name}'"), error.to_string()))?;
+            if view.dtype() != dtype || view.shape().get(1..) != Some(rest) {
+                let reason = format!("is {:?} {:?}, not {dtype:?} [cells, ...]", view.dtype(), view.shape());
+                return Err(invalid(&format!("tensor '{name}'"), reason));
+            }
+            Ok((view.shape()[0], view.data()))
+        };
+        let (cells, keys) = take("keys", Dtype::U64, &[])?;
+        let (levels_length, levels) = take("levels", Dtype::U8, &[])?;
+        let (rays_length, rays) = take("rays", Dtype::U16, &[PATCHES, 2])?;
+        if [levels_length, rays_length] != [cells; 2] {
+            return Err(invalid("tensors", format!("are of {cells}, {levels_length} and {rays_length} cells")));
+        }
+        let key_of = |bytes: &[u8]| CellKey(bytes.iter().rev().fold(0, |key, &byte| key << 8 | u64::from(byte)));
+        let all: HashSet<CellKey> = keys.chunks_exact(8).map(key_of).collect();
+        let mut counts = Counts::default();
+        let own_rays = rays.chunks_exact(PATCHES * 4);
+        for ((key, &level), rays) in keys.chunks_exact(8).zip(levels).zip(own_rays) {
+            let (key, level) = (key_of(key), usize::from(level));
+            // What it lies in is there, so that a file makes no more cells than it has.
+            let lies_in_another = level + 1 < LEVELS;
+            if key != key.of_group(0) || level >= LEVELS || lies_in_another && !all.contains(&key.parent()) {
+                return Err(invalid("tensor 'keys'", format!("{:#x} at level {level} is no cell", key.0)));
+            }
+            let rays = rays.chunks_exact(4).map(|rays| [[rays[0], rays[1]], [rays[2], rays[3]]]);
+            let rays = rays.map(|rays| rays.map(|count| u32::from(u16::from_le_bytes(count))));
+            if rays.clone().any(|[seen, all]| seen > all) {
+                return Err(invalid("tensor 'rays'", "more rays came through than were sent".to_owned()));
+            }
+            counts.restore(key, level, rays);
+        }
+        if counts.cells() != cells {
+            return Err(invalid("tensor 'keys'", "has a cell twice, or levels that do not fit together".to_owned()));
+        }
+        Ok(Self {
+            scene_hash: description.scene_hash,
+            environment: description.environment,
+            environment_hash: description.environment_hash,
+            cells: Cells::new(eye, angle),
+            counts,
+        })
+    }
+}
+
+/// Counts of a patch as bytes, halved until they fit.
+fn halved([mut seen, mut all]: [u32; 2]) -> [u8; 4] {
+    while all > u32::from(u16::MAX) {
+        (seen, all) = (seen / 2, all / 2);
+    }
+    let [[a, b], [c, d]] = [seen as u16, all as u16].map(u16::to_le_bytes);
+    [a, b, c, d]
+}

@@ -1,0 +1,124 @@
+//! What was learned of a scene beforehand, for renderings that begin with it.
+
+use std::{collections::HashMap, hash::BuildHasherDefault};
+
+use super::{
+    cells::{CellKey, Cells, LEVELS},
+    counts::{Counts, KeyHasher},
+    estimate::{self, Visibility},
+    weights::{PATCHES, Weights},
+};
+use crate::error::{Error, Result};
+
+/// The shadow rays of a scene under a map, counted by cell and patch. It holds for every material and from every viewpoint, but for this scene and this
+/// map alone. Its file is described at [`Self::read`].
+#[derive(Debug)]
+pub struct SceneVisibility {
+    /// [`Scene::geometry_hash`](crate::scene::Scene::geometry_hash).
+    pub scene_hash: String,
+    /// The map's name, for messages.
+    pub environment: String,
+    /// [`Environment::hash`](crate::environment::Environment::hash).
+    pub environment_hash: String,
+    pub(super) cells: Cells,
+    pub(super) counts: Counts,
+}
+
+impl SceneVisibility {
+    /// How many cells, of all sizes.
+    pub fn cells(&self) -> usize {
+        self.counts.cells()
+    }
+
+    /// How many shadow rays it was learned from.
+    pub fn rays(&self) -> u64 {
+        (0..self.cells()).flat_map(|cell| self.counts.rays(cell)).map(|[_, all]| u64::from(all)).sum()
+    }
+
+    /// # Errors
+    /// It was learned in another scene, or under another map.
+    pub fn check(&self, scene_hash: &str, environment_hash: &str) -> Result<()> {
+        let wrong = |what: &str| Err(Error::argument("visibility", format!("was learned {what}")));
+        if self.environment_hash != environment_hash {
+            return wrong(&format!("under another map, {}", self.environment));
+        }
+        if self.scene_hash != scene_hash { wrong("in another scene") } else { Ok(()) }
+    }
+}
+
+/// A [`SceneVisibility`] as renderings use it.
+#[derive(Debug)]
+pub struct Known {
+    cells: Cells,
+    places: HashMap<CellKey, u32, BuildHasherDefault<KeyHasher>>,
+    found: Vec<(Visibility, Weights)>,
+}
+
+impl Known {
+    /// Bytes of a cell.
+    const CELL_BYTES: usize = PATCHES * 4 + size_of::<(Visibility, Weights)>() + 24;
+
+    /// The visibility for patches with these shares of light, in at most `bytes` bytes.
+    ///
+    /// # Errors
+    /// It takes more.
+    pub fn new(visibility: &SceneVisibility, energies: &[f32], bytes: usize) -> Result<Self> {
+        let cells = visibility.cells();
+        if cells > bytes / Self::CELL_BYTES {
+            let megabytes = |bytes: usize| bytes.div_ceil(1 << 20);
+            let (needed, allowed) = (megabytes(cells * Self::CELL_BYTES), megabytes(bytes));
+            return Err(Error::argument("visibility", format!("takes {needed} MB, and {allowed} MB are allowed")));
+        }
+        let counts = &visibility.counts;
+        let found = estimate::estimate(counts, |_| None, |own| (own.weights(energies), own));
+        Ok(Self {
+            cells: visibility.cells,
+            places: (0..cells).map(|cell| (counts.key(cell), cell as u32)).collect(),
+            found: found.into_iter().map(|(weights, own)| (own, weights)).collect(),
+        })
+    }
+
+    /// The division of space.
+    pub fn cells(&self) -> Cells {
+        self.cells
+    }
+
+    /// Bytes that it takes.
+    pub fn bytes(&self) -> usize {
+        self.found.len() * Self::CELL_BYTES
+    }
+
+    /// How many cells.
+    pub fn len(&self) -> usize {
+        self.found.len()
+    }
+
+    /// The finest cell that a key lies in, and how many levels above it.
+    #[inline]
+    pub(super) fn find(&self, key: CellKey) -> Option<(u32, usize)> {
+        let mut key = key.of_group(0);
+        for level in 0..LEVELS {
+            if let Some(&cell) = self.places.get(&key) {
+                return Some((cell, level));
+            }
+            key = key.parent();
+        }
+        None
+    }
+
+    /// The visibility in exactly this cell.
+    pub(super) fn visibility(&self, key: CellKey) -> Option<&Visibility> {
+        self.places.get(&key.of_group(0)).map(|&cell| &self.found[cell as usize].0)
+    }
+
+    /// The visibility of a cell by its number.
+    pub(super) fn visibility_at(&self, cell: u32) -> &Visibility {
+        &self.found[cell as usize].0
+    }
+
+    /// The weights of a cell by its number.
+    #[inline(always)]
+    pub(super) fn weights(&self, cell: u32) -> Option<&Weights> {
+        self.found.get(cell as usize).map(|found| &found.1)
+    }
+}

@@ -1,0 +1,102 @@
+//! `headtail bake --visibility`: what is seen of the sky in a scene, learned before anything is rendered.
+
+use std::{path::PathBuf, sync::atomic::Ordering, time::Instant};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use headtail_render::{
+    estimator::LearnedVisibility,
+    integrator::learn_visibility,
+    patches::{Detail, PatchSampler},
+    sampler::EnvironmentLight,
+    scene::MaterialSpec,
+    tail::TailKind,
+    visibility::SceneVisibility,
+};
+
+use crate::{
+    arguments::{CameraArguments, PointsArgument, VISIBILITY_MEGABYTES, ViewArguments},
+    progress,
+};
+
+/// What `--visibility` needs.
+#[derive(Args)]
+#[command(next_help_heading = "For --visibility")]
+pub struct Arguments {
+    /// A built-in scene or a glTF 2.0 file.
+    #[arg(long, value_name = "NAME|FILE", requires = "visibility")]
+    scene: Option<String>,
+    #[command(flatten)]
+    camera: CameraArguments,
+    /// Put a grey diffuse plane under the scene.
+    #[arg(long, requires = "visibility")]
+    ground: bool,
+    /// Give every surface one material. What is learned holds for all materials, but it is learned where this one reflects light from.
+    #[arg(long, value_name = "SPEC", requires = "visibility")]
+    material: Option<MaterialSpec>,
+    /// Surfaces that light may visit on its way to the camera; what is learned at later ones helps paths and other viewpoints.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    depth: u32,
+    /// Samples per pixel to learn from.
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
+    spp: u32,
+    /// Seed of the samples.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Go on with what this file holds, perhaps from another viewpoint.
+    #[arg(long, value_name = "FILE", requires = "visibility")]
+    resume: Option<PathBuf>,
+    /// Most that is learned, in MB of 2^20 bytes; cells grow where that is not enough.
+    #[arg(long, value_name = "MB", default_value_t = VISIBILITY_MEGABYTES, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    visibility_memory: u32,
+    /// Threads to render with. Default: all cores.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+}
+
+impl Arguments {
+    fn view(&self, env: &str) -> Result<ViewArguments> {
+        Ok(ViewArguments {
+            scene: self.scene.clone().context("--scene: name the scene that --visibility is of")?,
+            env: env.to_owned(),
+            camera: self.camera.clone(),
+            ground: self.ground,
+            material: self.material,
+            unshadowed: false,
+            depth: self.depth,
+            points: PointsArgument::Named(headtail_render::points::PointSet::Independent),
+            visibility_memory: self.visibility_memory,
+            threads: self.threads,
+        })
+    }
+
+    /// Learns under a map, and says how much.
+    pub fn bake(&self, env: &str) -> Result<SceneVisibility> {
+        let start = Instant::now();
+        let opened = self.view(env)?.open()?;
+        let map = &opened.environment;
+        let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical)?;
+        let patches = PatchSampler::new(light, Detail::Leaves)?;
+        let estimator = LearnedVisibility::new(patches, map.clone(), opened.visibility_bytes())?;
+        let before = self.resume.as_ref().map(|file| {
+            let before = SceneVisibility::read(file)?;
+            before.check(&opened.scene().geometry_hash(), map.hash()).map_err(|error| error.in_file(file))?;
+            Ok::<_, anyhow::Error>(before)
+        });
+        let before = before.transpose()?;
+        // Other samples than those that the file was learned from, unless they are of another seed anyway.
+        let seed = self.seed ^ before.as_ref().map_or(0, SceneVisibility::rays);
+        let stop = progress::stop_flag()?;
+        let bar = progress::bar(1000, "learning");
+        let show = |share: f64| bar.set_position((1000.0 * share) as u64);
+        let learned = learn_visibility(opened.view(), &estimator, before, (self.spp, seed), &stop, &show);
+        bar.finish_and_clear();
+        ensure!(learned.cells() > 0, "the camera sees no surface of {}", opened.scene_name());
+        if stop.load(Ordering::Relaxed) {
+            bail!(progress::Interrupted::new("nothing was written"));
+        }
+        let (cells, rays) = (learned.cells(), learned.rays() as f64 / 1e6);
+        println!("{cells} cells from {rays:.1} million shadow rays in {:.2} s", start.elapsed().as_secs_f64());
+        Ok(learned)
+    }
+}
