@@ -11,16 +11,13 @@ use crate::{
     points::Points,
     sampler::{BrdfSampler, Covering, OneSampleMis},
     tile::Rows,
-    visibility::{CacheSize, Cells, Grouping, Known, SceneVisibility, Unoccluded, VisibilityCache, Weighting},
+    visibility::{CacheSize, Cells, Known, SceneVisibility, Unoccluded, VisibilityCache, Weighting},
 };
 
 /// Pixels that a cell is wide, at least.
 const CELL_PIXELS: f32 = 8.0;
 /// Cells for a pixel if they are so wide, those of all levels.
 const CELLS_PER_PIXEL: f32 = 0.045;
-/// Groups of pixels of which a cell is seen at once, on average.
-const GROUPS_AT_ONCE: f32 = 3.0;
-
 /// One direction from patches of sky, beside BRDF sampling where surfaces are glossy, with masses that know what is seen of the sky.
 #[derive(Clone, Debug)]
 pub struct LearnedVisibility {
@@ -51,11 +48,10 @@ impl LearnedVisibility {
 
     /// What learns in one rendering; the concrete type of [`Estimator::learner`].
     pub fn session(&self, setting: Setting) -> LearningSession<'_> {
-        let groups = if setting.grouping == Grouping::Four { GROUPS_AT_ONCE } else { 1.0 };
-        let cells = CELLS_PER_PIXEL * groups * setting.pixels as f32;
+        let cells = CELLS_PER_PIXEL * setting.pixels as f32;
         let shortage = (cells * VisibilityCache::CELL_BYTES as f32 / self.memory as f32).max(1.0).sqrt();
         let cells = Cells::new(setting.eye, CELL_PIXELS * shortage * setting.pixel);
-        let cache = VisibilityCache::new(cells, setting.grouping, self.sampler.get().energies(), self.memory);
+        let cache = VisibilityCache::new(cells, self.sampler.get().energies(), self.memory);
         let cache = if let Some(known) = &self.known { cache.knowing(known.clone()) } else { cache };
         LearningSession { estimator: self, cache }
     }
@@ -117,8 +113,8 @@ impl Learner for LearningSession<'_> {
         self.cache.observe(at, rays.map(|((&place, patch), &visible)| (place, patch, visible)));
     }
 
-    fn learn(&mut self, is_last: bool) {
-        self.cache.learn(is_last);
+    fn learn(&mut self) {
+        self.cache.learn();
     }
 
     fn size(&self) -> CacheSize {

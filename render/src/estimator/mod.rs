@@ -14,21 +14,14 @@ pub use two_sample_mis::TwoSampleMis;
 
 use glam::Vec3A;
 
-use crate::{
-    columns::Arena,
-    environment::Environment,
-    points::Points,
-    simd::Lanes,
-    tile::Rows,
-    visibility::{CacheSize, Grouping},
-};
+use crate::{columns::Arena, environment::Environment, points::Points, simd::Lanes, tile::Rows, visibility::CacheSize};
 
 /// An unbiased estimator of reflected light: the sum of its contributions that are not occluded.
 pub trait Estimator: Send + Sync {
     /// Adds contributions for each row; all randomness comes from `points`.
     fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena);
 
-    /// An estimator of its own for one rendering, if this one learns while it renders: what it has learned ends with the rendering, so that results
+    /// An estimator of its own for one rendering, if this one learns before it renders: what it has learned ends with the rendering, so that results
     /// depend on nothing else.
     fn learner<'a>(&'a self, _setting: Setting) -> Option<Box<dyn Learner + 'a>> {
         None
@@ -44,8 +37,6 @@ pub struct Setting {
     pub pixel: f32,
     /// Pixels of the image.
     pub pixels: usize,
-    /// Who may learn from whom.
-    pub grouping: Grouping,
 }
 
 /// An estimator that learns from shadow rays.
@@ -53,8 +44,8 @@ pub trait Learner: Estimator {
     /// Tells which of the contributions that were proposed for these rows are visible.
     fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]);
 
-    /// Lets what was observed be used from now on; after the last time nothing is observed any more.
-    fn learn(&mut self, is_last: bool);
+    /// Lets what was observed be used from now on.
+    fn learn(&mut self);
 
     /// What there is to be told about it.
     fn size(&self) -> CacheSize;

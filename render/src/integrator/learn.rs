@@ -1,27 +1,113 @@
-//! Learning the visibility of a scene before anything is rendered.
+//! Learning what is seen of the sky: before a picture, from samples of its view that are no part of it, or for a file.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::{
+    sync::atomic::{AtomicBool, Ordering},
+    time::{Duration, Instant},
+};
 
 use super::{
-    render::{Film, Pass, setting},
-    stages::Stages,
+    render::{Budget, Film, Pass},
     view::View,
 };
 use crate::{
-    estimator::{LearnedVisibility, Learner},
+    estimator::{LearnedVisibility, Learner, Setting},
     points::{PointSet, Points},
-    visibility::{Grouping, SceneVisibility},
+    visibility::SceneVisibility,
 };
 
-/// The first sample of learning: renderings have samples below, so that no picture depends on the points that it was learned from.
+/// The first sample that is learned from: pictures have samples below, so that none depends on the points that it was learned from.
 const FIRST_SAMPLE: u32 = 1 << 31;
+/// The share of the samples of a picture that is learned from before it, as one over this number.
+const PARTS: u32 = 32;
+/// Pixels of a block of which some are learned from where less than one sample of each pixel is: four along a side.
+const BLOCK: u32 = 16;
 
-/// Learns from `samples` independent samples of each pixel of a view, all of them; what is learned serves other views of the scene, too. Goes on where `before` has
+/// What estimators that learn are told of a view.
+pub(super) fn setting(view: &View<'_>) -> Setting {
+    Setting {
+        eye: view.camera.look_from(),
+        pixel: view.camera.pixel_angle(view.height),
+        pixels: view.width * view.height,
+    }
+}
+
+/// Samples to learn from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Lesson {
+    /// The first of them.
+    first: u32,
+    /// How many for each pixel.
+    samples: u32,
+    /// How many pixels of a block.
+    pixels: u32,
+}
+
+impl Lesson {
+    /// One for a picture of so many samples per pixel.
+    fn before(samples: u32, first: u32) -> Self {
+        let pixels = (samples / (PARTS / BLOCK)).clamp(1, BLOCK);
+        Self { first, samples: (samples / PARTS).max(1), pixels }
+    }
+
+    /// Whether it has a pixel with this key.
+    fn has(&self, key: u32) -> bool {
+        // Reversed bits spread the first few over the block.
+        let place = (key % BLOCK).reverse_bits() >> (32 - BLOCK.ilog2());
+        place < self.pixels
+    }
+}
+
+/// Learns for a picture, in a part of its budget.
+pub(super) fn learn_before(view: &View<'_>, learner: &mut dyn Learner, budget: Budget, seed: u64, stop: &AtomicBool) {
+    let show = |_: f64| {};
+    match budget {
+        Budget::Spp(spp) => learn(view, learner, Lesson::before(spp, 0), seed, stop, &show),
+        Budget::Time(limit) => {
+            let start = Instant::now();
+            let first = Lesson::before(1, 0);
+            learn(view, learner, first, seed, stop, &show);
+            let sample = start.elapsed() * BLOCK / first.pixels;
+            let promised = limit.as_secs_f64() / sample.max(Duration::from_nanos(1)).as_secs_f64();
+            let lesson = Lesson::before(promised as u32, first.samples);
+            if lesson.pixels > 1 {
+                learn(view, learner, lesson, seed, stop, &show);
+            }
+        }
+    }
+}
+
+fn learn(
+    view: &View<'_>,
+    learner: &mut dyn Learner,
+    lesson: Lesson,
+    seed: u64,
+    stop: &AtomicBool,
+    progress: &dyn Fn(f64),
+) {
+    let points = Points::new(PointSet::Independent, seed);
+    let mut film = Film::of(view.width, view.height, |key| lesson.has(key));
+    for sample in 0..lesson.samples {
+        let first = FIRST_SAMPLE + lesson.first + sample;
+        film.add(view, &Pass { estimator: &*learner, learner: Some(&*learner), points, samples: (first, first + 1) });
+        let count = sample + 1;
+        progress(f64::from(count) / f64::from(lesson.samples));
+        let is_last = count == lesson.samples || stop.load(Ordering::Relaxed);
+        // What was learned helps to learn on, as long as there is much to come.
+        if is_last || count.is_power_of_two() && count.ilog2().is_multiple_of(2) {
+            learner.learn();
+        }
+        if is_last {
+            break;
+        }
+    }
+}
+
+/// Learns from `samples` independent samples of each pixel of a view; what is learned serves other views of the scene, too. Goes on where `before` has
 /// ended, if that is of the same scene and map. `progress` is called with the share that is done; where `stop` is set, what was learned so far is
 /// the result.
 ///
 /// # Panics
-/// If there are 2^31 samples or more.
+/// If there are no samples, or 2^31 and more.
 pub fn learn_visibility(
     view: View<'_>,
     estimator: &LearnedVisibility,
@@ -30,35 +116,29 @@ pub fn learn_visibility(
     stop: &AtomicBool,
     progress: &dyn Fn(f64),
 ) -> SceneVisibility {
-    assert!(samples < FIRST_SAMPLE, "at most 2^31 samples");
+    assert!((1..FIRST_SAMPLE).contains(&samples), "1 to 2^31 samples");
     view.scene.prepare_materials();
-    let mut session = estimator.session(setting(&view, Grouping::One));
+    let mut session = estimator.session(setting(&view));
     if let Some(before) = before {
         session = session.resuming(before);
     }
-    let (points, stages) = (Points::new(PointSet::Independent, seed), Stages::new(PointSet::Independent, samples));
-    let mut film = Film::new(view.width, view.height);
-    for sample in 0..samples {
-        let stage = stages.of(sample);
-        let samples_here = (FIRST_SAMPLE + sample, FIRST_SAMPLE + sample + 1);
-        let pass = Pass {
-            estimator,
-            learner: Some(&session),
-            points,
-            stages,
-            stage,
-            samples: samples_here,
-            observes_all: true,
-        };
-        film.add(&view, &pass);
-        progress(f64::from(sample + 1) / f64::from(samples));
-        let ends = sample + 1 == samples || stop.load(Ordering::Relaxed);
-        if ends || stages.of(sample + 1).number > stage.number {
-            session.learn(ends);
-        }
-        if ends {
-            break;
+    learn(&view, &mut session, Lesson { first: 0, samples, pixels: BLOCK }, seed, stop, progress);
+    session.into_visibility(view.scene.geometry_hash())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lesson_is_a_small_part_of_the_picture() {
+        for samples in [1, 2, 3, 4, 8, 16, 31, 32, 64, 100, 1 << 20] {
+            let lesson = Lesson::before(samples, 0);
+            let pixels = (0..BLOCK).filter(|&key| lesson.has(key)).count() as u32;
+            assert_eq!(pixels, lesson.pixels);
+            let cost = f64::from(lesson.samples * pixels) / f64::from(BLOCK) / f64::from(samples);
+            assert!(cost <= if samples == 1 { 1.0 / 16.0 } else { 1.0 / 32.0 }, "{samples}: {cost}");
+            assert!(cost > 1.0 / 65.0, "{samples}: {cost}");
         }
     }
-    session.into_visibility(view.scene.geometry_hash())
 }

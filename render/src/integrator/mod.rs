@@ -2,7 +2,6 @@
 
 mod learn;
 mod render;
-mod stages;
 mod view;
 mod wavefront;
 

@@ -10,16 +10,17 @@ use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 
 use super::{
-    stages::{Stage, Stages},
+    learn::{learn_before, setting},
     view::View,
     wavefront::{Estimate, Pixel, TilePixels, Workspace},
 };
 use crate::{
-    estimator::{Estimator, Learner, Setting},
+    estimator::{Estimator, Learner},
     image::Image,
+    morton::morton,
     points::{PointSet, Points},
     timings::flush,
-    visibility::{CacheSize, Grouping},
+    visibility::CacheSize,
 };
 
 /// Edge of a tile in pixels.
@@ -32,9 +33,6 @@ const BLOCK: usize = 4;
 const PASS: u32 = 16;
 /// The same where time is the budget: a pass should end close to the limit.
 const SHORT_PASS: u32 = 1;
-
-/// Samples for which stages are planned before it is known how many the time is enough for: their first sample is observed.
-const STAGES_FROM: u32 = 16;
 
 /// Largest width and height.
 pub const MAX_SIDE: usize = u16::MAX as usize;
@@ -82,8 +80,8 @@ impl Rendering {
 /// Renders until the budget is spent or `stop` is set; an interrupted image holds the passes that were finished (at least one).
 ///
 /// `progress` is called after every pass with the share of the budget that is spent. Same `points` (their kind and seed) and same number of
-/// samples: same bytes, on any number of threads and whatever the budget was given in. An estimator that learns plans for the power of two below the samples
-/// of the budget (of one in time: below what the first sample's duration promises), so that its pictures depend on that number, too.
+/// samples: same bytes, on any number of threads and whatever the budget was given in. An estimator that learns does so first, from other points, in
+/// a thirty-second of the budget: its pictures depend on how much that was, too, which for a budget in time is not always the same.
 ///
 /// # Panics
 /// If a side is longer than [`MAX_SIDE`].
@@ -102,19 +100,15 @@ pub fn render(
     let budget = if budget == Budget::Spp(0) { Budget::Spp(1) } else { budget };
     let pass = if matches!(budget, Budget::Spp(_)) { PASS } else { SHORT_PASS };
     let mut film = Film::new(view.width, view.height);
-    let planned = if let Budget::Spp(total) = budget { total } else { STAGES_FROM };
-    let mut stages = Stages::new(points.set(), planned);
-    let mut learner = estimator.learner(setting(&view, stages.grouping()));
+    let mut learner = estimator.learner(setting(&view));
+    if let Some(learner) = &mut learner {
+        learn_before(&view, &mut **learner, budget, points.seed(), stop);
+    }
+    let estimator = learner.as_ref().map_or(estimator, |learner| &**learner as &dyn Estimator);
     let mut spp = 0;
     loop {
-        let stage = stages.of(spp);
-        let mut count = if let Budget::Spp(total) = budget { pass.min(total - spp) } else { pass };
-        if let (Some(_), Some(end)) = (&learner, stage.end) {
-            count = count.min(end - spp);
-        }
-        let learner_now = learner.as_deref();
-        let samples = (spp, spp + count);
-        film.add(&view, &Pass { estimator, learner: learner_now, points, stages, stage, samples, observes_all: false });
+        let count = if let Budget::Spp(total) = budget { pass.min(total - spp) } else { pass };
+        film.add(&view, &Pass { estimator, learner: None, points, samples: (spp, spp + count) });
         spp += count;
         let spent = match budget {
             Budget::Spp(total) => f64::from(spp) / f64::from(total),
@@ -129,54 +123,19 @@ pub fn render(
         if spent >= 1.0 || stop.load(Ordering::Relaxed) {
             break;
         }
-        if let (1, Budget::Time(limit)) = (spp, budget) {
-            stages = Stages::new(points.set(), (limit.as_secs_f64() / start.elapsed().as_secs_f64()) as u32);
-        }
-        let stage = stages.of(spp - 1);
-        if let (Some(learner), true) = (&mut learner, stages.of(spp).number > stage.number) {
-            learner.learn(stage.is_before_last);
-        }
     }
     let learned = learner.map(|learner| learner.size());
     Rendering { learned, ..film.resolve(points.set(), spp, start.elapsed().as_secs_f64()) }
 }
 
-/// What estimators that learn are told of a view.
-pub(super) fn setting(view: &View<'_>, grouping: Grouping) -> Setting {
-    Setting {
-        eye: view.camera.look_from(),
-        pixel: view.camera.pixel_angle(view.height),
-        pixels: view.width * view.height,
-        grouping,
-    }
-}
-
 /// Some samples of every pixel.
 pub(super) struct Pass<'a> {
     pub estimator: &'a dyn Estimator,
-    /// The same estimator if it learns.
+    /// Who is told what was visible.
     pub learner: Option<&'a dyn Learner>,
     pub points: Points,
-    pub stages: Stages,
-    pub stage: Stage,
     /// The first, and the first after them.
     pub samples: (u32, u32),
-    /// Whether to learn from all samples.
-    pub observes_all: bool,
-}
-
-impl Pass<'_> {
-    /// What a sample is taken with.
-    fn of(&self, sample: u32) -> (Estimate<'_>, Points) {
-        match self.learner {
-            None => (Estimate { estimator: self.estimator, learner: None }, self.points.at_sample(sample)),
-            Some(learner) => {
-                let observer = Some(learner).filter(|_| self.observes_all || self.stage.observes(sample));
-                let points = self.points.at_sample(self.stages.point(&self.stage, sample));
-                (Estimate { estimator: learner, learner: observer }, points)
-            }
-        }
-    }
 }
 
 /// The sums of all pixels, tile after tile: each sum is made in the order of the samples, so that it does not depend on passes.
@@ -191,6 +150,11 @@ pub(super) struct Film {
 
 impl Film {
     pub fn new(width: usize, height: usize) -> Self {
+        Self::of(width, height, |_| true)
+    }
+
+    /// A film of some pixels alone, by their keys.
+    pub fn of(width: usize, height: usize, has: impl Fn(u32) -> bool) -> Self {
         let mut film =
             Self { width, height, places: Vec::with_capacity(width * height), sums: Vec::new(), tiles: Vec::new() };
         for top in (0..height).step_by(TILE) {
@@ -198,7 +162,10 @@ impl Film {
                 let before = film.places.len();
                 let (right, bottom) = ((left + TILE).min(width), (top + TILE).min(height));
                 for (y, x) in squares(top..bottom, left..right) {
-                    film.places.push((x as u16, y as u16));
+                    let place = (x as u16, y as u16);
+                    if has(morton(place.0, place.1)) {
+                        film.places.push(place);
+                    }
                 }
                 film.tiles.push(film.places.len() - before);
             }
@@ -222,9 +189,9 @@ impl Film {
         }
         tiles.into_par_iter().for_each(|mut pixels| {
             WORKSPACE.with_borrow_mut(|workspace| {
+                let estimate = Estimate { estimator: pass.estimator, learner: pass.learner };
                 for sample in pass.samples.0..pass.samples.1 {
-                    let (estimate, points) = pass.of(sample);
-                    workspace.sample(view, estimate, points, &mut pixels);
+                    workspace.sample(view, estimate, pass.points.at_sample(sample), &mut pixels);
                 }
             });
             flush();

@@ -20,7 +20,7 @@ const SIZE_BITS: u32 = 8;
 const LEAST_SIZE: i32 = -100;
 /// The largest of a cell that is in none.
 const MOST_SIZE: i32 = 100;
-/// Bits of a key below the group.
+/// Bits of a key.
 const CELL_BITS: u32 = 3 * COORDINATE_BITS + AXIS_BITS + SIZE_BITS;
 
 /// The division of space into cubes, smaller near to a camera, and by the axis that a normal is nearest to.
@@ -31,7 +31,7 @@ pub struct Cells {
     angle: f32,
 }
 
-/// A cell as one group of pixels knows it. Its bits are the group, its size, the axis of normals, and three coordinates modulo 2^17: cells so
+/// A cell. Its bits are its size, the axis of normals, and three coordinates modulo 2^17: cells so
 /// far from each other share what they learn, which costs accuracy and nothing else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CellKey(pub u64);
@@ -47,14 +47,14 @@ impl Cells {
         (self.eye, self.angle)
     }
 
-    /// The cell of the finest level that a single point with a normal lies in, in group 0.
+    /// The cell of the finest level that a single point with a normal lies in.
     #[cfg(test)]
     pub fn key(&self, p: Vec3A, n: Vec3A) -> CellKey {
         let lanes = |vector: Vec3A| vector.to_array().map(|number| [number; LANES]);
         CellKey(self.keys(&lanes(p), &lanes(n))[0])
     }
 
-    /// The cells of the finest level that a strip of points with normals lies in, in group 0.
+    /// The cells of the finest level that a strip of points with normals lies in.
     #[inline(always)]
     fn keys(&self, p: &[Lanes; 3], n: &[Lanes; 3]) -> [u64; LANES] {
         let eye = self.eye.to_array();
@@ -114,17 +114,9 @@ impl CellKey {
         self.0 >> (3 * COORDINATE_BITS + AXIS_BITS) & ((1 << SIZE_BITS) - 1)
     }
 
-    /// The group of pixels, below 4.
-    #[inline]
-    pub fn group(self) -> u32 {
-        (self.0 >> CELL_BITS) as u32
-    }
-
-    /// The same cell for another group, below 4.
-    #[inline]
-    #[must_use]
-    pub fn of_group(self, group: u32) -> Self {
-        Self(self.0 & ((1 << CELL_BITS) - 1) | u64::from(group) << CELL_BITS)
+    /// Whether some cell has this key.
+    pub fn is_valid(self) -> bool {
+        self.0 >> CELL_BITS == 0
     }
 
     /// The cell of the level above that it lies in.
@@ -174,10 +166,10 @@ mod tests {
             let parent = |x: i32| key(x).parent();
             assert_eq!(parent(x) == parent(x + 1), x.div_euclid(2 * 8) == (x + 1).div_euclid(2 * 8));
         }
-        let key = cells.key(Vec3A::new(-3.0, 4.0, 5.0), Vec3A::Z).of_group(2);
+        let key = cells.key(Vec3A::new(-3.0, 4.0, 5.0), Vec3A::Z);
         let far = (0..LEVELS).fold(key, |key, _| key.parent());
         assert_eq!(far.0 >> (3 * COORDINATE_BITS) & 7, 4, "the axis stays");
-        assert_eq!((far.group(), far.size()), (2, key.size() + LEVELS as u64));
+        assert_eq!((far.is_valid(), far.size()), (true, key.size() + LEVELS as u64));
     }
 
     #[test]

@@ -50,8 +50,6 @@ pub struct Counts {
     /// Of each cell, the place of the one that it lies in.
     parents: Vec<Option<u32>>,
     keys: Vec<CellKey>,
-    /// How many cells each group has.
-    of_group: [usize; 4],
     /// For each cell and patch the rays that came through in the upper half, all in the lower.
     rays: Vec<AtomicU64>,
     /// Rays of cells that are not there.
@@ -124,8 +122,7 @@ impl Counts {
         }
     }
 
-    /// Makes cells for the rays that had none: the finest that were seen often enough, and those that they lie in. At most `most` for each group, so that no group's
-    /// rays decide what is known of another's.
+    /// Makes cells for the rays that had none: the finest that were seen often enough, and those that they lie in. At most `most`.
     pub fn settle(&mut self, most: usize) {
         let mut rays = std::mem::take(self.fresh.get_mut().unwrap_or_else(PoisonError::into_inner));
         for level in 0..LEVELS {
@@ -140,7 +137,7 @@ impl Counts {
             // Where memory is short, the cells that are seen most.
             new.sort_unstable_by_key(|&(count, key)| (std::cmp::Reverse(count), key));
             for (_, key) in new {
-                if self.of_group[key.group() as usize] + LEVELS <= most {
+                if self.cells() + LEVELS <= most {
                     self.insert(key, level);
                 }
             }
@@ -158,19 +155,6 @@ impl Counts {
             }
             rays = left;
         }
-    }
-
-    /// The same cells with the rays of several groups together.
-    pub fn regrouped(&self, group: impl Fn(u32) -> u32) -> Self {
-        let mut out = Self::default();
-        for (cell, key) in self.keys.iter().enumerate() {
-            let to = out.insert(key.of_group(group(key.group())), self.level_of(cell)) as usize;
-            let rays = &self.rays[cell * PATCHES..][..PATCHES];
-            for (to, from) in out.rays[to * PATCHES..][..PATCHES].iter_mut().zip(rays) {
-                *to.get_mut() += from.load(Relaxed);
-            }
-        }
-        out
     }
 
     /// How many sizes smaller there are than a cell's.
@@ -197,7 +181,6 @@ impl Counts {
         self.places.insert(key, cell);
         self.parents.push(parent);
         self.keys.push(key);
-        self.of_group[key.group() as usize] += 1;
         self.rays.extend(std::iter::repeat_with(AtomicU64::default).take(PATCHES));
         cell
     }
@@ -212,9 +195,7 @@ mod tests {
     fn rays(count: usize) -> Vec<(CellKey, u16, bool)> {
         let cells = Cells::new(Vec3A::ZERO, 0.01);
         let at = |k: usize| Vec3A::new((k * 37 % 101) as f32 * 0.1, 0.0, 9.0 + (k * 53 % 97) as f32 * 0.05);
-        (0..count)
-            .map(|k| (cells.key(at(k), Vec3A::Y).of_group(k as u32 % 4), (k * 7 % PATCHES) as u16, k % 3 == 0))
-            .collect()
+        (0..count).map(|k| (cells.key(at(k), Vec3A::Y), (k * 7 % PATCHES) as u16, k % 3 == 0)).collect()
     }
 
     fn all(counts: &Counts) -> Vec<(CellKey, Option<CellKey>, Vec<[u32; 2]>)> {
@@ -239,22 +220,18 @@ mod tests {
         forward.settle(100_000);
         backward.settle(100_000);
         assert_eq!(all(&forward), all(&backward));
-        for counts in [&forward, &forward.regrouped(|group| group >> 1)] {
-            let sum = all(counts).iter().flat_map(|(_, _, rays)| rays).fold([0, 0], |s, r| [s[0] + r[0], s[1] + r[1]]);
-            assert_eq!(sum, [2 * rays.iter().filter(|ray| ray.2).count() as u32, 40_000]);
-        }
-        assert!(all(&forward.regrouped(|group| group >> 1)).iter().all(|(key, ..)| key.group() < 2));
+        let sum = all(&forward).iter().flat_map(|(_, _, rays)| rays).fold([0, 0], |s, r| [s[0] + r[0], s[1] + r[1]]);
+        assert_eq!(sum, [2 * rays.iter().filter(|ray| ray.2).count() as u32, 40_000]);
     }
 
     #[test]
     fn memory_is_bounded_and_what_is_seen_most_stays() {
         let mut counts = Counts::default();
         counts.add(rays(50_000).into_iter());
-        // Of group 0, as its key is made.
         let often = Cells::new(Vec3A::ZERO, 0.01).key(Vec3A::new(-3.0, 0.0, 9.0), Vec3A::Y);
         counts.add((0..5000).map(|_| (often, 5, true)));
         counts.settle(100);
-        assert!(counts.of_group.iter().all(|own| (LEVELS..=100).contains(own)) && counts.cells() <= 400);
+        assert!((LEVELS..=100).contains(&counts.cells()));
         assert_eq!(counts.find(often).map(|(_, level)| level), Some(0));
         let mut none = Counts::default();
         none.add(rays(100).into_iter());

@@ -133,7 +133,7 @@ impl SceneVisibility {
             let (key, level) = (key_of(key), usize::from(level));
             // What it lies in is there, so that a file makes no more cells than it has.
             let lies_in_another = level + 1 < LEVELS;
-            if key != key.of_group(0) || level >= LEVELS || lies_in_another && !all.contains(&key.parent()) {
+            if !key.is_valid() || level >= LEVELS || lies_in_another && !all.contains(&key.parent()) {
                 return Err(invalid("tensor 'keys'", format!("{:#x} at level {level} is no cell", key.0)));
             }
             let rays = rays.chunks_exact(4).map(|rays| [[rays[0], rays[1]], [rays[2], rays[3]]]);

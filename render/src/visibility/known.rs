@@ -95,8 +95,7 @@ impl Known {
 
     /// The finest cell that a key lies in, and how many levels above it.
     #[inline]
-    pub(super) fn find(&self, key: CellKey) -> Option<(u32, usize)> {
-        let mut key = key.of_group(0);
+    pub(super) fn find(&self, mut key: CellKey) -> Option<(u32, usize)> {
         for level in 0..LEVELS {
             if let Some(&cell) = self.places.get(&key) {
                 return Some((cell, level));
@@ -108,7 +107,7 @@ impl Known {
 
     /// The visibility in exactly this cell.
     pub(super) fn visibility(&self, key: CellKey) -> Option<&Visibility> {
-        self.places.get(&key.of_group(0)).map(|&cell| &self.found[cell as usize].0)
+        self.places.get(&key).map(|&cell| &self.found[cell as usize].0)
     }
 
     /// The visibility of a cell by its number.
