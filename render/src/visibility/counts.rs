@@ -157,17 +157,13 @@ impl Counts {
         }
     }
 
-    /// How many sizes smaller there are than a cell's.
-    pub fn level_of(&self, cell: usize) -> usize {
-        let above = std::iter::successors(self.parents[cell], |&parent| self.parents[parent as usize]);
-        (LEVELS - 1).saturating_sub(above.count())
-    }
-
-    /// Adds rays of a cell, which is made if need be: for each patch those that came through, and all.
-    pub fn restore(&mut self, key: CellKey, level: usize, rays: impl Iterator<Item = [u32; 2]>) {
-        let cell = self.insert(key, level) as usize;
-        for (own, [seen, all]) in self.rays[cell * PATCHES..][..PATCHES].iter_mut().zip(rays) {
-            *own.get_mut() += u64::from(seen) << 32 | u64::from(all);
+    /// Adds a cell that there is not yet, after those that it lies in, with its rays: for each patch those that came through, and all.
+    pub fn restore(&mut self, key: CellKey, rays: impl Iterator<Item = [u32; 2]>) {
+        let parent = self.places.get(&key.parent()).copied();
+        self.push(key, parent);
+        let cell = self.cells() - 1;
+        for (own, [seen, all]) in self.rays[cell * PATCHES..].iter_mut().zip(rays) {
+            *own.get_mut() = u64::from(seen) << 32 | u64::from(all);
         }
     }
 
@@ -177,6 +173,10 @@ impl Counts {
             return cell;
         }
         let parent = (level + 1 < LEVELS).then(|| self.insert(key.parent(), level + 1));
+        self.push(key, parent)
+    }
+
+    fn push(&mut self, key: CellKey, parent: Option<u32>) -> u32 {
         let cell = self.cells() as u32;
         self.places.insert(key, cell);
         self.parents.push(parent);

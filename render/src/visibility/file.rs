@@ -1,10 +1,6 @@
 //! The file of a scene's visibility.
 
-use std::{
-    collections::{HashMap, HashSet},
-    fs,
-    path::Path,
-};
+use std::{collections::HashMap, fs, path::Path};
 
 use glam::Vec3A;
 use safetensors::{
@@ -14,7 +10,7 @@ use safetensors::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    cells::{CellKey, Cells, LEVELS},
+    cells::{CellKey, Cells},
     counts::Counts,
     known::SceneVisibility,
     weights::PATCHES,
@@ -57,7 +53,6 @@ impl SceneVisibility {
         let mut cells: Vec<usize> = (0..self.cells()).collect();
         cells.sort_unstable_by_key(|&cell| self.counts.key(cell));
         let keys: Vec<u8> = cells.iter().flat_map(|&cell| self.counts.key(cell).0.to_le_bytes()).collect();
-        let levels: Vec<u8> = cells.iter().map(|&cell| self.counts.level_of(cell) as u8).collect();
         let rays: Vec<u8> = cells.iter().flat_map(|&cell| self.counts.rays(cell)).flat_map(halved).collect();
         let (eye, angle) = self.cells.parts();
         let description = Description {
@@ -76,7 +71,6 @@ impl SceneVisibility {
         };
         let tensors = [
             ("keys", view(Dtype::U64, &[cells.len()], &keys)?),
-            ("levels", view(Dtype::U8, &[cells.len()], &levels)?),
             ("rays", view(Dtype::U16, &[cells.len(), PATCHES, 2], &rays)?),
         ];
         let metadata = HashMap::from([(ENTRY.to_owned(), text)]);
@@ -84,8 +78,7 @@ impl SceneVisibility {
         file::replace(path, &bytes)
     }
 
-    /// Reads a file: a safetensors file with `keys` `[cells]` (u64, the bits of cells), `levels` `[cells]` (u8, how many sizes of
-    /// cells are smaller), `rays` `[cells, 512, 2]` (u16: for each patch the shadow rays that came through, and all), and one entry of metadata.
+    /// Reads a file: a safetensors file with `keys` `[cells]` (u64, the bits of cells, ascending), `rays` `[cells, 512, 2]` (u16: for each patch the shadow rays that came through, and all), and one entry of metadata.
     ///
     /// # Errors
     /// One sentence that names the file and the field: the file is not of this format or is damaged.
@@ -120,31 +113,24 @@ impl SceneVisibility {
             Ok((view.shape()[0], view.data()))
         };
         let (cells, keys) = take("keys", Dtype::U64, &[])?;
-        let (levels_length, levels) = take("levels", Dtype::U8, &[])?;
         let (rays_length, rays) = take("rays", Dtype::U16, &[PATCHES, 2])?;
-        if [levels_length, rays_length] != [cells; 2] {
-            return Err(invalid("tensors", format!("are of {cells}, {levels_length} and {rays_length} cells")));
+        if rays_length != cells {
+            return Err(invalid("tensor 'rays'", format!("is of {rays_length} cells, and there are {cells} keys")));
         }
         let key_of = |bytes: &[u8]| CellKey(bytes.iter().rev().fold(0, |key, &byte| key << 8 | u64::from(byte)));
-        let all: HashSet<CellKey> = keys.chunks_exact(8).map(key_of).collect();
+        let keys: Vec<CellKey> = keys.chunks_exact(8).map(key_of).collect();
+        if !keys.is_sorted_by(|a, b| a < b) || keys.last().is_some_and(|key| !key.is_valid()) {
+            return Err(invalid("tensor 'keys'", "are not ascending keys of cells".to_owned()));
+        }
         let mut counts = Counts::default();
-        let own_rays = rays.chunks_exact(PATCHES * 4);
-        for ((key, &level), rays) in keys.chunks_exact(8).zip(levels).zip(own_rays) {
-            let (key, level) = (key_of(key), usize::from(level));
-            // What it lies in is there, so that a file makes no more cells than it has.
-            let lies_in_another = level + 1 < LEVELS;
-            if !key.is_valid() || level >= LEVELS || lies_in_another && !all.contains(&key.parent()) {
-                return Err(invalid("tensor 'keys'", format!("{:#x} at level {level} is no cell", key.0)));
-            }
+        // The largest first, in which others lie.
+        for (&key, rays) in keys.iter().zip(rays.chunks_exact(PATCHES * 4)).rev() {
             let rays = rays.chunks_exact(4).map(|rays| [[rays[0], rays[1]], [rays[2], rays[3]]]);
             let rays = rays.map(|rays| rays.map(|count| u32::from(u16::from_le_bytes(count))));
             if rays.clone().any(|[seen, all]| seen > all) {
                 return Err(invalid("tensor 'rays'", "more rays came through than were sent".to_owned()));
             }
-            counts.restore(key, level, rays);
-        }
-        if counts.cells() != cells {
-            return Err(invalid("tensor 'keys'", "has a cell twice, or levels that do not fit together".to_owned()));
+            counts.restore(key, rays);
         }
         Ok(Self {
             scene_hash: description.scene_hash,

@@ -110,11 +110,6 @@ impl Known {
         self.places.get(&key).map(|&cell| &self.found[cell as usize].0)
     }
 
-    /// The visibility of a cell by its number.
-    pub(super) fn visibility_at(&self, cell: u32) -> &Visibility {
-        &self.found[cell as usize].0
-    }
-
     /// The weights of a cell by its number.
     #[inline(always)]
     pub(super) fn weights(&self, cell: u32) -> Option<&Weights> {
