@@ -1,6 +1,7 @@
 //! `headtail inspect`: the densities of an exported sampler as a picture.
 
 mod tails;
+mod visibility;
 
 use std::path::PathBuf;
 
@@ -32,6 +33,7 @@ use crate::arguments::{Triple, make_folder, open_environment};
   headtail inspect out/studio/sampler.safetensors --out out/studio-up.png
   headtail inspect out/room-direct.safetensors --normal 1,0.5,0 --out out/room-side.png
   headtail inspect out/room-ggx/sampler.safetensors --material ggx:alpha=0.4 --view 1,1,0 --out out/room-glossy.png
+  headtail inspect --visibility --scene bedroom --env room.hdr out/bedroom-visibility.safetensors --out out/bedroom-cells.png
   headtail inspect --tail --env room.hdr out/flow/sampler.safetensors --out out/room-tails.png
 
 A head that has learned how often to draw from BRDF sampling instead is shown in that mixture, as `head+mis` draws. The target \
@@ -44,8 +46,11 @@ pub struct Arguments {
     /// Show what the tails of --env (and the flow tail of the file, if it has one) make of the square, with a table.
     #[arg(long, requires = "env")]
     tail: bool,
-    /// The map for --tail: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
-    #[arg(long, value_name = "MAP", requires = "tail")]
+    /// Show what a file of bake --visibility knows: its cells in false colours and, for one pixel, the sky as learned and below it as it is.
+    #[arg(long, requires = "env", requires = "file", requires = "scene", conflicts_with = "tail")]
+    visibility: bool,
+    /// The map for --tail and --visibility: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
+    #[arg(long, value_name = "MAP")]
     env: Option<String>,
     /// The shading normal; it need not have unit length.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", allow_hyphen_values = true)]
@@ -59,6 +64,8 @@ pub struct Arguments {
     /// PNG file to write.
     #[arg(long, value_name = "FILE.png")]
     out: PathBuf,
+    #[command(flatten)]
+    scene: visibility::Arguments,
 }
 
 const WIDTH: usize = 512;
@@ -91,6 +98,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let (picture, table) = tails::inspect(&*open_environment(map)?, file.as_ref())?;
         write(arguments, &picture)?;
         println!("{table}{} written", arguments.out.display());
+        return Ok(());
+    }
+    if let (true, Some(map), Some(file)) = (arguments.visibility, &arguments.env, &arguments.file) {
+        let said = visibility::inspect(&arguments.scene, file, map, &arguments.out)?;
+        println!("{said}\n{} written", arguments.out.display());
         return Ok(());
     }
     // The parser of arguments asks for it.

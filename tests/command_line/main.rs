@@ -8,6 +8,7 @@ mod export;
 #[cfg(target_os = "linux")]
 mod interruption;
 mod sweep;
+mod visibility;
 
 use std::{
     fs,

@@ -48,7 +48,6 @@ impl Cells {
     }
 
     /// The cell of the finest level that a single point with a normal lies in.
-    #[cfg(test)]
     pub fn key(&self, p: Vec3A, n: Vec3A) -> CellKey {
         let lanes = |vector: Vec3A| vector.to_array().map(|number| [number; LANES]);
         CellKey(self.keys(&lanes(p), &lanes(n))[0])

@@ -32,6 +32,11 @@ impl Visibility {
         Self { patches: vec![UNKNOWN; PATCHES], clusters: [UNKNOWN; CLUSTERS] }
     }
 
+    /// The visibility of each patch.
+    pub fn patches(&self) -> &[f32] {
+        &self.patches
+    }
+
     /// The visibility that rays speak for, after that of a larger cell.
     fn of(rays: &[[f32; 2]], above: &Self) -> Self {
         let mut own = above.clone();

@@ -2,6 +2,8 @@
 
 use std::{collections::HashMap, hash::BuildHasherDefault};
 
+use glam::Vec3A;
+
 use super::{
     cells::{CellKey, Cells, LEVELS},
     counts::{Counts, KeyHasher},
@@ -91,6 +93,13 @@ impl Known {
     /// How many cells.
     pub fn len(&self) -> usize {
         self.found.len()
+    }
+
+    /// The finest cell that a point with a normal lies in: its number, how many sizes it is above the smallest, and the visibility of each patch from
+    /// there; `None` where nothing is known.
+    pub fn at(&self, p: Vec3A, n: Vec3A) -> Option<(u32, usize, &[f32])> {
+        let (cell, level) = self.find(self.cells.key(p, n))?;
+        Some((cell, level, self.found[cell as usize].0.patches()))
     }
 
     /// The finest cell that a key lies in, and how many levels above it.

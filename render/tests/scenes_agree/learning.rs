@@ -185,7 +185,8 @@ fn damaged_files_of_visibility_are_refused() {
     // Any byte may be wrong: an error or other numbers, but never a panic, and never more cells than the file has.
     let cells = read(&bytes).unwrap().cells();
     let mut random = Stream::new(3, Purpose::Weights, 0);
-    for _ in 0..300 {
+    let estimator = learned(&setting.environment);
+    for _ in 0..1000 {
         let mut damaged = bytes.clone();
         for _ in 0..3 {
             // Most of a file are counts; half of the damage goes into what comes before.
@@ -195,7 +196,7 @@ fn damaged_files_of_visibility_are_refused() {
         }
         if let Ok(visibility) = read(&damaged) {
             assert!(visibility.cells() <= cells);
-            let _ = learned(&setting.environment).knowing(&visibility);
+            let _ = estimator.clone().knowing(&visibility);
         }
     }
 }

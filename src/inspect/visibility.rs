@@ -1,0 +1,190 @@
+//! `headtail inspect --visibility`: what was learned of a scene, as pictures.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use glam::{Vec2, Vec3, Vec3A};
+use headtail_render::{
+    color::luminance,
+    environment::Environment,
+    image::{Image, write_png},
+    latlong,
+    patches::{Detail, PatchSampler},
+    sampler::EnvironmentLight,
+    scene::Scene,
+    tail::TailKind,
+    tile::ShadingPoint,
+    visibility::{Known, SceneVisibility},
+};
+
+use crate::arguments::{CameraArguments, open_environment};
+
+/// Columns and rows of a picture of the sky.
+const SKY: (usize, usize) = (512, 256);
+/// Pixels between pictures.
+const GAP: usize = 8;
+/// The share of its colour that what is not seen keeps, and what is added to it.
+const HIDDEN: (f32, Vec3) = (0.08, Vec3::new(0.02, 0.03, 0.10));
+/// What lies between pictures: white, whatever the tone curve.
+const PAPER: [f32; 3] = [1e3; 3];
+/// What the brightest part of a sky is shown with, over its mean.
+const BRIGHTEST: f32 = 6.0;
+
+/// What `--visibility` needs.
+#[derive(Args)]
+#[command(next_help_heading = "For --visibility")]
+pub struct Arguments {
+    /// The scene that the visibility was learned in: a built-in scene or a glTF 2.0 file.
+    #[arg(long, value_name = "NAME|FILE", requires = "visibility")]
+    scene: Option<String>,
+    /// With the plane under it that it was learned with.
+    #[arg(long, requires = "visibility")]
+    ground: bool,
+    /// The pixel whose sky is shown. Default: the middle.
+    #[arg(long, value_name = "X,Y", requires = "visibility", value_delimiter = ',', num_args = 1..=2)]
+    pixel: Option<Vec<u32>>,
+    #[command(flatten)]
+    camera: CameraArguments,
+}
+
+/// Draws the cells in false colours and, for one pixel, the sky as learned (above) and as it is (below); says in words what it shows.
+pub fn inspect(arguments: &Arguments, file: &Path, map: &str, out: &PathBuf) -> Result<String> {
+    let environment = open_environment(map)?;
+    let mut scene = Scene::open(arguments.scene.as_deref().context("--scene: name the scene")?)?;
+    let camera = arguments.camera.open(&scene)?;
+    if arguments.ground {
+        scene.add_ground();
+    }
+    let visibility = SceneVisibility::read(file)?;
+    visibility.check(&scene.geometry_hash(), environment.hash()).map_err(|error| error.in_file(file))?;
+    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+    let patches = PatchSampler::new(light, Detail::Leaves)?;
+    let known = Known::new(&visibility, &patches.energies(), usize::MAX)?;
+
+    let (width, height) = (arguments.camera.width as usize, arguments.camera.height as usize);
+    let [x, y] = match arguments.pixel.as_deref() {
+        None => [width / 2, height / 2],
+        Some(&[x, y]) => [x as usize, y as usize],
+        Some(_) => anyhow::bail!("--pixel: write two numbers, as in 320,240"),
+    };
+    ensure!(x < width && y < height, "--pixel {x},{y}: the picture has {width} x {height} pixels");
+    let hit = |x: usize, y: usize| scene.intersect(&camera.ray(x as f32 + 0.5, y as f32 + 0.5, width, height));
+    let cells = Image {
+        width,
+        height,
+        pixels: (0..width * height)
+            .map(|k| {
+                let (column, row) = (k % width, k / width);
+                let is_mark = (column == x) != (row == y) && column.abs_diff(x) + row.abs_diff(y) < 12;
+                if is_mark { Vec3::ONE.to_array() } else { cell_color(&known, hit(column, row).as_ref()).to_array() }
+            })
+            .collect(),
+    };
+    let at = hit(x, y).with_context(|| format!("--pixel {x},{y}: no surface is seen there"))?;
+    let sky = Sky::new(&environment, &scene, &patches, &known, &at);
+    write_png(out, &beside(&cells, &[sky.picture(&sky.learned), sky.picture(&sky.truth)]), 0.0)?;
+    let [learned, truth] = [&sky.learned, &sky.truth].map(|seen| 100.0 * sky.share(seen));
+    let known_there = sky.cell.map_or_else(
+        || "nothing is known there".to_owned(),
+        |(cell, level)| format!("cell {cell}, {level} sizes above the smallest"),
+    );
+    Ok(format!(
+        "{} cells from {:.1} million shadow rays\npixel {x},{y}: {known_there}; of what a diffuse surface there would reflect, {learned:.1} % is seen as \
+         learned, {truth:.1} % in truth",
+        visibility.cells(),
+        visibility.rays() as f64 / 1e6
+    ))
+}
+
+/// A colour for each cell, darker where the surface turns away.
+fn cell_color(known: &Known, at: Option<&ShadingPoint>) -> Vec3 {
+    let Some(at) = at else { return Vec3::ZERO };
+    let shade = 0.25 + 0.75 * at.ns.dot(at.wo).max(0.0);
+    let Some((cell, ..)) = known.at(at.p, at.ns) else { return Vec3::splat(0.3 * shade) };
+    let hash = cell.wrapping_mul(0x9e37_79b1);
+    let channel = |k: u32| 0.15 + 0.85 * f32::from((hash >> (8 * k) & 255) as u8) / 255.0;
+    Vec3::new(channel(1), channel(2), channel(3)) * shade
+}
+
+/// The sky of a surface, texel by texel.
+struct Sky {
+    radiance: Vec<Vec3>,
+    /// What a diffuse surface reflects of each texel.
+    reflected: Vec<f32>,
+    /// How much is seen of each texel: as learned, and in truth.
+    learned: Vec<f32>,
+    truth: Vec<f32>,
+    /// The cell, and how many sizes above the smallest it is.
+    cell: Option<(u32, usize)>,
+}
+
+impl Sky {
+    fn new(environment: &Environment, scene: &Scene, patches: &PatchSampler, known: &Known, at: &ShadingPoint) -> Self {
+        let (columns, rows) = SKY;
+        let directions: Vec<Vec3A> = (0..columns * rows)
+            .map(|k| {
+                let place = Vec2::new((k % columns) as f32 + 0.5, (k / columns) as f32 + 0.5);
+                latlong::direction(place / Vec2::new(columns as f32, rows as f32))
+            })
+            .collect();
+        let radiance: Vec<Vec3> = directions.iter().map(|&wi| environment.radiance(wi).into()).collect();
+        let cosines = directions.iter().map(|wi| if wi.dot(at.ng) > 0.0 { wi.dot(at.ns).max(0.0) } else { 0.0 });
+        let reflected = cosines
+            .zip(&radiance)
+            .enumerate()
+            .map(|(k, (cosine, &radiance))| {
+                let area = ((k / columns) as f32 + 0.5) / rows as f32 * std::f32::consts::PI;
+                cosine * luminance(radiance.into()) * area.sin()
+            })
+            .collect();
+        let rays: Vec<_> = directions.iter().map(|&wi| scene.leaving(at.p, at.ng, wi)).collect();
+        let mut visible = vec![false; rays.len()];
+        scene.visible_batch(&rays, &mut visible);
+        let seen = known.at(at.p, at.ns);
+        let of_patch = |patch: u16| seen.map_or(1.0, |(_, _, visibility)| visibility[usize::from(patch)]);
+        Self {
+            radiance,
+            reflected,
+            learned: patches.patches_of(&directions).into_iter().map(of_patch).collect(),
+            truth: visible.into_iter().map(|visible| f32::from(u8::from(visible))).collect(),
+            cell: seen.map(|(cell, level, _)| (cell, level)),
+        }
+    }
+
+    /// The share of the reflected light that is seen.
+    fn share(&self, seen: &[f32]) -> f32 {
+        let sum: f32 = self.reflected.iter().sum();
+        let own: f32 = self.reflected.iter().zip(seen).map(|(light, seen)| light * seen).sum();
+        own / sum.max(f32::MIN_POSITIVE)
+    }
+
+    fn picture(&self, seen: &[f32]) -> Image {
+        let mean = self.radiance.iter().map(|&radiance| luminance(radiance.into())).sum::<f32>();
+        let scale = 0.4 * self.radiance.len() as f32 / mean.max(f32::MIN_POSITIVE);
+        let texels = self.radiance.iter().zip(seen).zip(&self.reflected).map(|((&radiance, &seen), &reflected)| {
+            let shown = (radiance * scale).min(Vec3::splat(BRIGHTEST));
+            let hidden = shown * HIDDEN.0 + HIDDEN.1;
+            // Below the surface there is nothing to be seen.
+            if reflected > 0.0 { hidden.lerp(shown, seen) } else { hidden * 0.4 }.to_array()
+        });
+        Image { width: SKY.0, height: SKY.1, pixels: texels.collect() }
+    }
+}
+
+/// One picture, with others below each other on its right.
+fn beside(left: &Image, right: &[Image]) -> Image {
+    let column = right.iter().map(|image| image.height + GAP).sum::<usize>() - GAP;
+    let (width, height) = (left.width + GAP + SKY.0, left.height.max(column));
+    let mut out = Image { width, height, pixels: vec![PAPER; width * height] };
+    let mut paste = |image: &Image, x: usize, y: usize| {
+        for (row, line) in image.pixels.chunks_exact(image.width).enumerate() {
+            out.pixels[(y + row) * width + x..][..image.width].copy_from_slice(line);
+        }
+    };
+    paste(left, 0, 0);
+    for (k, image) in right.iter().enumerate() {
+        paste(image, left.width + GAP, k * (SKY.1 + GAP));
+    }
+    out
+}
