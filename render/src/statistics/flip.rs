@@ -146,9 +146,8 @@ fn sensitivity(plane: &[f64], size: (usize, usize), terms: [(f64, f64); 2], pixe
     let mut total = 0.0;
     // Each term is a product over both axes, which the sum is not.
     for (a, b) in terms.into_iter().filter(|term| term.0 > 0.0) {
-        let kernel: Vec<f64> = (-radius..=radius)
-            .map(|k| (-(PI * f64::from(k) / pixels_per_degree).powi(2) / b).exp())
-            .collect();
+        let kernel: Vec<f64> =
+            (-radius..=radius).map(|k| (-(PI * f64::from(k) / pixels_per_degree).powi(2) / b).exp()).collect();
         let weight = a * (PI / b).sqrt();
         total += weight * kernel.iter().sum::<f64>().powi(2);
         let blurred = separable(plane, size, &kernel, &kernel);

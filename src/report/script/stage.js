@@ -1,17 +1,16 @@
-"use strict";
 
-// The slider: two images on top of each other, the upper one cut at the divider.
+// The slider: two pictures on top of each other, the upper one cut at the divider, or their difference.
 (() => {
   const stage = document.getElementById("stage");
   if (!stage) return;
   const get = (id) => document.getElementById(id);
-  const [before, after, divider, position, zoom] = ["before", "after", "divider", "position", "zoom"].map(get);
+  const names = ["before", "after", "difference", "divider", "position", "zoom", "mode", "exposure", "stops", "left", "right"];
+  const [before, after, difference, divider, position, zoom, mode, exposure, stops, left, right] = names.map(get);
   const state = { cut: 50, zoom: 1, x: 0, y: 0 };
+  const clamp = headtail.clamp;
 
-  const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
-
-  // x and y are the offset of the zoomed image, in parts of the stage, from 0 to 1 - zoom.
-  function draw() {
+  // x and y are the offset of the zoomed picture, in parts of the stage, from 0 to 1 - zoom.
+  function place() {
     state.x = clamp(state.x, 1 - state.zoom, 0);
     state.y = clamp(state.y, 1 - state.zoom, 0);
     const style = stage.style;
@@ -19,36 +18,72 @@
     style.setProperty("--x", 100 * state.x + "%");
     style.setProperty("--y", 100 * state.y + "%");
     style.setProperty("--position", state.cut + "%");
-    // The cut in parts of the image, which is larger than the stage when zoomed.
+    // The cut in parts of the picture, which is larger than the stage when zoomed.
     style.setProperty("--cut", (state.cut - 100 * state.x) / state.zoom + "%");
     stage.classList.toggle("zoomed", state.zoom > 1);
     position.value = state.cut;
   }
 
-  function show(select, image, tag) {
+  function tag(select, element) {
     const option = select.selectedOptions[0];
-    image.src = document.getElementById(option.value).src;
-    image.alt = option.text;
-    tag.textContent = option.text;
+    element.textContent = option.text;
     if (option.dataset.note) {
       const note = document.createElement("small");
       note.textContent = option.dataset.note;
-      tag.append(note);
+      element.append(note);
     }
   }
 
-  const showLeft = () => show(get("left"), before, get("tag-left"));
-  const showRight = () => show(get("right"), after, get("tag-right"));
-  get("left").addEventListener("change", showLeft);
-  get("right").addEventListener("change", showRight);
+  // Pictures come when they are decoded: only the last wish counts.
+  let wish = 0;
+  async function show() {
+    const own = ++wish;
+    tag(left, get("tag-left"));
+    tag(right, get("tag-right"));
+    const isBoth = mode.value === "both";
+    const [a, b] = await Promise.all([headtail.picture(left.value), headtail.picture(right.value)]);
+    if (own !== wish) return;
+    const value = Number(exposure.value);
+    stops.textContent = (value > 0 ? "+" : value < 0 ? "\u2212" : "") + Math.abs(value);
+    [before.hidden, after.hidden, divider.hidden, difference.hidden] = [!isBoth, !isBoth, !isBoth, isBoth];
+    before.setAttribute("aria-label", left.selectedOptions[0].text);
+    after.setAttribute("aria-label", right.selectedOptions[0].text);
+    difference.setAttribute("aria-label", mode.selectedOptions[0].text);
+    position.disabled = !isBoth;
+    if (isBoth) {
+      headtail.paint(before, a, value);
+      headtail.paint(after, b, value);
+    } else {
+      headtail.difference(difference, a, b, value, mode.value === "relative");
+    }
+    stage.dispatchEvent(new CustomEvent("shown"));
+  }
 
-  zoom.addEventListener("change", () => {
+  const choose = (select, key, first) => select.addEventListener("change", () => {
+    headtail.keep(key, select.value === first ? null : select.value);
+    show();
+  });
+  const first = { left: left.value, right: right.value };
+  choose(left, "left", first.left);
+  choose(right, "right", first.right);
+  choose(mode, "mode", "both");
+  exposure.addEventListener("input", () => {
+    headtail.keep("exposure", Number(exposure.value) || null);
+    show();
+    document.dispatchEvent(new CustomEvent("exposure", { detail: Number(exposure.value) }));
+  });
+
+  function setZoom(value) {
     // The middle of the stage stays where it is.
-    const factor = zoom.value / state.zoom;
+    const factor = value / state.zoom;
     state.x = 0.5 - (0.5 - state.x) * factor;
     state.y = 0.5 - (0.5 - state.y) * factor;
-    state.zoom = Number(zoom.value);
-    draw();
+    state.zoom = value;
+    place();
+  }
+  zoom.addEventListener("change", () => {
+    setZoom(Number(zoom.value));
+    headtail.keep("zoom", zoom.value === "1" ? null : zoom.value);
   });
 
   const sharpen = () => stage.classList.toggle("pixelated", get("pixelated").checked);
@@ -56,7 +91,7 @@
 
   position.addEventListener("input", () => {
     state.cut = Number(position.value);
-    draw();
+    place();
   });
 
   stage.addEventListener("pointerdown", (event) => {
@@ -71,7 +106,7 @@
       } else {
         state.cut = clamp((100 * (event.clientX - box.left)) / box.width, 0, 100);
       }
-      draw();
+      place();
     };
     const stop = () => {
       stage.classList.remove("moving");
@@ -99,49 +134,20 @@
       return;
     }
     event.preventDefault();
-    draw();
+    place();
   });
 
-  showLeft();
-  showRight();
-  sharpen();
-  draw();
-})();
-
-// Small multiples: one budget at a time.
-(() => {
-  const choices = document.querySelectorAll("#budgets input");
-  const choose = () => {
-    const chosen = [...choices].find((choice) => choice.checked)?.value;
-    for (const part of document.querySelectorAll("[data-panel]")) part.hidden = part.dataset.panel !== chosen;
-  };
-  for (const choice of choices) choice.addEventListener("change", choose);
-  choose();
-})();
-
-// The table: a click on a column sorts by it, a second one the other way round.
-(() => {
-  const table = document.getElementById("results");
-  if (!table) return;
-  const heads = [...table.tHead.rows[0].cells];
-  // What is not a number comes last either way, unless it is a name.
-  const compare = (a, b, sign) => {
-    const [x, y] = [Number(a), Number(b)];
-    if (Number.isNaN(x) && Number.isNaN(y)) return sign * a.localeCompare(b, "en", { numeric: true });
-    if (Number.isNaN(x) || Number.isNaN(y)) return Number.isNaN(x) ? 1 : -1;
-    return sign * (x - y);
-  };
-  heads.forEach((head, column) => {
-    head.querySelector("button").addEventListener("click", () => {
-      const ascending = head.getAttribute("aria-sort") !== "ascending";
-      const key = (row) => row.cells[column].dataset.value;
-      const rows = [...table.tBodies].flatMap((body) => [...body.rows]);
-      rows.sort((a, b) => compare(key(a), key(b), ascending ? 1 : -1));
-      // Sorted rows of all budgets share one body: the lines between budgets would no longer mean anything.
-      for (const body of [...table.tBodies].slice(1)) body.remove();
-      table.tBodies[0].replaceChildren(...rows);
-      for (const other of heads) other.setAttribute("aria-sort", "none");
-      head.setAttribute("aria-sort", ascending ? "ascending" : "descending");
-    });
+  headtail.restore(() => {
+    for (const [select, key, value] of [[left, "left", first.left], [right, "right", first.right], [mode, "mode", "both"]]) {
+      select.value = headtail.get(key) ?? value;
+      if (!select.selectedOptions.length) select.value = value;
+    }
+    exposure.value = headtail.get("exposure") ?? 0;
+    zoom.value = headtail.get("zoom") ?? "1";
+    if (!zoom.selectedOptions.length) zoom.value = "1";
+    setZoom(Number(zoom.value));
+    sharpen();
+    show();
+    document.dispatchEvent(new CustomEvent("exposure", { detail: Number(exposure.value) }));
   });
 })();
