@@ -19,6 +19,7 @@ mod summary;
 #[cfg(test)]
 mod synthetic;
 pub mod table;
+mod teaser;
 mod terminal;
 pub mod vector;
 
@@ -295,6 +296,7 @@ impl Report {
         let folder = self.folder.join("figures");
         fs::create_dir_all(&folder).with_context(|| format!("{}", folder.display()))?;
         charts.iter().try_for_each(|chart| chart.write(&folder))?;
+        teaser::teaser(comparison, &summary, self.gallery.exposure)?.write(&folder)?;
         tables.iter().try_for_each(|table| table.write(&folder))
     }
 
@@ -355,7 +357,7 @@ mod tests {
         names.sort();
         assert_eq!(names, ["figures", "report.html", "results.csv"]);
         for name in
-            ["error-time.svg", "error-time.pdf", "ratios.svg", "speed-accuracy.svg", "results.tex", "results.csv"]
+            ["error-time.svg", "error-time.pdf", "ratios.svg", "speed-accuracy.svg", "pictures.svg", "results.tex", "results.csv"]
         {
             assert!(folder.path().join("figures").join(name).metadata().unwrap().len() > 400, "{name}");
         }
