@@ -2,7 +2,7 @@
 
 mod tails;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
@@ -55,8 +55,8 @@ pub struct Arguments {
     /// The surface: lambert, or ggx:alpha=A. Default: lambert; a head for glossy surfaces needs to be told.
     #[arg(long, value_name = "MATERIAL")]
     material: Option<Material>,
-    /// SVG or PDF file to write.
-    #[arg(long, value_name = "FILE.svg|.pdf")]
+    /// SVG file to write.
+    #[arg(long, value_name = "FILE.svg")]
     out: PathBuf,
 }
 
@@ -76,7 +76,8 @@ struct Figures {
 
 /// Draws the picture.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    is_pdf(&arguments.out)?;
+    let is_svg = arguments.out.extension().is_some_and(|extension| extension == "svg");
+    ensure!(is_svg, "--out {}: the picture is a drawing; name a .svg file", arguments.out.display());
     if let (true, Some(map)) = (arguments.tail, &arguments.env) {
         let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
         let (picture, table) = tails::inspect(&*open_environment(map)?, file.as_ref())?;
@@ -122,17 +123,7 @@ fn write(arguments: &Arguments, picture: &Chart) -> Result<()> {
         make_folder(folder)?;
     }
     let drawing = picture.widest().context("there is nothing to draw")?;
-    let bytes = if is_pdf(&arguments.out)? { drawing.pdf()? } else { drawing.file().into_bytes() };
-    Ok(file::replace(&arguments.out, &bytes)?)
-}
-
-/// Whether a file is to be PDF; else it is to be SVG.
-fn is_pdf(path: &Path) -> Result<bool> {
-    match path.extension().and_then(|extension| extension.to_str()) {
-        Some("svg") => Ok(false),
-        Some("pdf") => Ok(true),
-        _ => bail!("--out {}: the picture is a drawing; name a .svg or .pdf file", path.display()),
-    }
+    Ok(file::replace(&arguments.out, drawing.file().as_bytes())?)
 }
 
 /// The surface that the arguments describe, if it is one for the sampler.

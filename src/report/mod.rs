@@ -283,7 +283,7 @@ impl Report {
         Ok(())
     }
 
-    /// Writes both files, and the charts and tables of the page as files of their own (`figures/`): SVG, PDF, LaTeX and CSV.
+    /// Writes both files, and the charts and tables of the page as files of their own (`figures/`): SVG, LaTeX and CSV.
     ///
     /// # Errors
     /// If there are no runs, if the size of an image or of `measured` is not that of the reference, or if a file cannot be
@@ -356,8 +356,7 @@ mod tests {
             .collect();
         names.sort();
         assert_eq!(names, ["figures", "report.html", "results.csv"]);
-        for name in
-            ["error-time.svg", "error-time.pdf", "ratios.svg", "speed-accuracy.svg", "pictures.svg", "results.tex", "results.csv"]
+        for name in ["error-time.svg", "ratios.svg", "speed-accuracy.svg", "pictures.svg", "results.tex", "results.csv"]
         {
             assert!(folder.path().join("figures").join(name).metadata().unwrap().len() > 400, "{name}");
         }

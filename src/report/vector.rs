@@ -1,16 +1,14 @@
-//! Vector drawings: part of a page, where they follow its light or dark theme, or files of their own, SVG and PDF.
+//! Vector drawings: part of a page, where they follow its light or dark theme, or SVG files of their own.
 
 use std::{
     fmt::{Arguments, Write},
     path::Path,
-    sync::{Arc, LazyLock},
 };
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use base64::Engine;
 use headtail_render::file;
 use maud::{Markup, PreEscaped, html};
-use svg2pdf::usvg::{Options, Tree, fontdb};
 
 use super::number::escape;
 
@@ -86,24 +84,6 @@ impl Drawing {
              svg {{ font-family: system-ui, Helvetica, Arial, sans-serif; background: #fff; }}</style>{body}</svg>\n"
         )
     }
-
-    /// The same as PDF. Text stays text, in the one font that the program contains.
-    ///
-    /// # Errors
-    /// If the drawing is not valid SVG.
-    pub fn pdf(&self) -> Result<Vec<u8>> {
-        static FONTS: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
-            let mut fonts = fontdb::Database::new();
-            fonts.load_font_data(epaint_default_fonts::UBUNTU_LIGHT.to_vec());
-            let family = fonts.faces().next().and_then(|face| Some(face.families.first()?.0.clone()));
-            fonts.set_sans_serif_family(family.unwrap_or_default());
-            Arc::new(fonts)
-        });
-        let options = Options { fontdb: FONTS.clone(), ..Options::default() };
-        let tree = Tree::from_str(&self.file(), &options)?;
-        let page = svg2pdf::PageOptions { dpi: 96.0 };
-        svg2pdf::to_pdf(&tree, svg2pdf::ConversionOptions::default(), page).map_err(|error| anyhow!("PDF: {error}"))
-    }
 }
 
 /// A style sheet with the colours of the light theme in the place of their names.
@@ -127,27 +107,24 @@ impl Chart {
         self.drawings.last()
     }
 
-    /// Writes it into a folder as SVG and PDF.
+    /// Writes it into a folder as SVG.
     ///
     /// # Errors
     /// If a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
         if let Some(drawing) = self.widest() {
             file::replace(&folder.join(&self.name).with_extension("svg"), drawing.file().as_bytes())?;
-            file::replace(&folder.join(&self.name).with_extension("pdf"), &drawing.pdf()?)?;
         }
         Ok(())
     }
 
-    /// The chart with links that save it; empty if there is nothing to draw.
+    /// The chart with a link that saves it; empty if there is nothing to draw.
     pub fn html(&self) -> Markup {
         let Some(widest) = self.widest() else { return PreEscaped(String::new()) };
-        let pdf = widest.pdf().ok();
         html! {
             @for drawing in &self.drawings { (PreEscaped(drawing.svg())) }
             p.save {
                 "Save " (saved(&self.name, "svg", "image/svg+xml", widest.file().as_bytes()))
-                @if let Some(pdf) = pdf { " " (saved(&self.name, "pdf", "application/pdf", &pdf)) }
             }
         }
     }
@@ -178,13 +155,5 @@ mod tests {
         assert!(file.contains("xmlns=\"http://www.w3.org/2000/svg\"") && !file.contains("var("), "{file}");
         assert!(file.contains("MSE &amp; \u{d7}") && file.contains("a &lt;test&gt;"));
         assert!(file.matches("http").count() == 1 && !file.contains("url("));
-    }
-
-    #[test]
-    fn a_pdf_has_the_text_as_text() {
-        let pdf = drawing().pdf().unwrap();
-        assert!(pdf.starts_with(b"%PDF-") && pdf.len() > 2000);
-        let found = |word: &[u8]| pdf.windows(word.len()).any(|window| window == word);
-        assert!(found(b"/Font") && found(b"Ubuntu"));
     }
 }

@@ -17,7 +17,7 @@ use crate::{arguments::make_folder, backends::parse, compare::machine, progress}
 use method::{DEFAULT, Laboratory};
 
 /// Train and measure every sampler in the regimes in which importance sampling is known to fail, and write DIR/stability.csv,
-/// DIR/stability.html and DIR/regimes.svg (and .pdf).
+/// DIR/stability.html and DIR/regimes.svg.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail stability --out out/stability --quick

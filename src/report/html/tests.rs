@@ -55,7 +55,7 @@ fn names_from_outside_cannot_become_markup() {
     }
     let page = page_of(&comparison);
     assert_eq!(page.matches("<script>").count(), 1, "the page's own");
-    assert!(!page.contains("\"onload=") && !page.contains("alert('x')"));
+    assert!(!page.contains("\"onload=") && !page.contains("<script>alert"));
 }
 
 #[test]
