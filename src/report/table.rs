@@ -182,7 +182,7 @@ impl Table {
                         @for column in &self.columns {
                             th scope="col" class=[class(column)] aria-sort=[sortable.then_some("none")] {
                                 @if sortable { button type="button" { (column.title) small { (column.unit) } } }
-                                @else { (column.words()) }
+                                @else { (column.title) " " small { (column.unit) } }
                             }
                         }
                     } }

@@ -151,8 +151,10 @@ impl Page<'_> {
     }
 
     fn row(&self, row: &Row) -> Vec<Cell> {
-        let look = Look::of_all([row.method].into_iter())[0];
-        let name = Cell { swatch: look.swatch(), ..Cell::text(row.method) };
+        let looks = Look::of_all(METHODS.iter().map(|method| method.0));
+        let look = METHODS.iter().zip(looks).find(|(method, _)| method.0 == row.method);
+        let swatch = look.map_or(String::new(), |(_, look)| look.swatch());
+        let name = Cell { swatch, ..Cell::text(row.method) };
         let name = name.beside(&row.note).marked(row.method == DEFAULT);
         let figures = match &row.outcome {
             Ok(figures) => figures,

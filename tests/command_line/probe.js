@@ -25,8 +25,12 @@ window.addEventListener("load", () => {
     canvas.getContext("2d").drawImage(source, 0, 0);
     return canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
   }
-  const farthest = (a, b) => a.reduce((most, value, k) => Math.max(most, Math.abs(value - b[k])), 0);
-  const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
+  function farthest(a, b) {
+    return a.reduce((most, value, k) => Math.max(most, Math.abs(value - b[k])), 0);
+  }
+  function mean(values) {
+    return values.reduce((sum, value) => sum + value, 0) / values.length;
+  }
 
   async function useSlider() {
     const slider = get("position");

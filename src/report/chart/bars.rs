@@ -72,11 +72,6 @@ fn draw(layout: &Layout, summary: &Summary) -> Drawing {
     for (title, budget, measure) in &comparisons {
         drawing.text("heading", "start", (4.0, y + 20.0), &format!("At {title}"));
         y += TITLE;
-        for (value, _) in axis.ticks() {
-            drawing.path("grid minor", format_args!("M{:.1} {y:.1}v{rows:.1}", axis.at(value)));
-        }
-        let one = axis.at(1.0);
-        drawing.path("one", format_args!("M{one:.1} {y:.1}v{rows:.1}"));
         for (sampler, lines) in &names {
             let look = summary.look(sampler);
             drawing.group(&look.class(), |drawing| {
@@ -85,6 +80,10 @@ fn draw(layout: &Layout, summary: &Summary) -> Drawing {
                     drawing.text("label", "start", (24.0, y + NAME * k as f64 + 13.0), line);
                 }
                 y += NAME * lines.len() as f64;
+                for (value, _) in axis.ticks() {
+                    drawing.path("grid minor", format_args!("M{:.1} {y:.1}v{BAR:.1}", axis.at(value)));
+                }
+                drawing.path("one", format_args!("M{:.1} {y:.1}v{BAR:.1}", axis.at(1.0)));
                 bar(drawing, &axis, y, ratio(sampler, budget, *measure), layout.width);
             });
             y += BAR + 4.0;

@@ -129,7 +129,7 @@ impl Layout {
     /// A telephone's and a window's.
     const BOTH: [Self; 2] = [
         Self { class: "narrow", width: 380.0, height: 380.0, left: 50.0, right: 12.0 },
-        Self { class: "wide", width: 700.0, height: 440.0, left: 62.0, right: 16.0 },
+        Self { class: "wide", width: 560.0, height: 400.0, left: 62.0, right: 16.0 },
     ];
 
     /// The ends of the axes, from left to right and from bottom to top.
