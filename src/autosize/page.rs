@@ -1,14 +1,21 @@
 //! `autosize.html`: error against time of all candidates, and the choice.
 
+use headtail_render::statistics::MeanInterval;
+use maud::html;
 use serde::Serialize;
 
 use super::contest::{Choice, Contest};
 use crate::{
     compare::machine,
     report::{
-        chart::pareto::{Place, scatter},
-        html,
-        number::{duration, ends, escape, text},
+        chart::{
+            Extent,
+            pareto::{FRONT, Place, scatter},
+        },
+        kind::Look,
+        number::{duration, ends},
+        shell::Page,
+        table::{Cell, Column, Table, Value},
     },
 };
 
@@ -29,6 +36,9 @@ pub struct Record {
     pictures: usize,
     /// Mean squared error of a trial picture times its samples per pixel.
     error_of_sample: f64,
+    /// The same with its interval over pictures.
+    #[serde(skip)]
+    error: Extent,
     /// Error once the time is up over the winner's.
     behind: Option<f64>,
     /// Its 95 % interval in words.
@@ -43,6 +53,9 @@ pub struct Record {
 pub fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
     let record = |(index, entry): (usize, &super::contest::Entry)| {
         let errors = entry.measurement.errors();
+        let spp = f64::from(entry.measurement.spp);
+        let samples: Vec<f64> = errors.iter().map(|error| error * spp).collect();
+        let error = MeanInterval::of(&samples).map_or(Extent::exact(f64::NAN), |interval| Extent::from(&interval));
         let behind = contest.behind(index, choice.winner);
         let (prepared_seconds, bytes) = contest.cost(index);
         Record {
@@ -52,7 +65,8 @@ pub fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
             bytes,
             sample_seconds: contest.sample_seconds(&entry.measurement),
             pictures: errors.len(),
-            error_of_sample: errors.iter().sum::<f64>() / errors.len() as f64 * f64::from(entry.measurement.spp),
+            error_of_sample: error.value,
+            error,
             behind: behind.map(|ratio| ratio.ratio),
             interval: behind.filter(|_| index != choice.winner).map_or(String::new(), |ratio| ends(&ratio)),
             finalist: entry.is_in,
@@ -72,49 +86,67 @@ pub fn page(title: &str, (prepare, render, took): (f64, f64, f64), records: &[Re
         (_, true) => format!("cheap: {}", record.name),
         _ => record.name.clone(),
     };
-    let places: Vec<Place> = records
-        .iter()
-        .filter(|record| record.pictures > 1)
-        .enumerate()
-        .map(|(index, record)| Place::new(name(record), index, record.sample_seconds, record.error_of_sample))
+    let shown = || records.iter().filter(|record| record.pictures > 1);
+    let looks = Look::of_all(shown().map(|record| record.sampler.as_str()));
+    let places: Vec<Place> = shown()
+        .zip(looks)
+        .map(|(record, look)| Place {
+            name: name(record),
+            look,
+            time: Extent::exact(record.sample_seconds),
+            error: record.error,
+        })
         .collect();
     let row = |record: &Record| {
-        let behind = record.behind.map_or("\u{2013}".to_owned(), text);
-        let mark = if record.winner || record.cheapest { " class=\"best\"" } else { "" };
-        format!(
-            "<tr><th scope=\"row\"{mark}>{}</th><td class=\"number\">{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td>\
-             <td class=\"number\">{behind}<span class=\"ci\">{}</span></td><td class=\"number\">{}</td></tr>\n",
-            escape(&name(record)),
-            duration(record.prepared_seconds),
-            text(1e3 * record.sample_seconds),
-            text(record.error_of_sample),
-            record.interval,
-            record.pictures,
-        )
+        let behind = record.behind.map_or(Value::Missing.into(), Cell::number).beside(&record.interval);
+        vec![
+            Cell::text(name(record)).marked(record.winner || record.cheapest),
+            Value::Duration(record.prepared_seconds).into(),
+            Cell::number(1e3 * record.sample_seconds),
+            Cell::number(record.error_of_sample),
+            behind,
+            Value::Amount(record.pictures as f64).into(),
+        ]
     };
     let no_preparation = records.iter().any(|record| record.winner && record.bytes == 0);
-    let verdict = if no_preparation {
-        format!(
-            "<p class=\"incomplete\">No preparation pays within {render} s of rendering: {}.</p>\n",
-            escape(why_not)
-        )
-    } else {
-        String::new()
+    let columns = ["Preparation", "Sample (ms)", "Error", "Behind", "Pictures"].map(|title| Column::number(title, ""));
+    let columns = [vec![Column::text("Sampler")], columns.to_vec()].concat();
+    let titles = ["seconds of a sample of every pixel", "mean squared error of a sample"];
+    let main = html! {
+        @if no_preparation { p.incomplete { "No preparation pays within " (render) " s of rendering: " (why_not) "." } }
+        section {
+            h2 { "Error against time" }
+            figure {
+                (scatter("candidates", &places, titles).html())
+                figcaption.note {
+                    "A sample of every pixel: its time, and the mean squared error of trial pictures times their samples, with the 95\u{a0}% interval over \
+                     pictures. Preparation is not in it. " (FRONT)
+                }
+            }
+        }
+        section {
+            h2 { "Candidates" }
+            (Table::new("candidates", columns, records.iter().map(row).collect()).html(false))
+            p.note {
+                "Behind: the error once the time is up, preparation counted in, over that of the best, with its 95\u{a0}% interval over pictures that are \
+                 paired by their seeds. Few pictures: dropped early."
+            }
+        }
     };
-    format!(
-        "{}<body>\n<header>\n<p class=\"kicker\">headtail \u{b7} autosize</p>\n<h1>{}</h1>\n<ul class=\"facts\"><li>at most {prepare} s of preparation</li>\
-         <li>{render} s in all</li><li>chosen in {}</li><li>{}</li></ul>\n{verdict}</header>\n<main>\n<section>\n<h2>Error against time</h2>\n\
-         <figure>{}<figcaption class=\"note\">A sample of every pixel: its time, and the mean squared error of trial pictures times their samples. The broad line \
-         is the Pareto front. Preparation is not in it.</figcaption></figure>\n</section>\n<section>\n<h2>Candidates</h2>\n<div class=\"scroll\"><table class=\"plain\">\
-         <thead><tr><th scope=\"col\">Sampler</th><th scope=\"col\" class=\"number\">Preparation</th><th scope=\"col\" class=\"number\">Sample (ms)</th>\
-         <th scope=\"col\" class=\"number\">Error</th><th scope=\"col\" class=\"number\">Behind</th><th scope=\"col\" class=\"number\">Pictures</th></tr></thead>\n\
-         <tbody>{}</tbody></table></div>\n<p class=\"note\">Behind: the error once the time is up, preparation counted in, over that of the best, with its 95\u{a0}% \
-         interval over pictures that are paired by their seeds. Few pictures: dropped early.</p>\n</section>\n</main>\n</body>\n</html>\n",
-        html::head(env!("CARGO_PKG_VERSION"), &format!("{title} \u{b7} headtail autosize")),
-        escape(title),
-        duration(took),
-        escape(&machine()),
-        scatter(&places, "seconds of a sample of every pixel", "mean squared error of a sample"),
-        records.iter().map(row).collect::<String>(),
-    )
+    let page = Page {
+        kicker: "autosize",
+        title: title.to_owned(),
+        heading: html! { (title) },
+        facts: vec![
+            format!("at most {prepare} s of preparation"),
+            format!("{render} s in all"),
+            format!("chosen in {}", duration(took)),
+            machine(),
+        ],
+        command: "",
+        version: env!("CARGO_PKG_VERSION"),
+        style: "",
+        script: "",
+    };
+    page.encode(&main)
 }

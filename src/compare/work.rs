@@ -8,11 +8,10 @@ use std::{
 
 use anyhow::Result;
 use headtail_render::{
-    color::luminance,
     image::{Image, write_exr},
     integrator::{Budget, Rendering, render},
     points::Points,
-    statistics::{ErrorMetrics, RELATIVE_EPSILON, ttuv},
+    statistics::RELATIVE_EPSILON,
 };
 use indicatif::ProgressBar;
 
@@ -21,7 +20,7 @@ use crate::{
     arguments::OpenedView,
     progress,
     render::{attributes, quietly},
-    report::{Comparison, RenderedImage, Report, Row, State},
+    report::{Comparison, RenderedImage, Report, Row, RunName, State},
 };
 
 /// A comparison at work.
@@ -120,26 +119,9 @@ impl<'a> Work<'a> {
     /// The row of a run, measured over the covered pixels.
     fn row(&self, entry: &Entry, budget: &str, run: u32, seed: u64, rendering: &Rendering) -> Result<Row> {
         let pixels = select(&rendering.surfaces, &self.comparison.measured);
-        let metrics = ErrorMetrics::of(&pixels, &self.reference)?;
-        Ok(Row {
-            scene: self.comparison.scene.clone(),
-            env: self.comparison.env.clone(),
-            sampler: entry.label.clone(),
-            budget: budget.to_owned(),
-            run: Some(run),
-            spp: f64::from(rendering.spp),
-            rays_per_sample: rendering.rays_per_sample,
-            seconds: rendering.seconds,
-            mse: metrics.mse,
-            relmse: metrics.relmse,
-            relmse_trimmed: metrics.relmse_trimmed,
-            ttuv: ttuv(metrics.mse, rendering.seconds),
-            mean_luminance: mean_luminance(&pixels),
-            max_weight: f64::from(rendering.max_weight),
-            seed,
-            version: self.comparison.version.clone(),
-            points: rendering.points.to_string(),
-        })
+        let (scene, env) = (&*self.comparison.scene, &*self.comparison.env);
+        let name = RunName { scene, env, sampler: &entry.label, budget, run, seed };
+        Row::measured(&name, rendering, &pixels, &self.reference)
     }
 
     /// The budget in samples. Of one in time: a short rendering says about how many samples fit, one with that many sets it
@@ -180,11 +162,6 @@ pub fn select(image: &Image, chosen: &[bool]) -> Image {
     let pixels: Vec<_> =
         image.pixels.iter().zip(chosen).filter(|(_, chosen)| **chosen).map(|(pixel, _)| *pixel).collect();
     Image { width: pixels.len(), height: 1, pixels }
-}
-
-fn mean_luminance(image: &Image) -> f64 {
-    let sum: f64 = image.pixels.iter().map(|&pixel| f64::from(luminance(pixel.into()))).sum();
-    sum / image.pixels.len() as f64
 }
 
 /// A sampler's label as part of a file name: of a path, the file and its folder are kept.

@@ -1,14 +1,13 @@
 //! `composite.html`: before and after under a slider, and the layers.
 
-use std::fmt::Write;
-
 use headtail_render::composite::{Film, MaskForm};
+use maud::{Markup, html};
 
 use super::{Arguments, Setting};
 use crate::report::{
-    html::{SCRIPT, head},
-    number::{duration, escape},
-    slider,
+    number::duration,
+    shell::Page,
+    stage::{self, Choice},
 };
 
 /// The pictures as `data:` addresses.
@@ -30,36 +29,45 @@ pub fn page(arguments: &Arguments, setting: &Setting, film: &Film, pictures: &Pi
     let title = format!("{} under {}", setting.stage.object().name(), setting.environment.name());
     let command = std::env::args().collect::<Vec<_>>().join(" ");
     let (width, height) = (film.width, film.height);
-    let mut page = head(env!("CARGO_PKG_VERSION"), &format!("{title} \u{b7} headtail composite"));
-    let _ = write!(
-        page,
-        "<body>\n<header>\n<p class=\"kicker\">headtail \u{b7} composite</p>\n<h1>{}</h1>\n<ul class=\"facts\"><li>{width} \u{d7} {height} pixels</li>\
-         <li>{} samples per pixel</li><li>{}</li><li>headtail {}</li></ul>\n\
-         <pre class=\"command\" tabindex=\"0\" aria-label=\"Command\"><code>{}</code></pre>\n</header>\n<main>\n",
-        escape(&title),
-        film.spp,
-        duration(film.seconds),
-        env!("CARGO_PKG_VERSION"),
-        escape(&command),
-    );
     let entries = entries(pictures);
-    page += &slider::section(
-        (width, height),
-        &options(&entries, "image-photograph"),
-        &options(&entries, "image-composite"),
-    );
-    page += "<section>\n<h2>Layers</h2>\n<div class=\"multiples\">\n";
-    for (id, name, note, address) in &entries {
-        let _ = writeln!(
-            page,
-            "<figure class=\"card\"><img id=\"{id}\" src=\"{address}\" alt=\"{name}\" width=\"{width}\" height=\"{height}\">\
-             <figcaption><b>{name}</b><span>{note}</span></figcaption></figure>"
-        );
-    }
-    page += "</div>\n<p class=\"note\">composite = object + (1 \u{2212} \u{3b1}) (photograph \u{d7} shadow + light)</p>\n</section>\n";
-    page += &method(arguments, setting, film);
-    let _ = write!(page, "</main>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n");
-    page
+    let choices = entries.iter().map(|(id, name, note, _)| Choice {
+        id: (*id).into(),
+        name: (*name).into(),
+        note: (*note).into(),
+    });
+    let choices = [(String::new(), choices.collect())];
+    let main = html! {
+        (stage::section((width, height), &choices, ["image-photograph", "image-composite"]))
+        section {
+            h2 { "Layers" }
+            div.multiples {
+                @for (id, name, note, address) in &entries {
+                    figure.card {
+                        img #(id) src=(address) alt=(name) width=(width) height=(height);
+                        figcaption { b { (name) } span { (note) } }
+                    }
+                }
+            }
+            p.note { "composite = object + (1 \u{2212} \u{3b1}) (photograph \u{d7} shadow + light)" }
+        }
+        (method(arguments, setting, film))
+    };
+    let page = Page {
+        kicker: "composite",
+        heading: html! { (title) },
+        title,
+        facts: vec![
+            format!("{width} \u{d7} {height} pixels"),
+            format!("{} samples per pixel", film.spp),
+            duration(film.seconds),
+            format!("headtail {}", env!("CARGO_PKG_VERSION")),
+        ],
+        command: &command,
+        version: env!("CARGO_PKG_VERSION"),
+        style: "",
+        script: "",
+    };
+    page.encode(&main)
 }
 
 /// Id, name, what it is, and address of each picture.
@@ -73,15 +81,7 @@ fn entries(pictures: &Pictures) -> [(&'static str, &'static str, &'static str, &
     ]
 }
 
-fn options(entries: &[(&str, &str, &str, &String)], selected: &str) -> String {
-    let option = |(id, name, note, _): &(&str, &str, &str, &String)| {
-        let mark = if *id == selected { " selected" } else { "" };
-        format!("<option value=\"{id}\" data-note=\"{note}\"{mark}>{name}</option>")
-    };
-    entries.iter().map(option).collect()
-}
-
-fn method(arguments: &Arguments, setting: &Setting, film: &Film) -> String {
+fn method(arguments: &Arguments, setting: &Setting, film: &Film) -> Markup {
     let mask = match (arguments.mask, setting.stage.is_plane()) {
         (MaskForm::Paper, _) => {
             "mean visibility of the samples, the paper's estimator: right where the sampler is the exact product"
@@ -94,11 +94,10 @@ fn method(arguments: &Arguments, setting: &Setting, film: &Film) -> String {
             "ratio of the weights that are visible to all weights; its bias falls inversely with the samples of a pixel"
         }
     };
-    let catcher =
-        if setting.stage.is_plane() { "a plane".into() } else { format!("the mesh {}", escape(&arguments.catcher)) };
+    let catcher = if setting.stage.is_plane() { "a plane".into() } else { format!("the mesh {}", arguments.catcher) };
     let rows = [
         ("Mask", format!("{mask}{}", if arguments.grey_mask { "; one for all channels" } else { "; per channel" })),
-        ("Sampler", format!("<code>{}</code>", escape(&arguments.sampler.to_string()))),
+        ("Sampler", arguments.sampler.to_string()),
         (
             "Catcher",
             format!(
@@ -115,7 +114,10 @@ fn method(arguments: &Arguments, setting: &Setting, film: &Film) -> String {
             ),
         ),
     ];
-    let rows: Vec<String> =
-        rows.iter().map(|(name, text)| format!("<div><dt>{name}</dt><dd>{text}</dd></div>\n")).collect();
-    format!("<section>\n<h2>How it was made</h2>\n<dl class=\"method\">\n{}</dl>\n</section>\n", rows.concat())
+    html! {
+        section {
+            h2 { "How it was made" }
+            dl.method { @for (name, text) in rows { div { dt { (name) } dd { (text) } } } }
+        }
+    }
 }

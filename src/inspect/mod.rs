@@ -5,7 +5,7 @@ mod visibility;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
@@ -14,27 +14,26 @@ use headtail_render::{
     export::{ExportedSampler, Intermediate},
     file,
     head::Condition,
-    image::encode_png_rgb8,
     latlong,
     tail::TailWarp,
     tile::ShadingPoint,
 };
 use headtail_train::Material;
-use plotters::{
-    prelude::*,
-    style::{FontStyle, colors::colormaps::ColorMap, register_font, text_anchor},
-};
 
 use crate::arguments::{Triple, make_folder, open_environment};
+use crate::report::{
+    chart::{Panel, Scale, Sides, densities},
+    vector::Chart,
+};
 
 /// Draw target, intermediate and final density of an exported sampler side by side, on a log scale.
 #[derive(Args)]
 #[command(after_help = "Examples:
-  headtail inspect out/studio/sampler.safetensors --out out/studio-up.png
-  headtail inspect out/room-direct.safetensors --normal 1,0.5,0 --out out/room-side.png
-  headtail inspect out/room-ggx/sampler.safetensors --material ggx:alpha=0.4 --view 1,1,0 --out out/room-glossy.png
-  headtail inspect --visibility --scene bedroom --env room.hdr out/bedroom-visibility.safetensors --out out/bedroom-cells.png
-  headtail inspect --tail --env room.hdr out/flow/sampler.safetensors --out out/room-tails.png
+  headtail inspect out/studio/sampler.safetensors --out out/studio-up.svg
+  headtail inspect out/room-direct.safetensors --normal 1,0.5,0 --out out/room-side.svg
+  headtail inspect out/room-ggx/sampler.safetensors --material ggx:alpha=0.4 --view 1,1,0 --out out/room-glossy.svg
+  headtail inspect --visibility --scene bedroom --env room.hdr out/bedroom-visibility.safetensors --out out/bedroom-cells.svg
+  headtail inspect --tail --env room.hdr out/flow/sampler.safetensors --out out/room-tails.svg
 
 A head that has learned how often to draw from BRDF sampling instead is shown in that mixture, as `head+mis` draws. The target \
 and the final density are lat-long pictures of the sphere per unit of solid angle; the intermediate density is \
@@ -61,8 +60,8 @@ pub struct Arguments {
     /// The surface: lambert, or ggx:alpha=A. Default: lambert; a head for glossy surfaces needs to be told.
     #[arg(long, value_name = "MATERIAL")]
     material: Option<Material>,
-    /// PNG file to write.
-    #[arg(long, value_name = "FILE.png")]
+    /// SVG file to write.
+    #[arg(long, value_name = "FILE.svg")]
     out: PathBuf,
     #[command(flatten)]
     scene: visibility::Arguments,
@@ -70,17 +69,8 @@ pub struct Arguments {
 
 const WIDTH: usize = 512;
 const HEIGHT: usize = 256;
-const MARGIN: i32 = 24;
-const HEADER: i32 = 64;
-const FOOTER: i32 = 64;
 /// Powers of ten that the colour scale spans below the brightest value.
-const DECADES: f32 = 6.0;
-
-/// A density over a lat-long picture or the intermediate square, `[HEIGHT * WIDTH]`.
-struct Panel {
-    title: &'static str,
-    values: Vec<f32>,
-}
+const DECADES: f64 = 6.0;
 
 /// What the picture's header says.
 struct Figures {
@@ -93,6 +83,8 @@ struct Figures {
 
 /// Draws the picture.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    let is_svg = arguments.out.extension().is_some_and(|extension| extension == "svg");
+    ensure!(is_svg, "--out {}: the picture is a drawing; name a .svg file", arguments.out.display());
     if let (true, Some(map)) = (arguments.tail, &arguments.env) {
         let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
         let (picture, table) = tails::inspect(&*open_environment(map)?, file.as_ref())?;
@@ -101,7 +93,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Ok(());
     }
     if let (true, Some(map), Some(file)) = (arguments.visibility, &arguments.env, &arguments.file) {
-        let said = visibility::inspect(&arguments.scene, file, map, &arguments.out)?;
+        let (picture, said) = visibility::inspect(&arguments.scene, file, map)?;
+        write(arguments, &picture)?;
         println!("{said}\n{} written", arguments.out.display());
         return Ok(());
     }
@@ -128,21 +121,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(share) = figures.share {
         facts += &format!(", {:.0} % of samples from the head", 100.0 * share);
     }
-    write(arguments, &draw(&panels, &title, &facts)?)?;
+    write(arguments, &densities("densities", &[title.clone(), facts.clone()], &panels, panels.len())?)?;
     println!("{title}\n{facts}\n{} written", arguments.out.display());
     Ok(())
 }
 
 /// What the exact tails of a map make of the square: a picture, and a table in plain text.
-pub fn tail_picture(environment: &headtail_render::environment::Environment) -> Result<(Vec<u8>, String)> {
+pub fn tail_picture(environment: &headtail_render::environment::Environment) -> Result<(Chart, String)> {
     tails::inspect(environment, None)
 }
 
-fn write(arguments: &Arguments, picture: &[u8]) -> Result<()> {
+fn write(arguments: &Arguments, picture: &Chart) -> Result<()> {
     if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         make_folder(folder)?;
     }
-    Ok(file::replace(&arguments.out, picture)?)
+    let drawing = picture.widest().context("there is nothing to draw")?;
+    Ok(file::replace(&arguments.out, drawing.file().as_bytes())?)
 }
 
 /// The surface that the arguments describe, if it is one for the sampler.
@@ -233,62 +227,13 @@ fn tabulate(exported: &ExportedSampler, at: &ShadingPoint) -> Result<([Panel; 3]
     }
     let title =
         if share.is_some() { "final: pdf of the mixture with BRDF sampling" } else { "final: pdf of the sampler" };
+    let panel = |title, values: &[f32], sides, unit| {
+        Panel::density(title, (values, WIDTH), sides, (Scale::of(values, DECADES), unit))
+    };
     let panels = [
-        Panel { title: "target: light x BRDF x cosine", values: target },
-        Panel { title: "intermediate: q(y), over the square Y", values: intermediate },
-        Panel { title, values: last },
+        panel("target: light \u{d7} BRDF \u{d7} cosine", &target, Sides::Sphere, "per sr")?,
+        panel("intermediate: q(y), over the square Y", &intermediate, Sides::Square, "per unit of Y")?,
+        panel(title, &last, Sides::Sphere, "per sr")?,
     ];
     Ok((panels, Figures { kl, relative_variance: squares - 1.0, integral, share }))
-}
-
-/// The picture as PNG bytes.
-fn draw(panels: &[Panel; 3], title: &str, facts: &str) -> Result<Vec<u8>> {
-    register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
-        .map_err(|_| anyhow!("the font of the labels cannot be read"))?;
-    let width = panels.len() as i32 * (WIDTH as i32 + MARGIN) + MARGIN;
-    let height = HEADER + 24 + HEIGHT as i32 + FOOTER;
-    let mut buffer = vec![255_u8; (width * height * 3) as usize];
-    {
-        let area = BitMapBackend::with_buffer(&mut buffer, (width as u32, height as u32)).into_drawing_area();
-        let text = |x: i32, y: i32, size: i32, words: &str| {
-            let style = ("sans-serif", size).into_font().color(&RGBColor(30, 30, 30));
-            area.draw(&Text::new(words.to_owned(), (x, y), style)).map_err(|error| anyhow!("{error}"))
-        };
-        text(MARGIN, 12, 22, title)?;
-        text(MARGIN, 40, 16, facts)?;
-        for (index, panel) in panels.iter().enumerate() {
-            let left = MARGIN + index as i32 * (WIDTH as i32 + MARGIN);
-            text(left, HEADER + 2, 17, panel.title)?;
-            // A pixel that holds a sun would leave nothing else to be seen: the scale ends at the 99.9th percentile.
-            let top = percentile(&panel.values, 0.999);
-            for (k, &value) in panel.values.iter().enumerate() {
-                let level = if value > 0.0 { 1.0 + (value / top).log10() / DECADES } else { 0.0 };
-                let place = (left + (k % WIDTH) as i32, HEADER + 24 + (k / WIDTH) as i32);
-                area.draw_pixel(place, &ViridisRGB.get_color(level.clamp(0.0, 1.0)))
-                    .map_err(|error| anyhow!("{error}"))?;
-            }
-            let below = HEADER + 24 + HEIGHT as i32 + 10;
-            for x in 0..WIDTH as i32 {
-                for y in 0..10 {
-                    let color = ViridisRGB.get_color(x as f32 / (WIDTH - 1) as f32);
-                    area.draw_pixel((left + x, below + y), &color).map_err(|error| anyhow!("{error}"))?;
-                }
-            }
-            text(left, below + 14, 15, &format!("{:.1e}", top * 10.0_f32.powf(-DECADES)))?;
-            let style = ("sans-serif", 15).into_font().color(&RGBColor(30, 30, 30));
-            let right = style.pos(text_anchor::Pos::new(text_anchor::HPos::Right, text_anchor::VPos::Top));
-            let unit = if index == 1 { "per unit of Y" } else { "1/sr" };
-            area.draw(&Text::new(format!("{top:.1e} {unit}"), (left + WIDTH as i32, below + 14), right))
-                .map_err(|error| anyhow!("{error}"))?;
-        }
-        area.present().map_err(|error| anyhow!("{error}"))?;
-    }
-    let (pixels, _) = buffer.as_chunks::<3>();
-    Ok(encode_png_rgb8(width as usize, height as usize, pixels)?)
-}
-
-fn percentile(values: &[f32], share: f64) -> f32 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f32::total_cmp);
-    sorted[((sorted.len() - 1) as f64 * share) as usize].max(f32::MIN_POSITIVE)
 }

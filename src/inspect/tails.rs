@@ -2,25 +2,22 @@
 
 use std::time::Instant;
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Result, ensure};
 use glam::Vec2;
 use headtail_render::{
     environment::Environment,
     export::ExportedSampler,
-    image::encode_png_rgb8,
     random::{Purpose, Stream},
     tail::{Tail, TailKind, TailWarp},
 };
-use plotters::{
-    prelude::*,
-    style::{FontStyle, register_font},
+
+use crate::report::{
+    chart::{Panel, Sides, densities},
+    vector::Chart,
 };
 
 const WIDTH: usize = 512;
 const HEIGHT: usize = 256;
-const MARGIN: i32 = 24;
-/// Height of the labels above each picture.
-const LABEL: i32 = 44;
 /// Lines of the pattern along each side of Y.
 const LINES: f32 = 16.0;
 /// Points along a side of Y at which neighbours are compared.
@@ -47,7 +44,7 @@ struct Figures {
 }
 
 /// The picture and the table of the exact tails of a map, and of a file's tail if that is another one.
-pub fn inspect(environment: &Environment, file: Option<&ExportedSampler>) -> Result<(Vec<u8>, String)> {
+pub fn inspect(environment: &Environment, file: Option<&ExportedSampler>) -> Result<(Chart, String)> {
     let exact = |kind| Tail::new(kind, environment.width(), environment.height(), &environment.luminance());
     let mut tails = vec![exact(TailKind::RowColumn)?, exact(TailKind::Hierarchical)?];
     if let Some(exported) = file {
@@ -142,51 +139,50 @@ fn lookup_time(tail: &Tail, back: bool) -> f64 {
 }
 
 /// The colour of a point of Y: hue along the circle, darker downwards, with a grid of lines.
-fn color(y: Vec2) -> RGBColor {
+fn color(y: Vec2) -> [u8; 3] {
     let near_line = |t: f32| ((t * LINES).fract() - 0.5).abs() > 0.44;
-    let hsl = HSLColor(f64::from(y.x), 0.85, 0.78 - 0.5 * f64::from(y.y));
-    let (r, g, b) = hsl.to_backend_color().rgb;
-    if near_line(y.x) || near_line(y.y) { RGBColor(r / 2, g / 2, b / 2) } else { RGBColor(r, g, b) }
+    let rgb = rgb_of_hsl(y.x, 0.85, 0.78 - 0.5 * y.y);
+    if near_line(y.x) || near_line(y.y) { rgb.map(|c| c / 2) } else { rgb }
+}
+
+/// Hue, saturation and lightness in `[0, 1]` as 8-bit RGB.
+fn rgb_of_hsl(hue: f32, saturation: f32, lightness: f32) -> [u8; 3] {
+    let chroma = (1.0 - (2.0 * lightness - 1.0).abs()) * saturation;
+    [0.0, 8.0, 4.0].map(|shift| {
+        let place = (shift + 12.0 * hue).rem_euclid(12.0);
+        let value = lightness - 0.5 * chroma * (place - 3.0).min(9.0 - place).clamp(-1.0, 1.0);
+        (255.0 * value).round().clamp(0.0, 255.0) as u8
+    })
 }
 
 /// The square itself, then its image under each tail.
-fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Vec<u8>> {
-    register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
-        .map_err(|_| anyhow!("the font of the labels cannot be read"))?;
-    let panels = 1 + tails.len();
-    let (columns, rows) = (2, panels.div_ceil(2));
-    let width = columns * (WIDTH as i32 + MARGIN) + MARGIN;
-    let height = rows as i32 * (HEIGHT as i32 + LABEL) + MARGIN;
-    let mut buffer = vec![255_u8; (width * height * 3) as usize];
-    {
-        let area = BitMapBackend::with_buffer(&mut buffer, (width as u32, height as u32)).into_drawing_area();
-        let failed = |error: DrawingAreaErrorKind<_>| anyhow!("{error}");
-        for panel in 0..panels {
-            let corner = (
-                MARGIN + (panel % 2) as i32 * (WIDTH as i32 + MARGIN),
-                LABEL + (panel / 2) as i32 * (HEIGHT as i32 + LABEL),
-            );
-            let title = match panel {
-                0 => "the square Y: azimuth across, elevation down".to_owned(),
-                _ => format!("{} over {map}: KL {:.4} nats", figures[panel - 1].kind.name(), figures[panel - 1].kl),
-            };
-            let style = ("sans-serif", 17).into_font().color(&RGBColor(30, 30, 30));
-            area.draw(&Text::new(title, (corner.0, corner.1 - 26), style)).map_err(failed)?;
-            let pixel = |k: usize| {
-                Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
-            };
-            let mut points: Vec<Vec2> = (0..WIDTH * HEIGHT).map(pixel).collect();
-            if panel > 0 {
-                points = tails[panel - 1].inverse_points(&points).into_iter().map(|(y, _)| y).collect();
-            }
-            let colors = points.into_iter().map(color);
-            for (k, color) in colors.enumerate() {
-                let place = (corner.0 + (k % WIDTH) as i32, corner.1 + (k / WIDTH) as i32);
-                area.draw_pixel(place, &color).map_err(failed)?;
-            }
-        }
-        area.present().map_err(failed)?;
+fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
+    let pixel = |k: usize| {
+        Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
+    };
+    let points: Vec<Vec2> = (0..WIDTH * HEIGHT).map(pixel).collect();
+    let panel = |title: String, points: &[Vec2], sides| {
+        let colors: Vec<[u8; 3]> = points.iter().copied().map(color).collect();
+        Panel::plain(title, (&colors, WIDTH), sides)
+    };
+    let mut panels = vec![panel("the square Y".into(), &points, Sides::Square)?];
+    for (tail, figures) in tails.iter().zip(figures) {
+        let images: Vec<Vec2> = tail.inverse_points(&points).into_iter().map(|(y, _)| y).collect();
+        let title = format!("{}: KL {:.4} nats", figures.kind.name(), figures.kl);
+        panels.push(panel(title, &images, Sides::Sphere)?);
     }
-    let (pixels, _) = buffer.as_chunks::<3>();
-    Ok(encode_png_rgb8(width as usize, height as usize, pixels)?)
+    densities("tails", &[format!("What tails of '{map}' make of the square")], &panels, 2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hues_are_where_they_belong() {
+        assert_eq!(rgb_of_hsl(0.0, 1.0, 0.5), [255, 0, 0]);
+        assert_eq!(rgb_of_hsl(1.0 / 3.0, 1.0, 0.5), [0, 255, 0]);
+        assert_eq!(rgb_of_hsl(2.0 / 3.0, 1.0, 0.5), [0, 0, 255]);
+        assert_eq!(rgb_of_hsl(0.4, 0.0, 1.0), [255; 3]);
+    }
 }

@@ -1,14 +1,13 @@
 //! `headtail inspect --visibility`: what was learned of a scene, as pictures.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
-    color::luminance,
+    color::{luminance, tone_map},
     environment::Environment,
-    image::{Image, write_png},
     latlong,
     patches::{Detail, PatchSampler},
     sampler::EnvironmentLight,
@@ -18,16 +17,18 @@ use headtail_render::{
     visibility::{Known, SceneVisibility},
 };
 
-use crate::arguments::{CameraArguments, open_environment};
+use crate::{
+    arguments::{CameraArguments, open_environment},
+    report::{
+        chart::{Panel, Sides, densities},
+        vector::Chart,
+    },
+};
 
 /// Columns and rows of a picture of the sky.
 const SKY: (usize, usize) = (512, 256);
-/// Pixels between pictures.
-const GAP: usize = 8;
 /// The share of its colour that what is not seen keeps, and what is added to it.
 const HIDDEN: (f32, Vec3) = (0.08, Vec3::new(0.02, 0.03, 0.10));
-/// What lies between pictures: white, whatever the tone curve.
-const PAPER: [f32; 3] = [1e3; 3];
 /// What the brightest part of a sky is shown with, over its mean.
 const BRIGHTEST: f32 = 6.0;
 
@@ -48,8 +49,8 @@ pub struct Arguments {
     camera: CameraArguments,
 }
 
-/// Draws the cells in false colours and, for one pixel, the sky as learned (above) and as it is (below); says in words what it shows.
-pub fn inspect(arguments: &Arguments, file: &Path, map: &str, out: &PathBuf) -> Result<String> {
+/// The cells in false colours and, for one pixel, the sky as learned and as it is; with what that shows in words.
+pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, String)> {
     let environment = open_environment(map)?;
     let mut scene = Scene::open(arguments.scene.as_deref().context("--scene: name the scene")?)?;
     let camera = arguments.camera.open(&scene)?;
@@ -70,31 +71,36 @@ pub fn inspect(arguments: &Arguments, file: &Path, map: &str, out: &PathBuf) -> 
     };
     ensure!(x < width && y < height, "--pixel {x},{y}: the picture has {width} x {height} pixels");
     let hit = |x: usize, y: usize| scene.intersect(&camera.ray(x as f32 + 0.5, y as f32 + 0.5, width, height));
-    let cells = Image {
-        width,
-        height,
-        pixels: (0..width * height)
-            .map(|k| {
-                let (column, row) = (k % width, k / width);
-                let is_mark = (column == x) != (row == y) && column.abs_diff(x) + row.abs_diff(y) < 12;
-                if is_mark { Vec3::ONE.to_array() } else { cell_color(&known, hit(column, row).as_ref()).to_array() }
-            })
-            .collect(),
-    };
+    let cells: Vec<[u8; 3]> = (0..width * height)
+        .map(|k| {
+            let (column, row) = (k % width, k / width);
+            let is_mark = (column == x) != (row == y) && column.abs_diff(x) + row.abs_diff(y) < 12;
+            tone_map(if is_mark { Vec3A::splat(10.0) } else { cell_color(&known, hit(column, row).as_ref()).into() })
+        })
+        .collect();
     let at = hit(x, y).with_context(|| format!("--pixel {x},{y}: no surface is seen there"))?;
     let sky = Sky::new(&environment, &scene, &patches, &known, &at);
-    write_png(out, &beside(&cells, &[sky.picture(&sky.learned), sky.picture(&sky.truth)]), 0.0)?;
-    let [learned, truth] = [&sky.learned, &sky.truth].map(|seen| 100.0 * sky.share(seen));
+    let [learned, truth] = [&sky.learned, &sky.truth].map(|seen| format!("{:.1} %", 100.0 * sky.share(seen)));
+    let panels = [
+        Panel::plain("cells in false colour; the cross is the pixel", (&cells, width), Sides::View)?,
+        Panel::plain(
+            format!("its sky as learned: {learned} seen"),
+            (&sky.picture(&sky.learned), SKY.0),
+            Sides::Sphere,
+        )?,
+        Panel::plain(format!("its sky in truth: {truth} seen"), (&sky.picture(&sky.truth), SKY.0), Sides::Sphere)?,
+    ];
     let known_there = sky.cell.map_or_else(
         || "nothing is known there".to_owned(),
-        |(cell, level)| format!("cell {cell}, {level} sizes above the smallest"),
+        |(cell, level)| format!("in cell {cell}, {level} sizes above the smallest"),
     );
-    Ok(format!(
-        "{} cells from {:.1} million shadow rays\npixel {x},{y}: {known_there}; of what a diffuse surface there would reflect, {learned:.1} % is seen as \
-         learned, {truth:.1} % in truth",
-        visibility.cells(),
-        visibility.rays() as f64 / 1e6
-    ))
+    let rays = visibility.rays() as f64 / 1e6;
+    let lines = [
+        format!("{} in {}: {} cells from {rays:.1} million shadow rays", scene.name(), map, visibility.cells()),
+        format!("Pixel {x},{y}, {known_there}; shares are of what a diffuse surface there would reflect"),
+    ];
+    let said = format!("{}\n{}: {learned} seen as learned, {truth} in truth", lines[0], lines[1]);
+    Ok((densities("visibility", &lines, &panels, panels.len())?, said))
 }
 
 /// A colour for each cell, darker where the surface turns away.
@@ -159,32 +165,15 @@ impl Sky {
         own / sum.max(f32::MIN_POSITIVE)
     }
 
-    fn picture(&self, seen: &[f32]) -> Image {
+    fn picture(&self, seen: &[f32]) -> Vec<[u8; 3]> {
         let mean = self.radiance.iter().map(|&radiance| luminance(radiance.into())).sum::<f32>();
         let scale = 0.4 * self.radiance.len() as f32 / mean.max(f32::MIN_POSITIVE);
         let texels = self.radiance.iter().zip(seen).zip(&self.reflected).map(|((&radiance, &seen), &reflected)| {
             let shown = (radiance * scale).min(Vec3::splat(BRIGHTEST));
             let hidden = shown * HIDDEN.0 + HIDDEN.1;
             // Below the surface there is nothing to be seen.
-            if reflected > 0.0 { hidden.lerp(shown, seen) } else { hidden * 0.4 }.to_array()
+            tone_map(if reflected > 0.0 { hidden.lerp(shown, seen) } else { hidden * 0.4 }.into())
         });
-        Image { width: SKY.0, height: SKY.1, pixels: texels.collect() }
+        texels.collect()
     }
-}
-
-/// One picture, with others below each other on its right.
-fn beside(left: &Image, right: &[Image]) -> Image {
-    let column = right.iter().map(|image| image.height + GAP).sum::<usize>() - GAP;
-    let (width, height) = (left.width + GAP + SKY.0, left.height.max(column));
-    let mut out = Image { width, height, pixels: vec![PAPER; width * height] };
-    let mut paste = |image: &Image, x: usize, y: usize| {
-        for (row, line) in image.pixels.chunks_exact(image.width).enumerate() {
-            out.pixels[(y + row) * width + x..][..image.width].copy_from_slice(line);
-        }
-    };
-    paste(left, 0, 0);
-    for (k, image) in right.iter().enumerate() {
-        paste(image, left.width + GAP, k * (SKY.1 + GAP));
-    }
-    out
 }

@@ -14,7 +14,7 @@ use headtail_train::{FitConfig, Loss, Material, Preset, TrainingLight, Viewpoint
 
 use super::{
     Workshop,
-    figure::{Panel, strip, table},
+    figure::table,
     measure::{Bench, Entry, mean},
 };
 use crate::{
@@ -44,12 +44,12 @@ pub fn section(workshop: &Workshop) -> Result<String> {
         .enumerate()
         .map(|(k, (name, a, b, c))| {
             let own = |values: &[Option<f64>]| values[k].map_or("\u{2013}".into(), text);
-            let paper = |value: &str| format!("<span class=\"paper\">{value}</span>");
-            vec![(*name).into(), own(&cosine), paper(a), own(&glossy), paper(b), "not implemented".into(), paper(c)]
+            let [a, b, c] = [a, b, c].map(|paper| (*paper).to_owned());
+            vec![(*name).into(), own(&cosine), a, own(&glossy), b, "not implemented".into(), c]
         })
         .collect();
     let head = ["MSE at 4 spp", "cosine, temple", "paper", "microfacet, droid", "paper", "neural, bedroom", "paper"];
-    let (picture, figures) = inspect::tail_picture(&environment)?;
+    let (chart, figures) = inspect::tail_picture(&environment)?;
     Ok(format!(
         "<p class=\"note\">Every variant is trained alike: {} and {} steps, K = 32 bins, forward KL, no share beside BRDF sampling; the flow tail has {} steps. The rows add to each other from \
          the flow tail on. Scenes, maps and lengths of training differ from the paper's: compare within a column.</p>\n{}\
@@ -57,8 +57,8 @@ pub fn section(workshop: &Workshop) -> Result<String> {
         workshop.effort.cosine_steps,
         workshop.effort.ggx_steps,
         workshop.effort.flow_steps,
-        table(&head, &rows),
-        strip("wide", &[Panel::new(&picture, "what tails make of a pattern over the square", "")]),
+        table("ablation", &head, &rows),
+        chart.html().into_string(),
         escape(&figures),
     ))
 }

@@ -21,11 +21,14 @@ use headtail_train::Material;
 
 use super::{
     Workshop,
-    figure::{Panel, Scale, strip, table},
+    figure::{Panel, legend, strip, table},
     scenes::baked,
 };
 use crate::{
-    report::number::{escape, text, times},
+    report::{
+        chart::Scale,
+        number::{escape, text, times},
+    },
     view::automatic_exposure,
 };
 
@@ -89,7 +92,7 @@ pub fn section(workshop: &Workshop) -> Result<String> {
     }
     html += "<h3>One pass against two</h3>\n<p class=\"note\">MSE of the mask of luminance over the pixels of the catcher and over those in shadow (mask below 0.98), and of the composite's pixels on the catcher, against a converged mask, with 16 shadow rays per pixel: 16 samples in one pass, \
              or 8 with the object and 8 without. How many times lower than two passes with one-sample MIS stands beside each. Bias is the mean error in the shadow.</p>\n";
-    html += &table(&["", "form", "mask", "mask in shadow", "composite", "bias"], &rows);
+    html += &table("shadow-catcher", &["", "form", "mask", "mask in shadow", "composite", "bias"], &rows);
     html += &bias(workshop)?;
     Ok(html)
 }
@@ -242,7 +245,7 @@ fn bias(workshop: &Workshop) -> Result<String> {
                 format!("root mean square {}", text(squares.sqrt())),
             ));
             rows.push(vec![
-                escape(name),
+                (*name).to_owned(),
                 form.to_string(),
                 format!("{:+.1e} \u{b1} {interval:.0e}", errors.bias),
                 text(squares.sqrt()),
@@ -255,8 +258,8 @@ fn bias(workshop: &Workshop) -> Result<String> {
         escape(&shot.name),
         escape(environment.name()),
         strip("wide", &panels),
-        scale.legend("absolute error of the mask"),
-        table(&["sampler", "form", "mean error in shadow", "root mean square"], &rows),
+        legend(scale, "absolute error of the mask"),
+        table("mask-bias", &["sampler", "form", "mean error in shadow", "root mean square"], &rows),
     ))
 }
 

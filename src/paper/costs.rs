@@ -30,28 +30,29 @@ pub fn section(workshop: &Workshop) -> Result<String> {
     let size = |path: &std::path::Path| std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     let kilobytes = |bytes: u64| format!("{} kB", bytes / 1000);
     let models = table(
+        "models",
         &["", "weights", "paper", "training", "paper", "file"],
         &[
             vec![
                 "cosine head".into(),
                 weights(&cosine.head).to_string(),
-                "<span class=\"paper\">\u{2013}</span>".into(),
+                "\u{2013}".into(),
                 duration(cosine.seconds),
-                "<span class=\"paper\">under 5 min, A100</span>".into(),
+                "under 5 min, A100".into(),
                 kilobytes(size(&cosine.file)),
             ],
             vec![
                 "microfacet head".into(),
                 weights(&glossy.head).to_string(),
-                "<span class=\"paper\">36k</span>".into(),
+                "36k".into(),
                 duration(glossy.seconds),
-                "<span class=\"paper\">20 min, A100</span>".into(),
+                "20 min, A100".into(),
                 kilobytes(size(&glossy.file)),
             ],
             vec![
                 "table, 16 \u{d7} 32 normals of 8 \u{d7} 8 cells".into(),
                 "32768 masses".into(),
-                "<span class=\"paper\">132 kB</span>".into(),
+                "132 kB".into(),
                 "\u{2013}".into(),
                 "\u{2013}".into(),
                 "131 kB".into(),
@@ -104,5 +105,9 @@ fn timings(
         let nanoseconds = 1e9 * seconds / (pixels * f64::from(SPP));
         vec![entry.name.clone(), format!("{nanoseconds:.0} ns"), format!("{}\u{d7}", times(seconds / base)), text(mse)]
     };
-    Ok(table(&["", "time per sample", "of MIS", "MSE"], &entries.iter().map(line).collect::<Vec<_>>()))
+    Ok(table(
+        &format!("costs-{scene}"),
+        &["", "time per sample", "of MIS", "MSE"],
+        &entries.iter().map(line).collect::<Vec<_>>(),
+    ))
 }

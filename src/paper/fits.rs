@@ -16,9 +16,9 @@ use headtail_train::{Material, TrainingLight, Viewpoints, build_target};
 
 use super::{
     Workshop,
-    figure::{Panel, Scale, strip},
+    figure::{Panel, legend, strip},
 };
-use crate::report::number::text;
+use crate::report::{chart::Scale, number::text};
 
 /// Powers of ten of the colours.
 const DECADES: f64 = 5.0;
@@ -143,7 +143,7 @@ fn row(rows: usize, tail: &Tail, head: &Head, naive: &Head, at: &ShadingPoint) -
             format!("KL {}", text(grid.kl(&target, &alone))),
         ),
     ];
-    Ok(strip("fits", &panels) + &scale.legend("density over the square X"))
+    Ok(strip("fits", &panels) + &legend(scale, "density over the square X"))
 }
 
 /// A PNG with crosses at directions.

@@ -8,14 +8,14 @@ use headtail_render::{
     integrator::{self, Budget, Rendering},
     points::{PointSet, Points},
     spec::SamplerSpec,
-    statistics::{ErrorMetrics, ttuv},
 };
 use std::sync::Arc;
 
 use super::{Workshop, data::View};
 use crate::{
+    compare::select,
     render::quietly,
-    report::{Row, picture},
+    report::{Row, RunName, picture},
 };
 
 /// A sampler with its name.
@@ -79,26 +79,15 @@ impl<'a> Bench<'a> {
                     let seed = 1 + u64::from(run);
                     let rendering = self.render(&*entry.estimator, spp, seed);
                     let image = rendering.composite();
-                    let metrics = ErrorMetrics::of(&select(&image, &self.measured), &reference)?;
-                    rows.push(Row {
-                        scene: self.view.name.clone(),
-                        env: self.environment.name().to_owned(),
-                        sampler: entry.name.clone(),
-                        budget: format!("{spp}spp"),
-                        run: Some(run),
-                        spp: f64::from(spp),
-                        rays_per_sample: rendering.rays_per_sample,
-                        seconds: rendering.seconds,
-                        mse: metrics.mse,
-                        relmse: metrics.relmse,
-                        relmse_trimmed: metrics.relmse_trimmed,
-                        ttuv: ttuv(metrics.mse, rendering.seconds),
-                        mean_luminance: 0.0,
-                        max_weight: f64::from(rendering.max_weight),
+                    let name = RunName {
+                        scene: &self.view.name,
+                        env: self.environment.name(),
+                        sampler: &entry.name,
+                        budget: &format!("{spp}spp"),
+                        run,
                         seed,
-                        version: env!("CARGO_PKG_VERSION").into(),
-                        points: rendering.points.to_string(),
-                    });
+                    };
+                    rows.push(Row::measured(&name, &rendering, &select(&image, &self.measured), &reference)?);
                     if run == 0 && spp == shown {
                         images.push(image);
                     }
@@ -114,10 +103,4 @@ pub fn mean(rows: &[Row], sampler: &str, spp: u32) -> (f64, f64) {
     let own: Vec<&Row> = rows.iter().filter(|row| row.sampler == sampler && row.spp == f64::from(spp)).collect();
     let count = own.len().max(1) as f64;
     (own.iter().map(|row| row.mse).sum::<f64>() / count, own.iter().map(|row| row.seconds).sum::<f64>() / count)
-}
-
-fn select(image: &Image, chosen: &[bool]) -> Image {
-    let pixels: Vec<_> =
-        image.pixels.iter().zip(chosen).filter(|(_, chosen)| **chosen).map(|(pixel, _)| *pixel).collect();
-    Image { width: pixels.len(), height: 1, pixels }
 }

@@ -24,16 +24,14 @@ use std::{
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use headtail_render::file;
+use maud::{Markup, PreEscaped, html};
 
 use self::{data::Data, effort::Effort, heads::Heads};
 use crate::{
     arguments::make_folder,
     compare::machine,
     progress,
-    report::{
-        html::head,
-        number::{duration, escape},
-    },
+    report::{number::duration, shell},
 };
 
 /// Make every table and figure of the paper on one page, DIR/paper.html, with the paper's numbers beside ours where its text states them.
@@ -190,37 +188,44 @@ impl Page {
 
     fn encode(&self, workshop: &Workshop) -> String {
         let version = env!("CARGO_PKG_VERSION");
-        let mut page = head(version, "The paper, figure by figure \u{b7} headtail")
-            .replace("</style>", &format!("{}</style>", figure::STYLE));
-        let command = std::env::args().collect::<Vec<_>>().join(" ");
-        page += &format!(
-            "<body>\n<header>\n<p class=\"kicker\">headtail \u{b7} paper</p>\n<h1>The paper, figure by figure</h1>\n\
-             <ul class=\"facts\"><li>{}</li><li>{}</li><li>headtail {version}</li></ul>\n\
-             <pre class=\"command\" tabindex=\"0\" aria-label=\"Command\"><code>{}</code></pre>\n</header>\n<main>\n{}",
-            escape(&workshop.data.words()),
-            escape(&machine()),
-            escape(&command),
-            self.contents(workshop),
-        );
-        for (section, html) in &self.made {
-            page += &format!("<section id=\"{}\">\n<h2>{}</h2>\n{html}</section>\n", section.name, section.title);
-        }
-        page + "</main>\n</body>\n</html>\n"
+        let main = html! {
+            (self.contents(workshop))
+            @for (section, made) in &self.made {
+                section #(section.name) { h2 { (section.title) } (PreEscaped(made)) }
+            }
+        };
+        let page = shell::Page {
+            kicker: "paper",
+            title: "The paper, figure by figure".into(),
+            heading: html! { "The paper, figure by figure" },
+            facts: vec![workshop.data.words(), machine(), format!("headtail {version}")],
+            command: &std::env::args().collect::<Vec<_>>().join(" "),
+            version,
+            style: figure::STYLE,
+            script: "",
+        };
+        page.encode(&main)
     }
 
-    fn contents(&self, workshop: &Workshop) -> String {
-        let items = SECTIONS.iter().map(|section| match self.made.iter().any(|(made, _)| made.name == section.name) {
-            true => format!("<li><a href=\"#{}\">{}</a></li>\n", section.name, section.title),
-            false => format!("<li>{} <small>(not made yet)</small></li>\n", section.title),
-        });
-        format!(
-            "<section class=\"reading\">\n<h2>Contents</h2>\n<ul>\n{}</ul>\n<p class=\"note\">After Litalien et al. 2024, \u{201c}Neural Product Importance \
-             Sampling via Warp Composition\u{201d}. Scenes and maps are not the paper's: its numbers stand beside ours where its text states them, and only \
-             ratios can be compared. Heads are trained with this program's batches and optimiser ({} and {} steps), without a learned share beside BRDF sampling.</p>\n</section>\n",
-            items.collect::<String>(),
-            workshop.effort.cosine_steps,
-            workshop.effort.ggx_steps,
-        )
+    fn contents(&self, workshop: &Workshop) -> Markup {
+        let is_made = |name: &str| self.made.iter().any(|(made, _)| made.name == name);
+        html! {
+            section.reading {
+                h2 { "Contents" }
+                ul {
+                    @for Section { name, title, .. } in &SECTIONS {
+                        @if is_made(name) { li { a href={ "#" (name) } { (title) } } }
+                        @else { li { (title) " " small { "(not made yet)" } } }
+                    }
+                }
+                p.note {
+                    "After Litalien et al. 2024, \u{201c}Neural Product Importance Sampling via Warp Composition\u{201d}. Scenes and maps are not the paper\u{2019}s: \
+                     its numbers stand beside ours where its text states them, and only ratios can be compared. Heads are trained with this program\u{2019}s batches and optimiser ("
+                    (workshop.effort.cosine_steps) " and " (workshop.effort.ggx_steps)
+                    " steps), without a learned share beside BRDF sampling."
+                }
+            }
+        }
     }
 }
 

@@ -18,12 +18,14 @@ use headtail_train::{Material, learned_bake};
 use super::{
     Workshop,
     data::View,
-    figure::{Crop, Panel, Scale, strip, table},
+    figure::{Panel, legend, strip, table},
     fits::Densities,
     measure::{Bench, Entry, mean},
 };
 use crate::report::{
     self, Row,
+    chart::Scale,
+    crop::Crop,
     number::{escape, text, times},
 };
 
@@ -105,7 +107,7 @@ fn intermediate(workshop: &Workshop) -> Result<String> {
             let note = format!("KL from the head {}", text(grid.kl(&own, &density)));
             panels.push(Panel::new(&scale.png(&density, columns)?, format!("{name}: baked {side}\u{d7}{side}"), note));
         }
-        html += &(strip("fits", &panels) + &scale.legend("density over the square Y"));
+        html += &(strip("fits", &panels) + &legend(scale, "density over the square Y"));
     }
     Ok(html)
 }
@@ -148,7 +150,10 @@ fn comparison(workshop: &Workshop, view: &View, environment: &Arc<Environment>, 
         );
         crops.push(Panel::new(&crop.png(image, bench.exposure)?, entry.name.as_str(), note));
     }
-    let [lines, bars] = report::charts(&rows)?;
+    let [mut lines, mut bars] = report::charts(&rows)?;
+    let stem = format!("{}-{}", view.name, environment.name());
+    (lines.name, bars.name) = (format!("error-time-{stem}"), format!("ratios-{stem}"));
+    let [lines, bars] = [lines, bars].map(|chart| chart.html().into_string());
     Ok(format!(
         "<h3>{} under {}</h3>\n{}{}{}<div class=\"charts\">\n<figure>{lines}<figcaption>MSE against rendering time at 1, 4 and 16 samples per pixel, means of {} runs.</figcaption></figure>\n\
          <figure>{bars}<figcaption>How many times lower the MSE is than that of one-sample MIS.</figcaption></figure>\n</div>\n",
@@ -167,7 +172,7 @@ fn numbers(rows: &[Row], entries: &[Entry]) -> String {
     let line = |entry: &Entry| {
         let (mse, seconds) = mean(rows, &entry.name, SHOWN);
         vec![
-            escape(&entry.name),
+            entry.name.clone(),
             text(mse),
             format!("{}\u{d7}", times(base / mse)),
             format!("{}\u{d7}", times(seconds / base_seconds)),
@@ -175,5 +180,5 @@ fn numbers(rows: &[Row], entries: &[Entry]) -> String {
         ]
     };
     let lines: Vec<Vec<String>> = entries.iter().map(line).collect();
-    table(&["4 samples per pixel", "MSE", "lower than MIS", "time of MIS", "lower MSE \u{d7} time"], &lines)
+    table("numbers", &["4 samples per pixel", "MSE", "lower than MIS", "time of MIS", "lower MSE \u{d7} time"], &lines)
 }

@@ -21,10 +21,13 @@ use headtail_train::{
 
 use super::{
     Workshop,
-    figure::{Panel, Scale, strip},
+    figure::{Panel, legend, strip},
     fits::{Densities, weights},
 };
-use crate::{render::quietly, report::number::text};
+use crate::{
+    render::quietly,
+    report::{chart::Scale, number::text},
+};
 
 /// Standard deviation of the Gaussian in parts of the square.
 const SIGMA: f32 = 0.11;
@@ -120,7 +123,7 @@ pub fn section(workshop: &Workshop) -> Result<String> {
             Panel::new(&scale.png(&ours, columns)?, "our fit", format!("KL {}", text(grid.kl(&product, &ours)))),
         ];
         html += &(strip("crops", &panels)
-            + &scale.legend("density over the square (p1 on a scale of its own, two powers of ten)"));
+            + &legend(scale, "density over the square (p1 on a scale of its own, two powers of ten)"));
     }
     Ok(html)
 }

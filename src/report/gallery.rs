@@ -2,9 +2,15 @@
 
 use anyhow::Result;
 
+use super::crop::Crop;
 use super::picture::{self, ErrorMap, ErrorScale};
+use super::radiance;
 use super::summary::{Budget, Summary};
 use super::{Comparison, RenderedImage};
+
+/// Linear values of all pictures are on the page up to so many pixels, which take about four times as many bytes; else
+/// only those of the budget that is shown first.
+const MOST_PIXELS: usize = 4_000_000;
 
 /// The pictures of the page, each embedded once. What is encoded is kept from one page to the next.
 #[derive(Default)]
@@ -13,8 +19,14 @@ pub struct Gallery {
     pub exposure: f32,
     /// The reference as a `data:` address; empty before the first page.
     pub reference: String,
+    /// Its linear values.
+    pub reference_radiance: Option<String>,
     /// The budgets that have pictures, in the order of the summary.
     pub panels: Vec<Panel>,
+    /// Where insets are first; for the page's script.
+    pub insets: String,
+    /// Whether the page holds linear values of all pictures.
+    pub all_radiance: bool,
 }
 
 /// The pictures at a budget.
@@ -27,14 +39,20 @@ pub struct Panel {
     pub pictures: Vec<Picture>,
 }
 
-/// A rendering and its error map as `data:` addresses.
+/// A rendering and the maps of its errors as `data:` addresses.
 pub struct Picture {
     /// The sampler.
     pub sampler: String,
     /// The tone-mapped image.
     pub rendering: String,
+    /// Its linear values, see [`radiance::encode`], where the page holds them.
+    pub radiance: Option<String>,
     /// The error map, on the scale of the panel.
     pub errors: String,
+    /// The map of FLIP, from 0 to 1.
+    pub flip_map: String,
+    /// The mean of FLIP over the measured pixels.
+    pub flip: f64,
 }
 
 impl Gallery {
@@ -46,6 +64,7 @@ impl Gallery {
         if self.reference.is_empty() {
             self.exposure = picture::exposure(&comparison.reference);
             self.reference = picture::rendering(&comparison.reference, self.exposure)?;
+            self.reference_radiance = Some(radiance::encode(&comparison.reference, self.exposure)?);
         }
         let mut known = std::mem::take(&mut self.panels);
         for budget in &summary.budgets {
@@ -63,6 +82,27 @@ impl Gallery {
                 _ => self.panels.push(Panel::of(budget, &images, comparison, self.exposure)?),
             }
         }
+        self.add_radiance(comparison, summary)?;
+        self.insets = insets(comparison, summary);
+        Ok(())
+    }
+
+    /// Gives pictures their linear values, as many as the page holds.
+    fn add_radiance(&mut self, comparison: &Comparison, summary: &Summary) -> Result<()> {
+        self.all_radiance = comparison.images.len() * comparison.width * comparison.height <= MOST_PIXELS;
+        let first = self.shown_first(summary).map(|panel| panel.budget.clone());
+        for panel in &mut self.panels {
+            let wanted = self.all_radiance || first.as_ref() == Some(&panel.budget);
+            for picture in &mut panel.pictures {
+                if !wanted {
+                    picture.radiance = None;
+                } else if picture.radiance.is_none() {
+                    let of = |i: &&RenderedImage| i.sampler == picture.sampler && i.budget == panel.budget.name;
+                    let image = comparison.images.iter().find(of);
+                    picture.radiance = image.map(|image| radiance::encode(&image.image, self.exposure)).transpose()?;
+                }
+            }
+        }
         Ok(())
     }
 
@@ -70,9 +110,18 @@ impl Gallery {
         self.panels.iter().find(|panel| panel.budget.name == budget)
     }
 
+    fn picture(&self, sampler: &str, budget: &str) -> Option<&Picture> {
+        self.panel(budget)?.pictures.iter().find(|picture| picture.sampler == sampler)
+    }
+
     /// Whether there is a picture of a sampler at a budget.
     pub fn has(&self, sampler: &str, budget: &str) -> bool {
-        self.panel(budget).is_some_and(|panel| panel.pictures.iter().any(|picture| picture.sampler == sampler))
+        self.picture(sampler, budget).is_some()
+    }
+
+    /// The FLIP of a sampler's picture at a budget.
+    pub fn flip(&self, sampler: &str, budget: &str) -> Option<f64> {
+        self.picture(sampler, budget).map(|picture| picture.flip)
     }
 
     /// The budget whose pictures are shown first.
@@ -87,13 +136,26 @@ impl Panel {
         let maps = images.iter().map(error_map).collect::<Result<Vec<_>>>()?;
         let scale = ErrorScale::of(maps.iter());
         let picture = |(rendered, map): (&&RenderedImage, &ErrorMap)| {
+            let (flips, flip) = ErrorMap::of_flip(&rendered.image, comparison, exposure)?;
             Ok(Picture {
                 sampler: rendered.sampler.clone(),
                 rendering: picture::rendering(&rendered.image, exposure)?,
+                radiance: None,
                 errors: map.picture(&scale)?,
+                flip_map: flips.share_picture()?,
+                flip,
             })
         };
         let pictures = images.iter().zip(&maps).map(picture).collect::<Result<Vec<_>>>()?;
         Ok(Self { budget: budget.clone(), scale, pictures })
     }
+}
+
+/// Where the baseline (or whatever sampler has a picture) is worst at the budget that is shown first.
+fn insets(comparison: &Comparison, summary: &Summary) -> String {
+    let budget = &summary.shown_first().name;
+    let of = |i: &&RenderedImage| i.budget == *budget && i.sampler == summary.baseline;
+    let Some(shown) = comparison.images.iter().find(of).or(comparison.images.last()) else { return String::new() };
+    let crops = Crop::two_worst(&shown.image, &comparison.reference, &comparison.measured);
+    crops.map(|crop| crop.attribute((comparison.width, comparison.height))).join(";")
 }

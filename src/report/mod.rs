@@ -1,21 +1,31 @@
-//! The comparison report: `results.csv` with every number, and `report.html`, one self-contained page to read them by.
+//! The comparison report: `results.csv` with every number, `report.html`, one self-contained page to read them by, and `figures/`, its
+//! charts and tables as files. What other pages are made of is here, too.
 
 pub mod chart;
+pub mod colours;
+pub mod crop;
 mod csv;
 mod gallery;
-pub mod html;
+mod html;
+pub mod kind;
 pub mod number;
 mod overview;
 pub mod picture;
+mod radiance;
 mod reading;
-pub mod slider;
+pub mod shell;
+pub mod stage;
 mod summary;
 #[cfg(test)]
 mod synthetic;
+pub mod table;
+mod teaser;
 mod terminal;
+pub mod vector;
 
 pub use terminal::lines;
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -24,6 +34,8 @@ use glam::Vec3A;
 use headtail_render::color::luminance;
 use headtail_render::file;
 use headtail_render::image::Image;
+use headtail_render::integrator::Rendering;
+use headtail_render::statistics::{ErrorMetrics, ttuv};
 
 /// Everything that a comparison of samplers measured on one scene under one environment map.
 pub struct Comparison {
@@ -125,6 +137,57 @@ pub struct Row {
     pub points: String,
 }
 
+/// What a run is called.
+pub struct RunName<'a> {
+    /// The name of the scene.
+    pub scene: &'a str,
+    /// The name of the environment map.
+    pub env: &'a str,
+    /// The name of the sampler.
+    pub sampler: &'a str,
+    /// What it was allowed.
+    pub budget: &'a str,
+    /// Its number.
+    pub run: u32,
+    /// Its seed.
+    pub seed: u64,
+}
+
+impl Row {
+    /// A run of which `pixels` are measured against the same pixels of the reference.
+    ///
+    /// # Errors
+    /// If the sizes differ.
+    pub fn measured(name: &RunName, rendering: &Rendering, pixels: &Image, reference: &Image) -> Result<Self> {
+        let metrics = ErrorMetrics::of(pixels, reference)?;
+        Ok(Self {
+            scene: name.scene.to_owned(),
+            env: name.env.to_owned(),
+            sampler: name.sampler.to_owned(),
+            budget: name.budget.to_owned(),
+            run: Some(name.run),
+            spp: f64::from(rendering.spp),
+            rays_per_sample: rendering.rays_per_sample,
+            seconds: rendering.seconds,
+            mse: metrics.mse,
+            relmse: metrics.relmse,
+            relmse_trimmed: metrics.relmse_trimmed,
+            ttuv: ttuv(metrics.mse, rendering.seconds),
+            mean_luminance: mean_luminance(pixels.pixels.iter()),
+            max_weight: f64::from(rendering.max_weight),
+            seed: name.seed,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            points: rendering.points.to_string(),
+        })
+    }
+}
+
+fn mean_luminance<'a>(pixels: impl Iterator<Item = &'a [f32; 3]>) -> f64 {
+    let luminances = pixels.map(|&pixel| f64::from(luminance(Vec3A::from_array(pixel))));
+    let (sum, count) = luminances.fold((0.0, 0.0), |(sum, count), luminance| (sum + luminance, count + 1.0));
+    sum / count
+}
+
 /// A rendering that the page shows.
 pub struct RenderedImage {
     /// The name of the sampler, as in the rows.
@@ -155,16 +218,15 @@ impl Comparison {
     /// The mean luminance of the reference over the measured pixels.
     fn reference_luminance(&self) -> f64 {
         let measured = self.reference.pixels.iter().enumerate().filter(|(index, _)| self.is_measured(*index));
-        let luminances: Vec<f64> = measured.map(|(_, &pixel)| f64::from(luminance(Vec3A::from_array(pixel)))).collect();
-        luminances.iter().sum::<f64>() / luminances.len() as f64
+        mean_luminance(measured.map(|(_, pixel)| pixel))
     }
 }
 
-/// The charts of runs: MSE against time, and bars of how many times lower it is than that of the baseline, as vector graphics.
+/// The charts of runs: MSE against time, and bars of how many times lower it is than that of the baseline.
 ///
 /// # Errors
 /// If there are no runs.
-pub fn charts(rows: &[Row]) -> Result<[String; 2]> {
+pub fn charts(rows: &[Row]) -> Result<[vector::Chart; 2]> {
     let summary = summary::Summary::of(rows)?;
     Ok([chart::error_over_time(&summary), chart::ratio_bars(&summary)])
 }
@@ -221,7 +283,7 @@ impl Report {
         Ok(())
     }
 
-    /// Writes both files.
+    /// Writes both files, and the charts and tables of the page as files of their own (`figures/`): SVG, LaTeX and CSV.
     ///
     /// # Errors
     /// If there are no runs, if the size of an image or of `measured` is not that of the reference, or if a file cannot be
@@ -229,7 +291,13 @@ impl Report {
     pub fn finish(&mut self, comparison: &Comparison) -> Result<()> {
         let summary = summary::Summary::of(&comparison.rows)?;
         self.write_table(comparison, &summary)?;
-        self.write_page(comparison, &summary)
+        self.write_page(comparison, &summary)?;
+        let (charts, tables) = html::figures(comparison, &summary, &self.gallery);
+        let folder = self.folder.join("figures");
+        fs::create_dir_all(&folder).with_context(|| format!("{}", folder.display()))?;
+        charts.iter().try_for_each(|chart| chart.write(&folder))?;
+        teaser::teaser(comparison, &summary, self.gallery.exposure)?.write(&folder)?;
+        tables.iter().try_for_each(|table| table.write(&folder))
     }
 
     fn write_table(&mut self, comparison: &Comparison, summary: &summary::Summary) -> Result<()> {
@@ -279,7 +347,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_files_are_written_and_nothing_else() {
+    fn files_and_figures_are_written_and_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
         Report::new(folder.path()).finish(&synthetic::comparison()).unwrap();
         let mut names: Vec<String> = std::fs::read_dir(folder.path())
@@ -287,7 +355,11 @@ mod tests {
             .map(|entry| entry.unwrap().file_name().into_string().unwrap())
             .collect();
         names.sort();
-        assert_eq!(names, ["report.html", "results.csv"]);
+        assert_eq!(names, ["figures", "report.html", "results.csv"]);
+        for name in ["error-time.svg", "ratios.svg", "speed-accuracy.svg", "pictures.svg", "results.tex", "results.csv"]
+        {
+            assert!(folder.path().join("figures").join(name).metadata().unwrap().len() > 400, "{name}");
+        }
         assert!(Report::new(&folder.path().join("missing")).finish(&synthetic::comparison()).is_err());
     }
 

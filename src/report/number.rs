@@ -67,15 +67,22 @@ pub fn html_digits(value: f64, digits: usize) -> String {
     }
 }
 
-/// Half the length of an interval as a percentage of the mean, as HTML; empty if there is no interval.
-pub fn html_uncertainty(interval: &MeanInterval) -> String {
+/// Half the length of an interval as a percentage of the mean, as text, with its sign; empty if there is no interval.
+pub fn percent(interval: &MeanInterval) -> String {
     let percent = 100.0 * interval.half_width / interval.mean.abs();
     if !percent.is_finite() {
         return String::new();
     }
-    let percent =
-        if percent < 0.01 { "&lt;\u{202f}0.01".to_owned() } else { format!("\u{b1}\u{202f}{}", times(percent)) };
-    format!("<span class=\"ci\">{percent}\u{202f}%</span>")
+    let percent = if percent < 0.01 { "<\u{202f}0.01".to_owned() } else { format!("\u{b1}\u{202f}{}", times(percent)) };
+    format!("{percent}\u{202f}%")
+}
+
+/// The same as HTML.
+pub fn html_uncertainty(interval: &MeanInterval) -> String {
+    match percent(interval) {
+        percent if percent.is_empty() => percent,
+        percent => format!("<span class=\"ci\">{}</span>", escape(&percent)),
+    }
 }
 
 /// A number that is a whole one as often as not: `64`, `64.3`.

@@ -1,15 +1,19 @@
 //! Several comparisons on one page: speed against accuracy for each, and over all of them.
 
-use std::{collections::HashSet, fmt::Write};
+use std::collections::HashSet;
 
 use anyhow::Result;
 use headtail_render::statistics::RatioInterval;
+use maud::{Markup, html};
 
 use super::Row;
-use super::chart::pareto::{Place, front, scatter};
-use super::html;
-use super::number::{ends, escape, times};
+use super::chart::Extent;
+use super::chart::pareto::{FRONT, Place, on_front, scatter};
+use super::kind::Look;
+use super::number::{ends, times};
+use super::shell::{Page, count};
 use super::summary::{Budget, Measure, Summary, in_order};
+use super::table::{Cell, Column, Table, Value};
 
 /// A comparison at the budget that is shown.
 struct Scene {
@@ -22,24 +26,36 @@ struct Scene {
 pub fn page(comparisons: &[Vec<Row>]) -> Result<String> {
     let scenes = comparisons.iter().map(|rows| Scene::of(rows)).collect::<Result<Vec<_>>>()?;
     let version = comparisons.first().and_then(|rows| rows.first()).map_or("", |row| row.version.as_str());
-    let mut page = html::head(version, "Speed and accuracy of samplers \u{b7} headtail");
-    page += "<body>\n<header>\n<p class=\"kicker\">headtail \u{b7} several comparisons</p>\n<h1>Speed and accuracy</h1>\n</header>\n<main>\n";
-    page += &over_all(&scenes);
-    page += "<section>\n<h2>Each comparison</h2>\n<div class=\"charts overview\">\n";
-    for scene in &scenes {
-        let places: Vec<Place> =
-            scene.summary.at(&scene.budget.name).map(|group| Place::of(&scene.summary, group)).collect();
-        push(
-            &mut page,
-            format_args!(
-                "<figure>{}<figcaption><b>{}</b>, {}.</figcaption></figure>\n",
-                scatter(&places, "rendering time in seconds", "mean squared error"),
-                escape(&scene.title),
-                escape(&scene.budget.words())
-            ),
-        );
-    }
-    Ok(page + "</div>\n</section>\n</main>\n</body>\n</html>\n")
+    let chart = |(index, scene): (usize, &Scene)| {
+        let summary = &scene.summary;
+        let places: Vec<Place> = summary.at(&scene.budget.name).map(|group| Place::of(summary, group)).collect();
+        scatter(&format!("comparison-{}", index + 1), &places, ["rendering time in seconds", "mean squared error"])
+    };
+    let main = html! {
+        (over_all(&scenes))
+        section {
+            h2 { "Each comparison" }
+            div.charts.overview {
+                @for (index, scene) in scenes.iter().enumerate() {
+                    figure {
+                        (chart((index, scene)).html())
+                        figcaption { b { (scene.title) } ", " (scene.budget.words()) "." }
+                    }
+                }
+            }
+        }
+    };
+    let page = Page {
+        kicker: "several comparisons",
+        title: "Speed and accuracy of samplers".into(),
+        heading: html! { "Speed and accuracy" },
+        facts: vec![count(scenes.len(), "comparison")],
+        command: "",
+        version,
+        style: "",
+        script: "",
+    };
+    Ok(page.encode(&main))
 }
 
 impl Scene {
@@ -52,12 +68,10 @@ impl Scene {
     }
 
     /// Time and error of a sampler over those of the baseline.
-    fn ratios(&self, names: &Names, name: &str) -> Option<(f64, RatioInterval)> {
+    fn ratios(&self, names: &Names, name: &str) -> Option<[RatioInterval; 2]> {
         let group = self.summary.at(&self.budget.name).find(|group| names.of(&group.sampler) == name)?;
         let base = self.summary.group(&self.summary.baseline, &self.budget.name)?;
-        let time = group.mean.seconds / base.mean.seconds;
-        let error = base.ratio(group, Measure::Mse)?;
-        (time.is_finite() && time > 0.0).then_some((time, error))
+        Some([base.ratio(group, Measure::Time)?, base.ratio(group, Measure::Mse)?])
     }
 }
 
@@ -94,8 +108,8 @@ impl Names {
 }
 
 /// The chart and the table of geometric means over all comparisons.
-fn over_all(scenes: &[Scene]) -> String {
-    let Some(first) = scenes.first() else { return String::new() };
+fn over_all(scenes: &[Scene]) -> Markup {
+    let Some(first) = scenes.first() else { return html! {} };
     let known = Names::new(scenes);
     let mut names: Vec<String> = first.summary.samplers.iter().map(|sampler| known.of(sampler)).collect();
     // The baseline's colour and marker are the first ones, as in the other charts.
@@ -103,50 +117,60 @@ fn over_all(scenes: &[Scene]) -> String {
     names.retain(|name| scenes.iter().all(|scene| scene.ratios(&known, name).is_some()));
     // Of a name that all scenes have, the geometric means of time and error.
     let means = |name: &String| {
-        let (times, errors): (Vec<f64>, Vec<RatioInterval>) =
-            scenes.iter().filter_map(|scene| scene.ratios(&known, name)).unzip();
-        let time = (times.iter().map(|time| time.ln()).sum::<f64>() / times.len() as f64).exp();
-        Some((time, RatioInterval::geometric_mean(&errors)?))
+        let ratios: Vec<[RatioInterval; 2]> = scenes.iter().filter_map(|scene| scene.ratios(&known, name)).collect();
+        let mean = |k: usize| {
+            RatioInterval::geometric_mean(
+                &ratios.iter().map(|ratios: &[RatioInterval; 2]| ratios[k]).collect::<Vec<_>>(),
+            )
+        };
+        Some((Extent::from(&mean(0)?), mean(1)?))
     };
-    let means: Vec<(f64, RatioInterval)> = names.iter().filter_map(means).collect();
+    let means: Vec<(Extent, RatioInterval)> = names.iter().filter_map(means).collect();
+    let looks = Look::of_all(names.iter().map(String::as_str));
     let places: Vec<Place> = names
         .iter()
+        .zip(&looks)
         .zip(&means)
-        .enumerate()
-        .map(|(index, (name, (time, error)))| Place::new(name.clone(), index, *time, error.ratio))
+        .map(|((name, look), (time, error))| Place {
+            name: name.clone(),
+            look: *look,
+            time: *time,
+            error: Extent::from(error),
+        })
         .collect();
-    let best: Vec<String> = front(&places).into_iter().map(|place| place.name.clone()).collect();
-    let rows = places.iter().zip(&means).map(|(place, (_, interval))| {
-        let mark = if best.contains(&place.name) { " class=\"best\"" } else { "" };
-        let [time, error] = [place.time, place.error].map(times);
-        let efficiency = times(1.0 / (place.time * place.error));
-        format!("<tr><th scope=\"row\"{mark}>{}</th><td class=\"number\">{time}</td><td class=\"number\">{error}{}</td><td class=\"number\">{efficiency}</td></tr>\n", escape(&place.name), uncertainty(interval))
-    });
-    format!(
-        "<section>\n<h2>Over all {} comparisons</h2>\n<div class=\"charts\">\n<figure>{}<figcaption>Geometric means over the comparisons of time and \
-         error at the budgets shown below, both relative to {}, of the samplers that all comparisons have. The gain is the inverse of \
-         their product. Further down and left is better; the broad line is the Pareto front. Intervals of the MSE are of 95\u{a0}%, over runs that are \
-         paired by their seeds, for these comparisons and no others.</figcaption></figure>\n\
-         <div class=\"scroll\"><table class=\"plain\"><thead><tr><th scope=\"col\">Sampler</th><th scope=\"col\" class=\"number\">Time</th>\
-         <th scope=\"col\" class=\"number\">MSE</th><th scope=\"col\" class=\"number\">Gain</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n\
-         </div>\n</section>\n",
-        scenes.len(),
-        scatter(&places, "time relative to the baseline", "mean squared error relative to the baseline"),
-        escape(&first.summary.baseline_words()),
-        rows.collect::<String>(),
-    )
-}
-
-/// The interval of a ratio for a cell of the table; empty if it is unknown.
-fn uncertainty(ratio: &RatioInterval) -> String {
-    match ends(ratio) {
-        ends if ends.is_empty() => ends,
-        ends => format!("<span class=\"ci\">{ends}</span>"),
+    let row = |((place, (_, interval)), on_front): ((&Place, &(Extent, RatioInterval)), bool)| {
+        let (time, error) = (place.time.value, place.error.value);
+        let name = Cell { swatch: place.look.swatch(), ..Cell::text(&place.name).marked(on_front) };
+        let [time_cell, error_cell, gain] =
+            [time, error, 1.0 / (time * error)].map(|value| Cell::from(Value::Times(value)));
+        let around = place.time.ends.map_or(String::new(), |(low, high)| format!("{} to {}", times(low), times(high)));
+        vec![name, time_cell.beside(around), error_cell.beside(ends(interval)), gain]
+    };
+    let rows = places.iter().zip(&means).zip(on_front(&places)).map(row).collect();
+    let columns = vec![
+        Column::text("Sampler"),
+        Column::number("Time", ""),
+        Column::number("MSE", ""),
+        Column::number("Gain", "\u{2191} better"),
+    ];
+    let titles = ["time relative to the baseline", "mean squared error relative to the baseline"];
+    html! {
+        section {
+            h2 { "Over all " (scenes.len()) " comparisons" }
+            div.charts {
+                figure {
+                    (scatter("over-all", &places, titles).html())
+                    figcaption {
+                        "Geometric means over the comparisons of time and error at the budgets shown below, both relative to "
+                        (first.summary.baseline_words()) ", of the samplers that all comparisons have. The gain is the inverse of their product. \
+                         Further down and left is better. " (FRONT) " Intervals are of 95\u{a0}%, over runs that are paired by their seeds, \
+                         for these comparisons and no others."
+                    }
+                }
+                div { (Table::new("over-all", columns, rows).html(false)) }
+            }
+        }
     }
-}
-
-fn push(text: &mut String, arguments: std::fmt::Arguments) {
-    text.write_fmt(arguments).expect("a String takes all that is written to it");
 }
 
 #[cfg(test)]
@@ -158,6 +182,13 @@ mod tests {
         Row { seconds, mse, ..synthetic::row(sampler, "4spp", 0) }
     }
 
+    /// What stands in the row of a name.
+    fn cells(page: &str, name: &str) -> Vec<String> {
+        let row = page.split_once(&format!("</svg>{name}</th>")).unwrap().1;
+        let row = &row[..row.find("</tr>").unwrap()];
+        row.split("</td>").filter_map(|cell| Some(cell.rsplit_once('>')?.1.to_owned())).collect()
+    }
+
     #[test]
     fn means_over_all_are_geometric_and_of_samplers_that_all_have() {
         let comparisons = [
@@ -166,16 +197,11 @@ mod tests {
         ];
         let page = page(&comparisons).unwrap();
         // Time: sqrt(2 * 2) = 2; error: sqrt(0.1 * 0.4) = 0.2; gain 1 / 0.4.
-        assert!(
-            page.contains(
-                ">head</th><td class=\"number\">2.0</td><td class=\"number\">0.20</td><td class=\"number\">2.5</td>"
-            ),
-            "{page}"
-        );
+        assert!(cells(&page, "head") == ["2.0\u{d7}", "0.20\u{d7}", "2.5\u{d7}"], "{page}");
         assert!(page.contains("<b>ball under sky, sobol points</b>"), "{page}");
         let over_all = &page[..page.find("Each comparison").unwrap()];
         assert!(!over_all.contains("ris:4") && page.contains("ris:4"));
-        assert!(page.matches("<svg").count() == 6 && !page.contains("http:") && !page.contains("https:"));
+        assert!(page.matches("<svg class=\"chart").count() == 6 && !page.contains("http:") && !page.contains("https:"));
     }
 
     #[test]
@@ -184,8 +210,8 @@ mod tests {
         let comparison = vec![run("mis", 0, 1.0), run("mis", 1, 1.1), run("ris:4", 0, 0.5), run("ris:4", 1, 0.56)];
         let page = page(&[comparison]).unwrap();
         // 1.06 / 2.1 = 0.505; deviations -+0.00898, so that the logarithm is known to 12.71 * 0.00898 = 0.114.
-        assert!(page.contains("0.50<span class=\"ci\">0.45 to 0.57</span>"), "{page}");
-        assert!(page.contains("1.0</td><td class=\"number\">1.0</td>"), "the baseline has no interval");
+        assert!(page.contains("0.50\u{d7}<span class=\"ci\">0.45 to 0.57</span>"), "{page}");
+        assert_eq!(cells(&page, "mis"), ["1.0\u{d7}"; 3], "the baseline has no interval");
     }
 
     #[test]
@@ -195,6 +221,6 @@ mod tests {
             vec![row("mis", 1.0, 1.0), row(&small, 2.0, 1.0), row(&large, 3.0, 1.0)]
         };
         let page = page(&[comparison("a"), comparison("b")]).unwrap();
-        assert!(page.contains(">head:small</th>") && page.contains(">head:large</th>"), "{page}");
+        assert!(page.contains("</svg>head:small</th>") && page.contains("</svg>head:large</th>"), "{page}");
     }
 }

@@ -3,11 +3,12 @@
 use anyhow::{Result, ensure};
 use base64::Engine;
 use glam::Vec3A;
-use headtail_render::color::luminance;
+use headtail_render::color::{luminance, srgb_decode, tone_map};
 use headtail_render::image::{Image, encode_png, encode_png_rgb8};
-use headtail_render::statistics::RELATIVE_EPSILON;
+use headtail_render::statistics::{PIXELS_PER_DEGREE, RELATIVE_EPSILON, flip};
 
 use super::Comparison;
+use super::colours::ERROR;
 
 /// Largest width of an error map: errors are averaged over squares of pixels, because the error of a single pixel is as
 /// random as the pixel.
@@ -15,21 +16,6 @@ pub const ERROR_MAP_WIDTH: usize = 160;
 
 /// The error maps span this many powers of ten.
 const ERROR_DECADES: f64 = 4.0;
-
-/// Colours of the error maps, dark for small errors: brightness grows evenly and stays in order for the colour-blind
-/// ("inferno" of matplotlib, at equal distances).
-const ERROR_COLOURS: [[u8; 3]; 10] = [
-    [0x00, 0x00, 0x04],
-    [0x1b, 0x0c, 0x41],
-    [0x4a, 0x0c, 0x6b],
-    [0x78, 0x1c, 0x6d],
-    [0xa5, 0x2c, 0x60],
-    [0xcf, 0x44, 0x46],
-    [0xed, 0x69, 0x25],
-    [0xfb, 0x9b, 0x06],
-    [0xf7, 0xd1, 0x3d],
-    [0xfc, 0xff, 0xa4],
-];
 
 /// The colour of what is not measured.
 const UNMEASURED: [u8; 3] = [0x80, 0x80, 0x80];
@@ -45,6 +31,14 @@ pub fn data_address(png: &[u8]) -> String {
 /// A rendering under an exposure, in a `data:` address.
 pub fn rendering(image: &Image, exposure: f32) -> Result<String> {
     Ok(data_address(&encode_png(image, exposure)?))
+}
+
+/// What a display shows of an image, as linear values in `[0, 1]`.
+fn display(image: &Image, exposure: f32) -> Image {
+    let shown = |&pixel: &[f32; 3]| {
+        tone_map(Vec3A::from_array(pixel) * exposure.exp2()).map(|code| srgb_decode(f32::from(code) / 255.0))
+    };
+    Image { pixels: image.pixels.iter().map(shown).collect(), ..*image }
 }
 
 /// The exposure, in stops, that brings the geometric mean of the luminance of an image to middle grey.
@@ -64,7 +58,7 @@ pub fn exposure(reference: &Image) -> f32 {
     (10.0 * stops.clamp(-20.0, 20.0)).round() as f32 / 10.0
 }
 
-/// Relative squared errors of an image, averaged over squares of pixels.
+/// Errors of an image, averaged over squares of pixels.
 pub struct ErrorMap {
     width: usize,
     height: usize,
@@ -73,34 +67,59 @@ pub struct ErrorMap {
 }
 
 impl ErrorMap {
-    /// The errors of `image` against the reference of a comparison, which must have the same size.
+    /// The relative squared errors of `image` against the reference of a comparison, which must have the same size.
     pub fn of(image: &Image, comparison: &Comparison) -> Result<Self> {
         let reference = &comparison.reference;
         let (size, wanted) = ((image.width, image.height), (reference.width, reference.height));
         ensure!(size == wanted, "images: an image is {size:?} pixels, the reference {wanted:?}");
-        let side = image.width.div_ceil(ERROR_MAP_WIDTH).max(1);
-        let (width, height) = (image.width.div_ceil(side), image.height.div_ceil(side));
-        let mut sums = vec![(0.0, 0_u32); width * height];
-        for (i, (pixel, reference)) in image.pixels.iter().zip(&reference.pixels).enumerate() {
-            if !comparison.is_measured(i) {
-                continue;
-            }
-            let (sum, count) = &mut sums[i / image.width / side * width + i % image.width / side];
-            for (&x, &r) in pixel.iter().zip(reference) {
+        let error = |k: usize| {
+            let channels = image.pixels[k].iter().zip(&reference.pixels[k]);
+            let errors = channels.map(|(&x, &r)| {
                 let (x, r) = (f64::from(x), f64::from(r));
-                *sum += (x - r) * (x - r) / (r * r + RELATIVE_EPSILON);
-                *count += 1;
-            }
+                (x - r) * (x - r) / (r * r + RELATIVE_EPSILON)
+            });
+            errors.sum::<f64>() / 3.0
+        };
+        Ok(Self::averaged(comparison, error))
+    }
+
+    /// The values of LDR-FLIP of an image against the reference under an exposure, and their mean over the measured pixels.
+    pub fn of_flip(image: &Image, comparison: &Comparison, exposure: f32) -> Result<(Self, f64)> {
+        let [reference, shown] = [&comparison.reference, image].map(|image| display(image, exposure));
+        let values = flip(&reference, &shown, PIXELS_PER_DEGREE)?;
+        let measured = || (0..values.len()).filter(|&k| comparison.is_measured(k));
+        let mean = measured().map(|k| values[k]).sum::<f64>() / measured().count() as f64;
+        Ok((Self::averaged(comparison, |k| values[k]), mean))
+    }
+
+    /// Averages what the measured pixels have.
+    fn averaged(comparison: &Comparison, value: impl Fn(usize) -> f64) -> Self {
+        let Image { width: columns, height: rows, .. } = comparison.reference;
+        let side = columns.div_ceil(ERROR_MAP_WIDTH).max(1);
+        let (width, height) = (columns.div_ceil(side), rows.div_ceil(side));
+        let mut sums = vec![(0.0, 0_u32); width * height];
+        for k in (0..columns * rows).filter(|&k| comparison.is_measured(k)) {
+            let (sum, count) = &mut sums[k / columns / side * width + k % columns / side];
+            *sum += value(k);
+            *count += 1;
         }
         let errors = sums.into_iter().map(|(sum, count)| (count > 0).then(|| sum / f64::from(count))).collect();
-        Ok(Self { width, height, errors })
+        Self { width, height, errors }
+    }
+
+    /// The map in false colour, from 0 to 1, in a `data:` address.
+    pub fn share_picture(&self) -> Result<String> {
+        self.coloured(|share| if share.is_nan() { BROKEN } else { ERROR.at(share) })
+    }
+
+    fn coloured(&self, colour: impl Fn(f64) -> [u8; 3]) -> Result<String> {
+        let pixels: Vec<[u8; 3]> = self.errors.iter().map(|error| error.map_or(UNMEASURED, &colour)).collect();
+        Ok(data_address(&encode_png_rgb8(self.width, self.height, &pixels)?))
     }
 
     /// The map in false colour on a scale, in a `data:` address.
     pub fn picture(&self, scale: &ErrorScale) -> Result<String> {
-        let pixels: Vec<[u8; 3]> =
-            self.errors.iter().map(|error| error.map_or(UNMEASURED, |error| scale.colour(error))).collect();
-        Ok(data_address(&encode_png_rgb8(self.width, self.height, &pixels)?))
+        self.coloured(|error| scale.colour(error))
     }
 }
 
@@ -132,16 +151,7 @@ impl ErrorScale {
         if error.is_nan() {
             return BROKEN;
         }
-        let t = ((error.log10() - self.bottom()) / ERROR_DECADES).clamp(0.0, 1.0) * (ERROR_COLOURS.len() - 1) as f64;
-        let below = (t as usize).min(ERROR_COLOURS.len() - 2);
-        let (a, b, t) = (ERROR_COLOURS[below], ERROR_COLOURS[below + 1], t - below as f64);
-        std::array::from_fn(|c| (f64::from(a[c]) + t * (f64::from(b[c]) - f64::from(a[c]))).round() as u8)
-    }
-
-    /// The colours as a CSS gradient from left to right.
-    pub fn gradient() -> String {
-        let colours: Vec<String> = ERROR_COLOURS.iter().map(|[r, g, b]| format!("#{r:02x}{g:02x}{b:02x}")).collect();
-        format!("linear-gradient(to right,{})", colours.join(","))
+        ERROR.at((error.log10() - self.bottom()) / ERROR_DECADES)
     }
 }
 
@@ -186,10 +196,10 @@ mod tests {
     #[test]
     fn colours_run_from_dark_to_bright_and_mark_what_is_broken() {
         let scale = ErrorScale { top: 0.0 };
-        assert_eq!(scale.colour(0.0), ERROR_COLOURS[0]);
-        assert_eq!(scale.colour(1e-9), ERROR_COLOURS[0]);
-        assert_eq!(scale.colour(f64::INFINITY), ERROR_COLOURS[9]);
-        assert_eq!(scale.colour(1.0), ERROR_COLOURS[9]);
+        assert_eq!(scale.colour(0.0), ERROR.at(0.0));
+        assert_eq!(scale.colour(1e-9), ERROR.at(0.0));
+        assert_eq!(scale.colour(f64::INFINITY), ERROR.at(1.0));
+        assert_eq!(scale.colour(1.0), ERROR.at(1.0));
         assert_eq!(scale.colour(f64::NAN), BROKEN);
         let brightness = |e: f64| luminance(Vec3A::from_array(scale.colour(e).map(f32::from)));
         assert!((0..40).all(|i| brightness(1e-4 * 1.2_f64.powi(i)) <= brightness(1e-4 * 1.2_f64.powi(i + 1))));

@@ -43,19 +43,19 @@ fn winner(summary: &Summary, budget: &str, measure: Measure) -> Option<String> {
         Some(ratio) => lead(&ratio),
         None => format!("{}\u{a0}times", times(other.measure(measure).mean / value)),
     };
-    let mut sentence = format!("{} {} has the lowest {what}, {}", escape(&at), name(summary, best), html(value));
+    let mut sentence = format!("{} {} has the lowest {what}, {}", escape(&at), name(best), html(value));
     let baseline = summary.group(&summary.baseline, budget).filter(|group| group.measure(measure).mean.is_finite());
     match baseline {
         Some(baseline) if baseline.sampler == best.sampler => {
-            sentence += &format!(": {} lower than the next, {}", over(runner_up), name(summary, runner_up));
+            sentence += &format!(": {} lower than the next, {}", over(runner_up), name(runner_up));
         }
         Some(baseline) => {
             sentence += &format!(": {} lower than {}", over(baseline), escape(&summary.baseline_words()));
             if runner_up.sampler != baseline.sampler {
-                sentence += &format!(", and {} lower than the next, {}", over(runner_up), name(summary, runner_up));
+                sentence += &format!(", and {} lower than the next, {}", over(runner_up), name(runner_up));
             }
         }
-        None => sentence += &format!(": {} lower than the next, {}", over(runner_up), name(summary, runner_up)),
+        None => sentence += &format!(": {} lower than the next, {}", over(runner_up), name(runner_up)),
     }
     Some(sentence + &confidence(best, runner_up, measure) + ".")
 }
@@ -99,7 +99,7 @@ fn outliers(summary: &Summary) -> Option<String> {
     let different: Vec<String> = others
         .into_iter()
         .filter_map(|(measure, words)| best(measure).filter(|&name| name != by_mse).map(|name| (words, name)))
-        .map(|(words, sampler)| format!("by {words} it is {}", bold(summary.name(sampler))))
+        .map(|(words, sampler)| format!("by {words} it is {}", bold(sampler)))
         .collect();
     if different.is_empty() {
         return None;
@@ -117,9 +117,9 @@ fn rays(summary: &Summary) -> Option<String> {
     }
     Some(format!(
         "Equal samples are not equal work: {} traces {} rays per sample, {} only {}.",
-        name(summary, most),
+        name(most),
         amount(most.mean.rays_per_sample),
-        name(summary, least),
+        name(least),
         amount(least.mean.rays_per_sample)
     ))
 }
@@ -138,11 +138,7 @@ fn luminance(summary: &Summary, reference: f64) -> Option<String> {
         .filter(|group| group.luminance_p_value(reference).is_some_and(|p| p < threshold))
         .map(|group| {
             let direction = if deviation(group) > 0.0 { "above" } else { "below" };
-            format!(
-                "that of {} is {}\u{a0}% {direction} it",
-                name(summary, group),
-                times(100.0 * deviation(group).abs())
-            )
+            format!("that of {} is {}\u{a0}% {direction} it", name(group), times(100.0 * deviation(group).abs()))
         })
         .collect();
     Some(if deviating.is_empty() {
@@ -165,12 +161,12 @@ fn broken(summary: &Summary) -> Option<String> {
     if names.is_empty() {
         return None;
     }
-    let names: Vec<String> = names.iter().map(|name| bold(summary.name(name))).collect();
+    let names: Vec<String> = names.iter().map(|name| bold(name)).collect();
     Some(format!("Images of {} have pixels that are infinite or not a number; they are not ranked.", names.join(", ")))
 }
 
-fn name(summary: &Summary, group: &Group) -> String {
-    bold(summary.name(&group.sampler))
+fn name(group: &Group) -> String {
+    bold(&group.sampler)
 }
 
 fn bold(name: &str) -> String {

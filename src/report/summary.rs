@@ -6,6 +6,7 @@ use anyhow::{Result, ensure};
 use headtail_render::statistics::{MeanInterval, Moments, RatioInterval, TTest};
 
 use super::Row;
+use super::kind::Look;
 
 /// The sampler that others are measured by, if it is among them.
 const BASELINE: &str = "mis";
@@ -14,8 +15,8 @@ const BASELINE: &str = "mis";
 pub struct Summary {
     /// Samplers as the rows call them, in the order of the rows.
     pub samplers: Vec<String>,
-    /// Names short enough to be shown, in the same order.
-    names: Vec<String>,
+    /// Colours and markers, in the same order.
+    looks: Vec<Look>,
     /// Budgets of samples from small to large, then budgets of time from small to large, then others as they come.
     pub budgets: Vec<Budget>,
     /// One for each sampler at each budget that has runs; by budget, then by sampler.
@@ -77,6 +78,8 @@ pub struct Group {
     pub mean: Row,
     /// The number of runs.
     pub runs: usize,
+    /// Rendering time in seconds.
+    pub seconds: MeanInterval,
     /// MSE.
     pub mse: MeanInterval,
     /// Relative MSE.
@@ -102,6 +105,8 @@ pub enum Measure {
     RelMseTrimmed,
     /// MSE x time.
     Ttuv,
+    /// Rendering time.
+    Time,
 }
 
 impl Measure {
@@ -112,6 +117,7 @@ impl Measure {
             Self::RelMse => row.relmse,
             Self::RelMseTrimmed => row.relmse_trimmed,
             Self::Ttuv => row.ttuv,
+            Self::Time => row.seconds,
         }
     }
 }
@@ -139,6 +145,7 @@ impl Group {
             budget: first.budget.clone(),
             mean: row,
             runs: runs.len(),
+            seconds: MeanInterval::of(&column(|row| row.seconds))?,
             mse: MeanInterval::of(&column(|row| row.mse))?,
             relmse: MeanInterval::of(&column(|row| row.relmse))?,
             relmse_trimmed: MeanInterval::of(&column(|row| row.relmse_trimmed))?,
@@ -155,6 +162,7 @@ impl Group {
             Measure::RelMse => &self.relmse,
             Measure::RelMseTrimmed => &self.relmse_trimmed,
             Measure::Ttuv => &self.ttuv,
+            Measure::Time => &self.seconds,
         }
     }
 
@@ -213,17 +221,18 @@ impl Summary {
             }
         }
         let baseline = samplers.iter().find(|sampler| *sampler == BASELINE).unwrap_or(&samplers[0]).clone();
-        Ok(Self { names: short_names(&samplers), samplers, budgets, groups, baseline })
+        let looks = Look::of_all(samplers.iter().map(String::as_str));
+        Ok(Self { looks, samplers, budgets, groups, baseline })
     }
 
     /// The baseline in words.
     pub fn baseline_words(&self) -> String {
-        if self.baseline == BASELINE { "one-sample MIS".to_owned() } else { self.name(&self.baseline).to_owned() }
+        if self.baseline == BASELINE { "one-sample MIS".to_owned() } else { self.baseline.clone() }
     }
 
-    /// The name under which a sampler is shown.
-    pub fn name<'a>(&'a self, sampler: &'a str) -> &'a str {
-        self.samplers.iter().position(|known| known == sampler).map_or(sampler, |index| &self.names[index])
+    /// The colour and marker of a sampler.
+    pub fn look(&self, sampler: &str) -> Look {
+        self.looks[self.samplers.iter().position(|known| known == sampler).unwrap_or(0)]
     }
 
     /// The group of a sampler at a budget.
@@ -258,24 +267,6 @@ impl Summary {
         groups.sort_by(|a, b| a.measure(measure).mean.total_cmp(&b.measure(measure).mean));
         groups
     }
-}
-
-/// Short names of samplers, still distinct: of `head:out/dishes/sampler.safetensors`, `head:sampler`; where that is taken,
-/// `head:dishes/sampler`; else the whole.
-fn short_names(samplers: &[String]) -> Vec<String> {
-    let shortened = |parts| samplers.iter().map(|sampler| without_folders(sampler, parts)).collect::<Vec<_>>();
-    let candidates = [shortened(1), shortened(2), samplers.to_vec()];
-    let is_distinct = |names: &[String], index: usize| names.iter().filter(|name| **name == names[index]).count() == 1;
-    let shortest = |index: usize| candidates.iter().find(|names| is_distinct(names, index)).unwrap_or(&candidates[2]);
-    (0..samplers.len()).map(|index| shortest(index)[index].clone()).collect()
-}
-
-/// The kind of a sampler and the last `parts` of the path of its file, if it has one.
-fn without_folders(sampler: &str, parts: usize) -> String {
-    let Some((kind, path)) = sampler.split_once(':') else { return sampler.to_owned() };
-    let path = path.strip_suffix(".safetensors").unwrap_or(path);
-    let folders: Vec<&str> = path.split(['/', '\\']).collect();
-    format!("{kind}:{}", folders[folders.len().saturating_sub(parts)..].join("/"))
 }
 
 /// The distinct names in order of appearance.
@@ -324,14 +315,6 @@ mod tests {
         let run = Row { mse: 1.0, ..synthetic::row("mis", "16spp", 0) };
         assert_eq!(Summary::of(&[mean.clone(), run]).unwrap().groups[0].mean.mse, 1.0);
         assert!(Summary::of(&[mean]).is_err());
-    }
-
-    #[test]
-    fn paths_are_shortened_as_far_as_names_stay_distinct() {
-        let names = |samplers: &[&str]| short_names(&samplers.iter().map(|&s| s.to_owned()).collect::<Vec<_>>());
-        assert_eq!(names(&["mis", "ris:4", "head:out/a/x.safetensors"]), ["mis", "ris:4", "head:x"]);
-        assert_eq!(names(&["head:a/x.safetensors", "head:b/x.safetensors"]), ["head:a/x", "head:b/x"]);
-        assert_eq!(names(&["head:1/a/x", "head:2/a/x", "baked:x"]), ["head:1/a/x", "head:2/a/x", "baked:x"]);
     }
 
     /// Four runs with noise that both samplers share, of which `ris` has three quarters.

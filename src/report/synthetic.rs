@@ -1,12 +1,10 @@
 //! A made-up comparison for the tests: a lit ball on a plane with the noise of samplers of known quality.
 
-use glam::Vec3A;
-use headtail_render::color::luminance;
 use headtail_render::image::Image;
 use headtail_render::random::{Purpose, Stream};
 use headtail_render::statistics::{ErrorMetrics, ttuv};
 
-use super::{Comparison, Preparation, RenderedImage, Row, State};
+use super::{Comparison, Preparation, RenderedImage, Row, State, mean_luminance};
 
 /// A run of no particular result.
 pub fn row(sampler: &str, budget: &str, run: u32) -> Row {
@@ -67,11 +65,6 @@ fn noisy(reference: &Image, variance: f32, random: &mut Stream) -> Image {
     image
 }
 
-fn mean_luminance(image: &Image) -> f64 {
-    let sum: f64 = image.pixels.iter().map(|&pixel| f64::from(luminance(Vec3A::from_array(pixel)))).sum();
-    sum / image.pixels.len() as f64
-}
-
 /// Seven samplers, three budgets of samples and one of time, three runs each.
 pub fn comparison() -> Comparison {
     let (width, height) = (96, 64);
@@ -108,7 +101,7 @@ pub fn comparison() -> Comparison {
                     relmse: errors.relmse,
                     relmse_trimmed: errors.relmse_trimmed,
                     ttuv: ttuv(errors.mse, seconds),
-                    mean_luminance: mean_luminance(&image),
+                    mean_luminance: mean_luminance(image.pixels.iter()),
                     max_weight: f64::from(40.0 * variance * (1.0 + random.uniform())),
                     seed,
                     ..row(sampler, budget, run)

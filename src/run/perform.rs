@@ -8,8 +8,8 @@ use std::{
 use anyhow::{Context, Result, bail};
 use headtail_render::{environment::Environment, file, scene::Scene, spec::SamplerSpec, tail::TailKind};
 use headtail_train::{
-    CheckpointFolder, Fitted, FlowSummary, MetricsFile, Progress, Run, Summary, TensorBoard, TrainingLight, Viewpoints,
-    build_target, check_exportable, density_pictures, exported_sampler, fit_with,
+    CheckpointFolder, DensityPair, Fitted, FlowSummary, MetricsFile, Progress, Run, Summary, TensorBoard,
+    TrainingLight, Viewpoints, build_target, check_exportable, density_pairs, exported_sampler, fit_with,
 };
 
 use super::{
@@ -19,6 +19,10 @@ use super::{
 use crate::{
     arguments::{make_folder, open_environment},
     progress,
+    report::{
+        chart::{Panel, Scale, Sides, densities},
+        vector::Chart,
+    },
 };
 
 /// The file of the resolved table beside a result.
@@ -110,7 +114,10 @@ pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finish
     let around = Run { progress: &mut show, interrupt: &pause, checkpoints: checkpoints.as_ref(), warn };
     let fitted = fit_with(config, &*target, around)?;
     if let Some(folder) = pictures {
-        density_pictures(&fitted.head, config, &*target, PICTURES, &folder)?;
+        make_folder(&folder)?;
+        for (index, pair) in density_pairs(&fitted.head, config, &*target, PICTURES)?.iter().enumerate() {
+            draw(pair, index)?.write(&folder)?;
+        }
     }
 
     let mut finished = Finished { measures: of_summary(&fitted), summary: fitted.summary, sampler: None };
@@ -220,4 +227,13 @@ fn describe_target(viewpoints: Option<&Picture>, environment: &Environment) -> S
         None => "conditions from everywhere".into(),
     };
     format!("environment {}, {conditions}", environment.hash())
+}
+
+/// Target and learned density at a condition, on one scale.
+fn draw(pair: &DensityPair, index: usize) -> Result<Chart> {
+    let scale = Scale::of(&pair.target, 4.0);
+    let panel =
+        |title: &str, values: &[f32]| Panel::density(title, (values, pair.side), Sides::Square, (scale, "of the mean"));
+    let panels = [panel("target", &pair.target)?, panel("head", &pair.learned)?];
+    densities(&format!("condition-{index}"), &[format!("Densities over the square, condition {index}")], &panels, 2)
 }

@@ -16,8 +16,8 @@ use headtail_train::{Backend, GradientForm};
 use crate::{arguments::make_folder, backends::parse, compare::machine, progress};
 use method::{DEFAULT, Laboratory};
 
-/// Train and measure every sampler in the regimes in which importance sampling is known to fail, and write DIR/stability.csv and
-/// DIR/stability.html.
+/// Train and measure every sampler in the regimes in which importance sampling is known to fail, and write DIR/stability.csv,
+/// DIR/stability.html and DIR/regimes.svg.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail stability --out out/stability --quick
@@ -82,6 +82,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let (csv, html) = (arguments.out.join("stability.csv"), arguments.out.join("stability.html"));
     file::replace(&csv, &table::encode(&rows, &missing, &machine, &command)?)?;
     file::replace(&html, page.encode()?.as_bytes())?;
+    page.chart().write(&arguments.out)?;
     let worse = rows.iter().filter(|row| row.method == DEFAULT && !page::is_no_worse(&rows, row));
     for row in worse {
         println!("{}: {DEFAULT} is worse than one-sample MIS, or stopped", row.regime);

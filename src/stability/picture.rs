@@ -2,19 +2,16 @@
 
 use std::sync::Arc;
 
+use crate::report::{chart::Scale, picture::data_address};
 use anyhow::Result;
 use glam::{Vec2, Vec3A};
 use headtail_render::{
     color::luminance,
     environment::Environment,
-    image::encode_png_rgb8,
     latlong,
     sampler::{AtPoint, Sampler},
     tile::ShadingPoint,
 };
-use plotters::style::colors::colormaps::{ColorMap, ViridisRGB};
-
-use crate::report::picture::data_address;
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 80;
@@ -25,7 +22,7 @@ const DECADES: f64 = 6.0;
 pub struct Pictures {
     at: ShadingPoint,
     /// The target first.
-    densities: Vec<(&'static str, Vec<f64>)>,
+    densities: Vec<(&'static str, Vec<f32>)>,
 }
 
 impl Pictures {
@@ -38,28 +35,21 @@ impl Pictures {
             |k: usize| f64::from(latlong::sin_theta((k / WIDTH) as f32 / HEIGHT as f32 + 0.5 / HEIGHT as f32));
         let pixel = 2.0 * std::f64::consts::PI.powi(2) / (WIDTH * HEIGHT) as f64;
         let total: f64 = target.iter().enumerate().map(|(k, f)| f * solid_angle(k) * pixel).sum();
-        let target = target.into_iter().map(|f| f / total.max(f64::MIN_POSITIVE)).collect();
+        let target = target.into_iter().map(|f| (f / total.max(f64::MIN_POSITIVE)) as f32).collect();
         Self { at, densities: vec![("target", target)] }
     }
 
     /// Adds a sampler's density.
     pub fn add(&mut self, method: &'static str, sampler: &dyn Sampler) {
         let pdfs = AtPoint::new(sampler, &self.at).pdf_many(&each_pixel());
-        self.densities.push((method, pdfs.into_iter().map(f64::from).collect()));
+        self.densities.push((method, pdfs));
     }
 
     /// Names and `data:` addresses, all on the target's scale.
     pub fn encode(&self) -> Result<Vec<(&'static str, String)>> {
-        let top = self.densities[0].1.iter().copied().fold(f64::MIN_POSITIVE, f64::max).log10();
-        let picture = |(name, values): &(&'static str, Vec<f64>)| {
-            let color = |value: &f64| {
-                let level = 1.0 + (value.max(f64::MIN_POSITIVE).log10() - top) / DECADES;
-                let color = ViridisRGB.get_color(level.clamp(0.0, 1.0) as f32);
-                [color.0, color.1, color.2]
-            };
-            let pixels: Vec<[u8; 3]> = values.iter().map(color).collect();
-            Ok((*name, data_address(&encode_png_rgb8(WIDTH, HEIGHT, &pixels)?)))
-        };
+        let top = self.densities[0].1.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
+        let scale = Scale { top: f64::from(top), decades: DECADES };
+        let picture = |(name, values): &(&'static str, Vec<f32>)| Ok((*name, data_address(&scale.png(values, WIDTH)?)));
         self.densities.iter().map(picture).collect()
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::Result;
+use maud::{PreEscaped, html};
 use serde::Serialize;
 use toml::Value;
 
@@ -14,11 +15,7 @@ use super::{
     forest,
     status::State,
 };
-use crate::{
-    compare::machine,
-    report::{html, number::escape},
-    run,
-};
+use crate::{compare::machine, report::shell::Page, run};
 
 const STYLE: &str = include_str!("report/page.css");
 const SCRIPT: &str = include_str!("report/page.js");
@@ -101,18 +98,23 @@ pub fn page(sweep: &Sweep, command: &str) -> Result<String> {
         machine(),
         format!("headtail {}", env!("CARGO_PKG_VERSION")),
     ];
-    let facts: String = facts.iter().map(|fact| format!("<li>{}</li>", escape(fact))).collect();
     // Within a script element only `<` could end it.
     let data = serde_json::to_string(&data)?.replace('<', "\\u003c");
-    let head = html::head(env!("CARGO_PKG_VERSION"), &format!("{name} \u{b7} headtail sweep"));
-    let head = head.replacen("</style>", &format!("{STYLE}</style>"), 1);
-    Ok(format!(
-        "{head}<body>\n<header>\n<p class=\"kicker\">headtail \u{b7} sweep</p>\n<h1>{}</h1>\n<ul class=\"facts\">{facts}</ul>\n\
-         <pre class=\"command\" tabindex=\"0\" aria-label=\"Command\"><code>{}</code></pre>\n</header>\n{BODY}\
-         <script type=\"application/json\" id=\"data\">{data}</script>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n",
-        escape(&name),
-        escape(command),
-    ))
+    let main = html! {
+        (PreEscaped(BODY))
+        script #data type="application/json" { (PreEscaped(data)) }
+    };
+    let page = Page {
+        kicker: "sweep",
+        heading: html! { (name) },
+        title: name,
+        facts: facts.into(),
+        command,
+        version: env!("CARGO_PKG_VERSION"),
+        style: STYLE,
+        script: SCRIPT,
+    };
+    Ok(page.encode(&main))
 }
 
 fn data(sweep: &Sweep, rows: &[Row<'_>]) -> Data {

@@ -53,7 +53,11 @@ fn pages_work_in_a_browser() {
     succeed(path, "chart results results --out chart.html");
     for dark in [false, true] {
         let found = probe(&browser, &path.join("results/report.html"), dark);
-        assert_eq!(found, "moved=true chosen=true zoomed=true sorted=true charts=2 images=true");
+        assert_eq!(
+            found,
+            "moved=true chosen=true same=true exposed=true difference=true zoomed=true sorted=true insets=true clicked=true fragment=true \
+             charts=3 images=true"
+        );
     }
     assert_eq!(probe(&browser, &path.join("chart.html"), false), "charts=3 images=true");
     // The checks of everything make the whole page beforehand, and say where it is.
@@ -67,8 +71,8 @@ fn pages_work_in_a_browser() {
         }
     }
     for dark in [false, true] {
-        // Five scenes with one chart each, a wide and a narrow form of which one is shown.
-        let charts = if page.is_some() { 5 } else { 0 };
+        // Five scenes with two charts each, a wide and a narrow form of which one is shown, and what tails make of the square.
+        let charts = if page.is_some() { 11 } else { 0 };
         assert_eq!(probe(&browser, &copy, dark), format!("charts={charts} images=true"));
     }
     succeed(path, "view --env window --width 60 --height 40 --out shot.exr");
@@ -78,7 +82,7 @@ fn pages_work_in_a_browser() {
     );
     assert_eq!(
         probe(&browser, &path.join("into/composite.html"), false),
-        "moved=true chosen=true zoomed=true charts=0 images=true"
+        "moved=true chosen=true same=true exposed=true difference=true zoomed=true charts=0 images=true"
     );
 
     fs::write(path.join("space.toml"), super::sweep::SPACE.replace("steps = 400", "steps = 100")).unwrap();

@@ -4,6 +4,7 @@
 
 mod browser;
 mod composite;
+mod documentation;
 mod export;
 #[cfg(target_os = "linux")]
 mod interruption;
@@ -97,6 +98,13 @@ fn is_png(path: &Path) -> bool {
     fs::read(path).unwrap().starts_with(b"\x89PNG\r\n\x1a\n")
 }
 
+/// Whether a file is a drawing that needs nothing from outside.
+fn is_svg(path: &Path) -> bool {
+    let svg = fs::read_to_string(path).unwrap();
+    let outside = svg.matches("http").count() - svg.matches("http://www.w3.org/2000/svg").count();
+    svg.starts_with("<svg ") && svg.ends_with("</svg>\n") && outside == 0
+}
+
 const SMALL: &str = "--width 24 --height 18";
 
 #[test]
@@ -135,10 +143,10 @@ fn a_head_is_fitted_baked_rendered_and_inspected() {
     assert_eq!(names(&path.join("fitted")), files);
 
     succeed(path, "bake --from fitted/sampler.safetensors --normals 6x8 --cells 8x8 --out baked.safetensors");
-    succeed(path, "inspect fitted/sampler.safetensors --normal 1,0.5,-0.2 --out pictures/head.png");
-    succeed(path, "inspect baked.safetensors --out pictures/baked.png");
-    assert_eq!(names(&path.join("pictures")), ["baked.png", "head.png"]);
-    assert!(is_png(&path.join("pictures/head.png")) && is_png(&path.join("pictures/baked.png")));
+    succeed(path, "inspect fitted/sampler.safetensors --normal 1,0.5,-0.2 --out pictures/head.svg");
+    succeed(path, "inspect baked.safetensors --out pictures/baked.svg");
+    assert_eq!(names(&path.join("pictures")), ["baked.svg", "head.svg"]);
+    assert!(is_svg(&path.join("pictures/head.svg")) && is_svg(&path.join("pictures/baked.svg")));
 
     // The samplers estimate one and the same picture.
     let view = format!("render --scene sphere --env overcast --spp 64 {SMALL}");
@@ -207,16 +215,16 @@ fn a_glossy_head_is_inspected_and_rendered_but_not_baked() {
     for (material, name) in [("ggx:alpha=0.4", "one"), ("ggx:alpha=0.2..0.8", "range")] {
         succeed(path, &format!("{fit} --material {material} --out {name}"));
         let file = format!("{name}/sampler.safetensors");
-        let said = succeed(path, &format!("inspect {file} --material ggx:alpha=0.3 --view 1,1,0 --out {name}.png"));
+        let said = succeed(path, &format!("inspect {file} --material ggx:alpha=0.3 --view 1,1,0 --out {name}.svg"));
         assert!(said.contains("alpha 0.3") && said.contains("% of samples from the head"), "{said}");
-        assert!(is_png(&path.join(name).with_extension("png")));
-        assert!(fail(path, &format!("inspect {file} --out a.png")).contains("--material ggx:alpha=A"));
+        assert!(is_svg(&path.join(name).with_extension("svg")));
+        assert!(fail(path, &format!("inspect {file} --out a.svg")).contains("--material ggx:alpha=A"));
         assert!(fail(path, &format!("bake --from {file} --out a")).contains("only a head for diffuse surfaces"));
     }
     assert!(
-        fail(path, "inspect one/sampler.safetensors --material ggx:alpha=0.2..0.8 --out a.png").contains("one width")
+        fail(path, "inspect one/sampler.safetensors --material ggx:alpha=0.2..0.8 --out a.svg").contains("one width")
     );
-    let below = "inspect one/sampler.safetensors --material ggx:alpha=0.4 --view 0,-1,0 --out a.png";
+    let below = "inspect one/sampler.safetensors --material ggx:alpha=0.4 --view 0,-1,0 --out a.svg";
     assert!(fail(path, below).starts_with("--view"));
 
     let view = format!("render --scene sphere --material ggx:alpha=0.4 --env window --spp 64 {SMALL}");
@@ -243,9 +251,9 @@ fn flow_tails_and_compact_emitters_are_fitted_exported_and_shown() {
     // A second run finds all steps done, of the tail and of the head.
     succeed(path, &format!("{fit} ck --resume --tail flow --out again"));
     succeed(path, &format!("{fit} ck2 --compact-emitters --set head.selection=true --out compact"));
-    let said = succeed(path, "inspect --tail --env sunset flow/sampler.safetensors --out tails.png");
+    let said = succeed(path, "inspect --tail --env sunset flow/sampler.safetensors --out tails.svg");
     assert!(
-        is_png(&path.join("tails.png")) && ["row-column", "hierarchical", "flow"].iter().all(|t| said.contains(t)),
+        is_svg(&path.join("tails.svg")) && ["row-column", "hierarchical", "flow"].iter().all(|t| said.contains(t)),
         "{said}"
     );
     let view = format!("render --scene plane --env sunset --unshadowed {SMALL}");
@@ -265,7 +273,7 @@ fn flow_tails_and_compact_emitters_are_fitted_exported_and_shown() {
     }
     assert!(fail(path, "bake --direct --env sunset --tail flow --out a.safetensors").contains("fit --tail flow"));
     assert!(
-        fail(path, "inspect --tail --env studio flow/sampler.safetensors --out a.png").contains("environment_hash")
+        fail(path, "inspect --tail --env studio flow/sampler.safetensors --out a.svg").contains("environment_hash")
     );
     assert!(fail(path, "fit --env sunset --material lambert --set flow.cells=7 --out a").contains("flow.cells"));
 }
@@ -295,7 +303,7 @@ fn a_direct_bake_needs_no_training() {
         "bake --direct --env sunset --tail row-column --normals 6x8 --cells 8x8 --out tables/sunset.safetensors",
     );
     assert_eq!(names(&path.join("tables")), ["sunset.safetensors"]);
-    let said = succeed(path, "inspect tables/sunset.safetensors --out sunset.png");
+    let said = succeed(path, "inspect tables/sunset.safetensors --out sunset.svg");
     assert!(said.contains("Direct bake of 'sunset'") && said.contains("row-column"), "{said}");
     let view = format!("render --scene plane --env sunset --spp 4 {SMALL}");
     succeed(path, &format!("{view} --sampler direct:tables/sunset.safetensors --out plane.exr"));
@@ -621,8 +629,8 @@ fn sampler_files_are_checked_before_they_are_used() {
 
     assert!(fail(path, "bake --from direct --out b").contains("table already"));
     assert!(fail(path, "bake --from nothing --out b").starts_with("nothing: "));
-    assert!(fail(path, "inspect cut --out a.png").starts_with("cut: "));
-    assert!(fail(path, "inspect direct --normal 0,0,0 --out a.png").contains("--normal"));
+    assert!(fail(path, "inspect cut --out a.svg").starts_with("cut: "));
+    assert!(fail(path, "inspect direct --normal 0,0,0 --out a.svg").contains("--normal"));
     assert_eq!(names(path), ["baked", "cut", "direct", "head", "newer"]);
 }
 

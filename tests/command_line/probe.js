@@ -4,8 +4,36 @@ window.addEventListener("load", () => {
   const get = (id) => document.getElementById(id);
   const found = {};
   const seen = (element) => element && element.getBoundingClientRect().width > 50 && element.getBoundingClientRect().height > 50;
-  const slider = get("position");
-  if (slider) {
+  const finish = () => {
+    found.charts = [...document.querySelectorAll("svg.chart")].filter(seen).length;
+    found.images = [...document.images].every((image) => image.complete && image.naturalWidth > 0);
+    document.body.dataset.probe = Object.entries(found).map(([key, value]) => key + "=" + value).join(" ");
+  };
+  if (get("position")) return useSlider().catch((error) => { found.error = String(error).replaceAll(" ", "_"); }).then(finish);
+
+  // A choice, and the stage once it is painted anew.
+  function change(element, value, kind) {
+    return new Promise((resolve) => {
+      get("stage").addEventListener("shown", resolve, { once: true });
+      element.value = value;
+      element.dispatchEvent(new Event(kind));
+    });
+  }
+  function pixels(source) {
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [source.naturalWidth || source.width, source.naturalHeight || source.height];
+    canvas.getContext("2d").drawImage(source, 0, 0);
+    return canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  }
+  function farthest(a, b) {
+    return a.reduce((most, value, k) => Math.max(most, Math.abs(value - b[k])), 0);
+  }
+  function mean(values) {
+    return values.reduce((sum, value) => sum + value, 0) / values.length;
+  }
+
+  async function useSlider() {
+    const slider = get("position");
     const cut = () => getComputedStyle(get("before")).clipPath + get("stage").style.getPropertyValue("--position");
     const before = cut();
     slider.value = 20;
@@ -13,25 +41,53 @@ window.addEventListener("load", () => {
     found.moved = cut() !== before && get("stage").style.getPropertyValue("--position") === "20%";
     const left = get("left");
     const choice = [...left.options].find((option) => ["image-reference", "image-mask"].includes(option.value));
-    left.value = choice.value;
-    left.dispatchEvent(new Event("change"));
-    found.chosen = get("tag-left").textContent.startsWith(choice.text) && get("before").naturalWidth > 0;
-    const zoom = get("zoom");
-    zoom.value = "4";
-    zoom.dispatchEvent(new Event("change"));
+    await change(left, choice.value, "change");
+    found.chosen = get("tag-left").textContent.startsWith(choice.text) && location.hash.includes("left=" + choice.value);
+    // Linear values under the page's tone curve are the picture's own 8 bits but for the steps of both.
+    found.same = farthest(pixels(get("before")), pixels(get(choice.value))) <= 3;
+    const plain = mean(pixels(get("before")));
+    await change(get("exposure"), 2, "input");
+    found.exposed = mean(pixels(get("before"))) > plain + 5 && location.hash.includes("exposure=2");
+    await change(get("exposure"), 0, "input");
+    await change(get("mode"), "difference", "change");
+    const differs = mean(pixels(get("difference")).filter((_, k) => k % 4 < 3)) > 0.5 && !get("difference").hidden && get("before").hidden;
+    await change(get("right"), choice.value, "change");
+    found.difference = differs && pixels(get("difference")).every((value, k) => value === (k % 4 === 3 ? 255 : 0));
+    await change(get("mode"), "both", "change");
+    get("zoom").value = "4";
+    get("zoom").dispatchEvent(new Event("change"));
     found.zoomed = get("stage").classList.contains("zoomed");
-    const head = document.querySelector("#results thead th:nth-child(7) button");
+    const head = document.querySelector("table.sortable thead th:nth-child(7) button");
     if (head) {
       head.click();
-      const values = [...document.querySelectorAll("#results tbody tr")].map((row) => Number(row.cells[6].dataset.value));
+      const values = [...document.querySelectorAll("table.sortable tbody tr")].map((row) => Number(row.cells[6].dataset.value));
       found.sorted = values.every((value, i) => i === 0 || values[i - 1] <= value);
     }
+    if (get("multiples") && document.querySelector(".insets canvas")) useInsets();
   }
-  const finish = () => {
-    found.charts = [...document.querySelectorAll("svg.chart")].filter(seen).length;
-    found.images = [...document.images].every((image) => image.complete && image.naturalWidth > 0);
-    document.body.dataset.probe = Object.entries(found).map(([key, value]) => key + "=" + value).join(" ");
-  };
+
+  function useInsets() {
+    const boxes = [...document.querySelectorAll(".picture")].filter(seen);
+    const places = () => boxes.map((box) => box.querySelector(".frame.inset-0").style.left + box.querySelector(".frame.inset-0").style.top);
+    const equal = (values) => values.every((value) => value === values[0]);
+    const press = (key) => boxes[1].dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true }));
+    const first = places();
+    for (let k = 0; k < 5; k++) press("ArrowRight");
+    for (let k = 0; k < 5; k++) press("ArrowUp");
+    const moved = places();
+    found.insets = equal(first) && equal(moved) && first[0] !== moved[0] && location.hash.includes("insets=");
+    const area = boxes[0].getBoundingClientRect();
+    boxes[0].setPointerCapture = () => {};
+    boxes[0].dispatchEvent(new PointerEvent("pointerdown", { clientX: area.left + area.width / 2, clientY: area.top + area.height / 2, pointerId: 1, bubbles: true }));
+    found.clicked = equal(places()) && places()[0] !== moved[0];
+    // What the address says is what is shown, when it is opened and when it is changed.
+    location.hash = "insets=0.3,0.4,0.1;0.7,0.6,0.1&map=flip&budget=0";
+    window.dispatchEvent(new HashChangeEvent("hashchange"));
+    const frame = boxes[0].querySelector(".frame.inset-0").getBoundingClientRect();
+    const middle = (frame.left + frame.width / 2 - area.left) / area.width;
+    const shown = [...document.querySelectorAll("img.errors")].filter((image) => image.offsetParent);
+    found.fragment = Math.abs(middle - 0.3) < 0.05 && shown.length > 0 && shown.every((image) => image.dataset.map === "flip" && image.closest("[data-panel]").dataset.panel === "0");
+  }
   const trials = get("trials");
   if (trials) {
     const rows = () => [...trials.tBodies[0].rows];

@@ -22,8 +22,8 @@ fn visibility_is_learned_gone_on_with_rendered_and_shown() {
     let other = "--material ggx:alpha=0.4 --look-from 0.5,1.2,2 --look-at 0,1,0";
     let said = succeed(at, &format!("render {VIEW} {other} --sampler patches+vis:more --spp 4 --out a.exr"));
     assert!(said.contains("patches+vis:more: 4 spp") && said.contains("visibility: "), "{said}");
-    let said = succeed(at, &format!("inspect more --visibility {VIEW} --out cells.png"));
-    assert!(said.contains("as learned") && fs::metadata(at.join("cells.png")).unwrap().len() > 1000, "{said}");
+    let said = succeed(at, &format!("inspect more --visibility {VIEW} --out cells.svg"));
+    assert!(said.contains("as learned") && fs::metadata(at.join("cells.svg")).unwrap().len() > 1000, "{said}");
 }
 
 #[test]
@@ -36,8 +36,8 @@ fn mistakes_with_visibility_get_a_sentence() {
         (VIEW.replace("bedroom", "temple") + " --sampler patches+vis:seen --spp 1 --out x.exr", "in another scene"),
         (VIEW.replace("window", "studio") + " --sampler patches+vis:seen --spp 1 --out x.exr", "another map, window"),
         (format!("{VIEW} --ground --sampler patches+vis:seen --spp 1 --out x.exr"), "in another scene"),
-        (format!("inspect seen --visibility {VIEW} --pixel 64,0 --out x.png"), "the picture has 64 x 48 pixels"),
-        ("inspect seen --env window --out x.png".to_owned(), "no sampler"),
+        (format!("inspect seen --visibility {VIEW} --pixel 64,0 --out x.svg"), "the picture has 64 x 48 pixels"),
+        ("inspect seen --out x.svg".to_owned(), "no sampler"),
     ] {
         let command = if command.starts_with("--") { format!("render {command}") } else { command };
         let error = fail(at, &command);

@@ -51,7 +51,7 @@ pub use light::TrainingLight;
 pub use loss::{Loss, Objective};
 pub use material::Material;
 pub use metrics::MetricsFile;
-pub use picture::density_pictures;
+pub use picture::{DensityPair, density_pairs};
 pub use preset::Preset;
 pub use step_gradient::{GradientSource, StepGradient};
 pub use tensorboard::TensorBoard;

@@ -1,38 +1,36 @@
-//! Pictures of a target and of what a head has learned of it.
-
-use std::path::Path;
+//! A target and what a head has learned of it, over the square, for pictures.
 
 use headtail_model::{
     Head,
     burn::prelude::{Tensor, TensorData},
     head::share_of_logit,
 };
-use headtail_render::{
-    file,
-    image::encode_png_rgb8,
-    random::{Purpose, Stream},
-};
+use headtail_render::random::{Purpose, Stream};
 
-use crate::{Error, FitConfig, Result, Target};
+use crate::{FitConfig, Result, Target};
 
-/// Pixels along each side of the square.
+/// Values along each side of the square.
 const SIDE: usize = 192;
-/// Pixels between target and head.
-const GAP: usize = 4;
 
-/// Writes `condition-0.png`, ... into `folder`, which is made: left the target over Y (for a naive head over X), right what the
-/// head gives (with a learned share the mixture with BRDF sampling). Elevation runs down, azimuth to the right;
-/// both have one scale, on which white is the density that a hundredth of the target's pixels exceeds.
+/// Densities over Y (for a naive head over X) at one condition.
+pub struct DensityPair {
+    /// Values along each side of the square.
+    pub side: usize,
+    /// `[side, side]` the target, elevation down and azimuth to the right; of mean 1, if the condition sees light.
+    pub target: Vec<f32>,
+    /// `[side, side]` what the head gives; with a learned share the mixture with BRDF sampling.
+    pub learned: Vec<f32>,
+}
+
+/// Targets and learned densities at `count` conditions.
 ///
 /// Conditions are drawn with the run's seed; one that sees no light is drawn again.
 ///
 /// # Errors
-/// If the backend is not in this build or a file cannot be written.
-pub fn density_pictures(head: &Head, config: &FitConfig, target: &dyn Target, count: u64, folder: &Path) -> Result<()> {
-    let failed = |reason: std::io::Error| Error::Output { path: folder.to_owned(), reason: reason.to_string() };
-    std::fs::create_dir_all(folder).map_err(failed)?;
+/// If the backend is not in this build.
+pub fn density_pairs(head: &Head, config: &FitConfig, target: &dyn Target, count: u64) -> Result<Vec<DensityPair>> {
     let points: Vec<[f32; 2]> = points().collect();
-    for index in 0..count {
+    let pair = |index: u64| {
         let mut stream = Stream::new(config.seed, Purpose::Validation, 1 + index);
         let mut condition = vec![0.0; target.condition().length()];
         let mut wanted = Vec::new();
@@ -45,10 +43,9 @@ pub fn density_pictures(head: &Head, config: &FitConfig, target: &dyn Target, co
             }
         }
         let learned = learned_density(head, config, target, &condition)?;
-        let png = side_by_side(&wanted, &learned)?;
-        file::replace(&folder.join(format!("condition-{index}.png")), &png)?;
-    }
-    Ok(())
+        Ok(DensityPair { side: SIDE, target: wanted, learned })
+    };
+    (0..count).map(pair).collect()
 }
 
 /// Centres of the pixels, row by row.
@@ -80,20 +77,6 @@ fn learned_density(head: &Head, config: &FitConfig, target: &dyn Target, conditi
     Ok(densities)
 }
 
-fn side_by_side(left: &[f32], right: &[f32]) -> Result<Vec<u8>> {
-    let mut sorted = left.to_vec();
-    sorted.sort_unstable_by(f32::total_cmp);
-    let white = sorted[sorted.len() * 99 / 100].max(1e-6);
-    let grey = |value: f32| [(255.0 * (value / white).clamp(0.0, 1.0).powf(1.0 / 2.2)).round() as u8; 3];
-    let mut pixels = Vec::with_capacity((2 * SIDE + GAP) * SIDE);
-    for (left, right) in left.chunks_exact(SIDE).zip(right.chunks_exact(SIDE)) {
-        pixels.extend(left.iter().map(|&value| grey(value)));
-        pixels.extend([[90, 140, 200]; GAP]);
-        pixels.extend(right.iter().map(|&value| grey(value)));
-    }
-    Ok(encode_png_rgb8(2 * SIDE + GAP, SIDE, &pixels)?)
-}
-
 #[cfg(test)]
 mod tests {
     use headtail_model::HeadConfig;
@@ -109,12 +92,12 @@ mod tests {
         let target = CosineTarget::new(&sky);
         let learned = learned_density(&head, &config, &target, &[0.0, 1.0, 0.0]).unwrap();
         assert!(learned.iter().all(|density| (density - 1.0).abs() < 1e-5));
-        let folder = tempfile::tempdir().unwrap();
-        density_pictures(&head, &config, &target, 2, &folder.path().join("pictures")).unwrap();
-        for name in ["condition-0.png", "condition-1.png"] {
-            let bytes = std::fs::read(folder.path().join("pictures").join(name)).unwrap();
-            assert!(bytes.starts_with(b"\x89PNG") && bytes.len() > 1000);
+        let pairs = density_pairs(&head, &config, &target, 2).unwrap();
+        for pair in &pairs {
+            let mean = pair.target.iter().map(|&value| f64::from(value)).sum::<f64>() / (SIDE * SIDE) as f64;
+            assert!((mean - 1.0).abs() < 1e-6 && pair.target.len() == pair.learned.len());
         }
+        assert_ne!(pairs[0].target, pairs[1].target);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 mod chi_square;
 mod figures;
+mod flip;
 mod interval;
 mod metric;
 mod quadrature;
@@ -14,6 +15,7 @@ mod welch;
 
 pub use chi_square::{ChiSquareReport, SphereChiSquare};
 pub use figures::{Bench, Effort, Figures, variance_ratio};
+pub use flip::{PIXELS_PER_DEGREE, flip};
 pub use interval::{MeanInterval, RatioInterval};
 pub use metric::{ErrorMetrics, RELATIVE_EPSILON, TRIMMED_FRACTION, ttuv};
 pub use quadrature::{Quadrature, QuadratureShape, Term};

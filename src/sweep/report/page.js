@@ -328,4 +328,30 @@
     });
     get("curves-note").textContent = "Validation of the best " + data.curves.length + " trials by " + data.objectives[0] + "; the best one is marked.";
   } else get("curves-section").hidden = true;
+
+  // Charts as files: a copy that has its style with it, in the colours that are shown.
+  const STYLED = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-size", "font-weight"];
+  const withStyle = (svg) => {
+    const copy = svg.cloneNode(true);
+    const originals = [svg, ...svg.querySelectorAll("*")], copies = [copy, ...copy.querySelectorAll("*")];
+    originals.forEach((original, k) => {
+      const style = getComputedStyle(original);
+      for (const name of STYLED) copies[k].setAttribute(name, style.getPropertyValue(name));
+      copies[k].removeAttribute("class");
+    });
+    copy.setAttribute("xmlns", SVG);
+    copy.setAttribute("style", "font-family:system-ui,Helvetica,Arial,sans-serif;background:" + getComputedStyle(document.body).backgroundColor);
+    return new XMLSerializer().serializeToString(copy);
+  };
+  for (const svg of document.querySelectorAll("svg.chart")) {
+    const line = make(svg.parentElement, "p", { class: "save" });
+    svg.after(line);
+    const button = make(line, "button", { type: "button", "aria-label": "Save " + svg.id + " as SVG" }, "Save SVG");
+    button.addEventListener("click", () => {
+      const link = document.createElement("a");
+      link.download = svg.id + ".svg";
+      link.href = "data:image/svg+xml;charset=utf-8," + encodeURIComponent(withStyle(svg));
+      link.click();
+    });
+  }
 })();

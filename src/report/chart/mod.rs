@@ -1,0 +1,230 @@
+//! The charts of all pages, as vector drawings.
+//!
+//! They are drawn here, not by a plotting library: on a page, colours and text follow its light or dark theme, and charts come in
+//! two layouts, since shrinking a wide one to a telephone's width would leave its text unreadable.
+
+mod bars;
+mod densities;
+mod legend;
+mod lines;
+mod matrix;
+pub mod pareto;
+
+pub use bars::{comparisons, ratio_bars};
+pub use densities::{Panel, Scale, Sides, densities};
+pub use lines::error_over_time;
+pub use matrix::{Cell, Matrix, matrix};
+
+use headtail_render::statistics::{MeanInterval, RatioInterval};
+use legend::{Entry, Legend};
+
+use super::kind::Look;
+use super::number::{escape, text, times};
+use super::summary::{BudgetKind, Group, Measure, Summary};
+use super::vector::{Chart, Drawing};
+
+/// A value with the ends of its 95 % interval, where they are known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    /// The value.
+    pub value: f64,
+    /// Below and above it.
+    pub ends: Option<(f64, f64)>,
+}
+
+impl Extent {
+    /// A value of which no interval is known.
+    pub fn exact(value: f64) -> Self {
+        Self { value, ends: None }
+    }
+
+    /// Whether this interval ends before another begins.
+    fn is_below(&self, other: &Self) -> bool {
+        self.ends.map_or(self.value, |ends| ends.1) < other.ends.map_or(other.value, |ends| ends.0)
+    }
+}
+
+impl From<&MeanInterval> for Extent {
+    fn from(interval: &MeanInterval) -> Self {
+        let known = interval.half_width.is_finite() && interval.half_width > 0.0;
+        Self { value: interval.mean, ends: known.then(|| (interval.low(), interval.high())) }
+    }
+}
+
+impl From<&RatioInterval> for Extent {
+    fn from(ratio: &RatioInterval) -> Self {
+        Self { value: ratio.ratio, ends: ratio.ends().filter(|(low, high)| low < high) }
+    }
+}
+
+/// A logarithmic axis: decades onto pixels.
+struct Axis {
+    low: f64,
+    high: f64,
+    start: f64,
+    end: f64,
+}
+
+impl Axis {
+    /// The axis of positive values with a margin, at least a third of a decade long.
+    fn around(values: impl Iterator<Item = f64> + Clone, start: f64, end: f64) -> Self {
+        let low = values.clone().fold(f64::INFINITY, f64::min).log10();
+        let high = values.fold(f64::NEG_INFINITY, f64::max).log10();
+        let margin = (0.06 * (high - low)).max((0.33 - (high - low)) / 2.0).max(0.04);
+        Self { low: low - margin, high: high + margin, start, end }
+    }
+
+    /// The axis of values and of the ends of their intervals. An interval that reaches zero or far beyond all values is cut at
+    /// the frame instead of stretching it.
+    fn of_intervals(values: impl Iterator<Item = Extent>, start: f64, end: f64) -> Self {
+        let values: Vec<Extent> = values.collect();
+        let known = || values.iter().map(|extent| extent.value);
+        let (least, most) = (known().fold(f64::INFINITY, f64::min), known().fold(0.0, f64::max));
+        let ends = values.iter().filter_map(|extent| extent.ends).flat_map(|(low, high)| [low, high]);
+        let ends = ends.filter(move |&end| end > 0.3 * least && end < 3.0 * most);
+        Self::around(known().chain(ends).collect::<Vec<_>>().into_iter(), start, end)
+    }
+
+    fn at(&self, value: f64) -> f64 {
+        let t = (value.log10() - self.low) / (self.high - self.low);
+        self.start + t.clamp(0.0, 1.0) * (self.end - self.start)
+    }
+
+    /// Values of the grid lines, and whether they are labelled.
+    fn ticks(&self) -> Vec<(f64, bool)> {
+        let span = self.high - self.low;
+        let labelled: &[u32] = match span {
+            s if s < 0.7 => &[1, 2, 3, 4, 5, 6, 7, 8, 9],
+            s if s < 1.7 => &[1, 2, 5],
+            _ => &[1],
+        };
+        let every = (span / 7.0).ceil().max(1.0) as i32;
+        let mut ticks = Vec::new();
+        for decade in self.low.floor() as i32..=self.high.ceil() as i32 {
+            for digit in 1..=9 {
+                let value = f64::from(digit) * 10_f64.powi(decade);
+                if (self.low..=self.high).contains(&value.log10()) {
+                    ticks.push((value, labelled.contains(&digit) && decade % every == 0));
+                }
+            }
+        }
+        ticks
+    }
+}
+
+/// Where the parts of a chart are.
+#[derive(Clone, Copy)]
+struct Layout {
+    class: &'static str,
+    width: f64,
+    /// Without the legend, which stands below.
+    height: f64,
+    left: f64,
+    right: f64,
+}
+
+impl Layout {
+    const TOP: f64 = 30.0;
+    const BOTTOM: f64 = 46.0;
+    /// A telephone's and a window's.
+    const BOTH: [Self; 2] = [
+        Self { class: "narrow", width: 380.0, height: 380.0, left: 50.0, right: 12.0 },
+        Self { class: "wide", width: 560.0, height: 400.0, left: 62.0, right: 16.0 },
+    ];
+
+    /// The ends of the axes, from left to right and from bottom to top.
+    fn ends(&self) -> [(f64, f64); 2] {
+        [(self.left, self.width - self.right), (self.height - Self::BOTTOM, Self::TOP)]
+    }
+
+    /// Grid, frame and the axes' titles.
+    fn draw_frame(&self, drawing: &mut Drawing, x: &Axis, y: &Axis, [time, error]: [&str; 2]) {
+        for (value, labelled) in y.ticks() {
+            let (at, class) = (y.at(value), if labelled { "grid" } else { "grid minor" });
+            drawing.path(class, format_args!("M{:.1} {at:.1}H{:.1}", x.start, x.end));
+            if labelled {
+                tick(drawing, "end", (x.start - 7.0, at + 4.5), value);
+            }
+        }
+        for (value, labelled) in x.ticks() {
+            let (at, class) = (x.at(value), if labelled { "grid" } else { "grid minor" });
+            drawing.path(class, format_args!("M{at:.1} {:.1}V{:.1}", y.start, y.end));
+            if labelled {
+                tick(drawing, "middle", (at, y.start + 18.0), value);
+            }
+        }
+        drawing.path("frame", format_args!("M{:.1} {:.1}V{:.1}H{:.1}", x.start, y.end, y.start, x.end));
+        drawing.text("axis", "middle", (0.5 * (x.start + x.end), self.height - 8.0), time);
+        drawing.text("axis", "start", (4.0, 14.0), error);
+    }
+}
+
+/// A marker with the 95 % intervals of both values, and its name and values for the pointer.
+fn point(drawing: &mut Drawing, [x, y]: [&Axis; 2], look: Look, [time, error]: [Extent; 2], words: &str) {
+    let (px, py) = (x.at(time.value), y.at(error.value));
+    // A lower end at or below zero has no place on the axis: the bar runs to the frame.
+    let at = |axis: &Axis, end: f64| if end > 0.0 { axis.at(end) } else { axis.start };
+    if let Some((low, high)) = error.ends {
+        let (low, high, left) = (at(y, low), at(y, high), px - 3.0);
+        drawing.path("ci-bar", format_args!("M{px:.1} {low:.1}V{high:.1}M{left:.1} {low:.1}h6M{left:.1} {high:.1}h6"));
+    }
+    if let Some((low, high)) = time.ends {
+        let (low, high, top) = (at(x, low), at(x, high), py - 3.0);
+        drawing.path("ci-bar", format_args!("M{low:.1} {py:.1}H{high:.1}M{low:.1} {top:.1}v6M{high:.1} {top:.1}v6"));
+    }
+    drawing.raw(format_args!("<g>{}<title>{}</title></g>", look.marker(px, py), escape(words)));
+}
+
+fn is_drawable(value: f64) -> bool {
+    value.is_finite() && value > 0.0
+}
+
+/// A tick label: plain where it is short, else a power of ten in superscript.
+fn tick(drawing: &mut Drawing, anchor: &str, (x, y): (f64, f64), value: f64) {
+    let label = power_label(value);
+    drawing.raw(format_args!("<text class=\"tick\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{label}</text>"));
+}
+
+fn power_label(value: f64) -> String {
+    let exponent = (value.log10() + 1e-9).floor() as i32;
+    let digit = (value / 10_f64.powi(exponent)).round();
+    if (-3..=3).contains(&exponent) {
+        let decimals = (-exponent).max(0) as usize;
+        return format!("{value:.decimals$}");
+    }
+    let factor = if digit == 1.0 { String::new() } else { format!("{digit}\u{d7}") };
+    let exponent = exponent.to_string().replace('-', "\u{2212}");
+    format!("{factor}10<tspan dy=\"-5\" font-size=\"9.5\">{exponent}</tspan>")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_always_have_labelled_ticks() {
+        for (low, high) in [(1e-3, 1.01e-3), (1e-3, 4e-3), (1.0, 30.0), (1e-7, 1e4), (3e-9, 2e12)] {
+            let axis = Axis::around([low, high].into_iter(), 0.0, 100.0);
+            let labelled = axis.ticks().iter().filter(|tick| tick.1).count();
+            assert!((1..=12).contains(&labelled), "{labelled} labels from {low} to {high}");
+            assert!(axis.at(low) > 0.0 && axis.at(high) < 100.0);
+        }
+    }
+
+    #[test]
+    fn tick_labels_are_short() {
+        assert_eq!(power_label(0.02), "0.02");
+        assert_eq!(power_label(500.0), "500");
+        assert_eq!(power_label(1e-4), "10<tspan dy=\"-5\" font-size=\"9.5\">\u{2212}4</tspan>");
+        assert!(power_label(5e-4).starts_with("5\u{d7}10"));
+        assert_eq!(power_label(1e-3), "0.001");
+    }
+
+    #[test]
+    fn intervals_that_reach_zero_do_not_stretch_the_axis() {
+        let extent = |value, ends| Extent { value, ends };
+        let values = [extent(1.0, Some((-4.0, 6.0))), extent(2.0, Some((1.5, 2.5))), extent(1.5, None)];
+        let axis = Axis::of_intervals(values.into_iter(), 0.0, 100.0);
+        assert!(axis.at(2.5) < 100.0 && axis.at(10.0) == 100.0 && axis.at(0.3) == 0.0);
+    }
+}

@@ -1,0 +1,165 @@
+//! `report.html`: one page that needs nothing but itself.
+
+mod method;
+mod numbers;
+mod pictures;
+
+use anyhow::Result;
+use headtail_render::statistics::RatioInterval;
+use maud::{Markup, PreEscaped, html};
+
+use super::chart::pareto::{self, FRONT, Place};
+use super::chart::{self};
+use super::gallery::Gallery;
+use super::number::{ends, times};
+use super::reading;
+use super::shell::{Page, count};
+use super::summary::{Group, Measure, Summary};
+use super::table::Table;
+use super::vector::Chart;
+use super::{Comparison, State};
+
+/// The whole page. The gallery is brought up to date with the comparison.
+///
+/// # Errors
+/// If a picture is not of the size of the reference.
+pub fn page(comparison: &Comparison, summary: &Summary, gallery: &mut Gallery) -> Result<String> {
+    gallery.update(comparison, summary)?;
+    let gallery = &*gallery;
+    let main = html! {
+        (incomplete(comparison))
+        (reading(comparison, summary))
+        (pictures::stage(comparison, summary, gallery))
+        (pictures::multiples(comparison, summary, gallery))
+        (charts(summary))
+        (numbers::section(comparison, summary, gallery))
+        (method::section(comparison, gallery))
+    };
+    let page = Page {
+        kicker: "comparison of samplers",
+        title: format!("{} under {}", comparison.scene, comparison.env),
+        heading: html! { (comparison.scene) " " span { "under" } " " (comparison.env) },
+        facts: facts(comparison, summary),
+        command: &comparison.command,
+        version: &comparison.version,
+        style: "",
+        script: "",
+    };
+    Ok(page.encode(&main))
+}
+
+/// The charts and tables that are files beside the page, too.
+pub fn figures(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> (Vec<Chart>, Vec<Table>) {
+    let charts = vec![chart::error_over_time(summary), chart::ratio_bars(summary), speed(summary)];
+    (charts, vec![numbers::table(summary, gallery), numbers::preparation(comparison, summary)])
+}
+
+fn facts(comparison: &Comparison, summary: &Summary) -> Vec<String> {
+    let runs = || summary.groups.iter().map(|group| group.runs);
+    let runs = match (runs().min().unwrap_or(0), runs().max().unwrap_or(0)) {
+        (least, most) if least == most => count(most, "run"),
+        (least, most) => format!("{least} to {most} runs"),
+    };
+    vec![
+        format!("{} \u{d7} {} pixels", comparison.width, comparison.height),
+        count(summary.samplers.len(), "sampler"),
+        count(summary.budgets.len(), "budget"),
+        format!("{runs} each"),
+        format!("headtail {}", comparison.version),
+    ]
+}
+
+/// That runs are missing, if so.
+fn incomplete(comparison: &Comparison) -> Markup {
+    let done = comparison.rows.iter().filter(|row| row.run.is_some()).count();
+    let why = match comparison.state {
+        State::Complete => return PreEscaped(String::new()),
+        State::Running { .. } => "This comparison was running when the page was written",
+        State::Interrupted { .. } => "This comparison was interrupted",
+    };
+    let planned = comparison.state.planned().unwrap_or(done);
+    html! {
+        p.incomplete role="status" {
+            b { (why) ": " (done) " of " (count(planned, "run")) " are done." }
+            " The table says how many each row has; ratios and p-values are of the runs that both samplers have."
+        }
+    }
+}
+
+fn reading(comparison: &Comparison, summary: &Summary) -> Markup {
+    html! {
+        section.reading {
+            h2 { "In short" }
+            ul {
+                @for sentence in reading::sentences(summary, comparison.reference_luminance()) { li { (PreEscaped(sentence)) } }
+            }
+            @if !comparison.preparation.is_empty() {
+                p.note {
+                    "Times are of rendering only; what samplers need beforehand is " a href="#preparation" { "listed below" } "."
+                }
+            }
+        }
+    }
+}
+
+/// "4.7x lower MSE than mis", in plain text; `None` for the baseline itself and for what has no ratio.
+fn ratio_words(summary: &Summary, group: &Group) -> Option<String> {
+    let ratio = summary.ratio(group, Measure::Mse)?;
+    if group.sampler == summary.baseline {
+        return None;
+    }
+    let (ratio, word) = if ratio.ratio >= 1.0 { (ratio, "lower") } else { (ratio.inverse(), "higher") };
+    Some(format!("MSE {}\u{d7}{} {word} than {}", times(ratio.ratio), in_brackets(&ratio), summary.baseline))
+}
+
+fn in_brackets(ratio: &RatioInterval) -> String {
+    match ends(ratio) {
+        ends if ends.is_empty() => ends,
+        ends => format!(" ({ends})"),
+    }
+}
+
+/// Speed and accuracy at the budget that is shown first.
+fn speed(summary: &Summary) -> Chart {
+    let places: Vec<Place> = summary.at(&summary.shown_first().name).map(|group| Place::of(summary, group)).collect();
+    pareto::scatter("speed-accuracy", &places, ["rendering time in seconds", "mean squared error"])
+}
+
+fn charts(summary: &Summary) -> Markup {
+    let error = chart::error_over_time(summary);
+    let several = summary.groups.iter().any(|group| group.runs > 1);
+    let bars = if several { " Bars are 95\u{a0}% confidence intervals, of error and of time." } else { "" };
+    let whiskers = if several { " Whiskers are 95\u{a0}% confidence intervals." } else { "" };
+    let budget = summary.shown_first().words();
+    html! {
+        section {
+            h2 { "Error and time" }
+            div.charts {
+                figure {
+                    @if error.drawings.is_empty() { p.note { "There is no positive, finite error to draw." } }
+                    (error.html())
+                    figcaption {
+                        "MSE against rendering time, one line per sampler over its budgets; lower and further left is better." (bars)
+                        " Along dotted lines MSE \u{d7} time stays the same, as it does for Monte Carlo."
+                    }
+                }
+                figure {
+                    (chart::ratio_bars(summary).html())
+                    figcaption {
+                        "How many times lower the MSE is than that of " (summary.baseline_words())
+                        "; bars to the right of 1 are better. Logarithmic." (whiskers)
+                    }
+                }
+                figure {
+                    (speed(summary).html())
+                    figcaption {
+                        "Speed and accuracy at " (budget) ": one point for each sampler, further down and left is better." (bars) " " (FRONT)
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,216 @@
+//! One colour and one marker for each kind of sampler, the same on every page.
+
+use std::fmt::Write;
+
+/// What a sampler is, as far as colours and markers tell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// One-sample MIS, the baseline.
+    Mis,
+    /// Two-sample MIS.
+    TwoSampleMis,
+    /// MIS with a compensated emitter sampler.
+    CompensatedMis,
+    /// BRDF sampling.
+    Brdf,
+    /// Emitter sampling.
+    Emitter,
+    /// Resampling of emitter and BRDF samples.
+    Ris,
+    /// Resampling of samples of the product.
+    RisOfProduct,
+    /// The product in closed form.
+    Patches,
+    /// The same with learned visibility.
+    PatchesWithVisibility,
+    /// The product as a table.
+    Direct,
+    /// A trained head alone.
+    Head,
+    /// A trained head in a mixture with BRDF sampling.
+    HeadWithMis,
+    /// A trained head as a table.
+    Baked,
+    /// The exact product.
+    Oracle,
+    /// Something that is no sampler of the program.
+    Other,
+}
+
+/// The table: kinds with their colour (`--s0` to `--s9` in the style sheet) and their marker (see [`outline`]).
+const LOOKS: [(Kind, usize, usize); 15] = [
+    (Kind::Mis, 0, 0),
+    (Kind::TwoSampleMis, 8, 1),
+    (Kind::CompensatedMis, 8, 3),
+    (Kind::Brdf, 3, 2),
+    (Kind::Emitter, 5, 4),
+    (Kind::Ris, 4, 3),
+    (Kind::RisOfProduct, 4, 5),
+    (Kind::Patches, 2, 1),
+    (Kind::PatchesWithVisibility, 6, 6),
+    (Kind::Direct, 7, 5),
+    (Kind::Head, 1, 4),
+    (Kind::HeadWithMis, 1, 7),
+    (Kind::Baked, 9, 8),
+    (Kind::Oracle, 0, 9),
+    (Kind::Other, 8, 0),
+];
+
+impl Kind {
+    /// The kind of a sampler that is named as `--sampler` takes it, or by a word that figures use for it.
+    pub fn of(name: &str) -> Self {
+        let name = name.strip_prefix("best: ").or(name.strip_prefix("cheap: ")).unwrap_or(name);
+        let first = name.split([':', ' ']).next().unwrap_or(name);
+        let has = |word: &str| name.contains(word);
+        match first {
+            "oracle" => Self::Oracle,
+            "ris" if ["head", "baked", "direct", "patches"].into_iter().any(has) => Self::RisOfProduct,
+            "ris" => Self::Ris,
+            "patches+vis" => Self::PatchesWithVisibility,
+            "patches" => Self::Patches,
+            "direct" | "direct+mis" => Self::Direct,
+            "baked" | "baked+mis" => Self::Baked,
+            "head+mis" | "selection" | "default" | "all" | "emitters" => Self::HeadWithMis,
+            "head" if ["MIS", "brdf", "BRDF", "share"].into_iter().any(has) => Self::HeadWithMis,
+            "head" => Self::Head,
+            "mis" => Self::Mis,
+            "mis2" => Self::TwoSampleMis,
+            "mis-comp" => Self::CompensatedMis,
+            "brdf" | "cosine" => Self::Brdf,
+            "emitter" => Self::Emitter,
+            _ => Self::Other,
+        }
+    }
+}
+
+/// How a sampler is drawn among others: samplers of one kind share colour and marker, and differ in dashes and filling.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Look {
+    kind: Kind,
+    /// Number among those of its kind.
+    variant: usize,
+}
+
+impl Look {
+    /// How dashes and fillings differ before they repeat.
+    const VARIANTS: usize = 4;
+
+    /// The looks of samplers that are shown together, in their order.
+    pub fn of_all<'a>(names: impl Iterator<Item = &'a str>) -> Vec<Self> {
+        let mut looks: Vec<Self> = Vec::new();
+        for name in names {
+            let kind = Kind::of(name);
+            let variant = looks.iter().filter(|look| look.kind == kind).count();
+            looks.push(Self { kind, variant });
+        }
+        looks
+    }
+
+    fn row(self) -> (Kind, usize, usize) {
+        LOOKS.into_iter().find(|(kind, ..)| *kind == self.kind).unwrap_or(LOOKS[LOOKS.len() - 1])
+    }
+
+    /// The CSS classes that give lines and markers their colour and dashes.
+    pub fn class(self) -> String {
+        format!("series s{} v{}", self.row().1, self.variant % Self::VARIANTS)
+    }
+
+    /// The marker at a place, as SVG.
+    pub fn marker(self, x: f64, y: f64) -> String {
+        // What the program does not know has no shape of its own: its shapes change before dashes repeat.
+        let shape = if self.kind == Kind::Other { self.variant } else { self.row().2 };
+        let mut svg = format!("<path class=\"marker\" d=\"{}\"/>", outline(shape, x, y));
+        if self.variant % Self::VARIANTS >= 2 {
+            let _ = write!(svg, "<circle class=\"dot\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"1.7\"/>");
+        }
+        svg
+    }
+
+    /// The marker as a picture beside a name.
+    pub fn swatch(self) -> String {
+        let (class, marker) = (self.class(), self.marker(7.0, 7.0));
+        format!("<svg class=\"swatch {class}\" viewBox=\"0 0 14 14\" aria-hidden=\"true\">{marker}</svg>")
+    }
+}
+
+/// The outline of a marker: its shape tells it apart where colour cannot.
+fn outline(shape: usize, x: f64, y: f64) -> String {
+    let polygon = |points: &[(f64, f64)]| {
+        let points: Vec<String> = points.iter().map(|(dx, dy)| format!("{:.1} {:.1}", x + dx, y + dy)).collect();
+        format!("M{}Z", points.join("L"))
+    };
+    let star = |tips: usize, inner: f64| {
+        let corner = |k: usize| {
+            let angle = std::f64::consts::PI * k as f64 / tips as f64;
+            let radius = if k.is_multiple_of(2) { 5.8 } else { 5.8 * inner };
+            (radius * angle.sin(), -radius * angle.cos())
+        };
+        polygon(&(0..2 * tips).map(corner).collect::<Vec<_>>())
+    };
+    match shape % 10 {
+        0 => format!("M{:.1} {y:.1}a4.4 4.4 0 1 0 8.8 0a4.4 4.4 0 1 0 -8.8 0Z", x - 4.4),
+        1 => polygon(&[(-4.0, -4.0), (4.0, -4.0), (4.0, 4.0), (-4.0, 4.0)]),
+        2 => polygon(&[(0.0, -5.2), (5.0, 3.8), (-5.0, 3.8)]),
+        3 => polygon(&[(0.0, -5.8), (5.0, 0.0), (0.0, 5.8), (-5.0, 0.0)]),
+        4 => polygon(&[(0.0, 5.2), (5.0, -3.8), (-5.0, -3.8)]),
+        5 => polygon(&[
+            (-2.0, -5.0),
+            (2.0, -5.0),
+            (2.0, -2.0),
+            (5.0, -2.0),
+            (5.0, 2.0),
+            (2.0, 2.0),
+            (2.0, 5.0),
+            (-2.0, 5.0),
+            (-2.0, 2.0),
+            (-5.0, 2.0),
+            (-5.0, -2.0),
+            (-2.0, -2.0),
+        ]),
+        6 => polygon(&[(0.0, -5.4), (5.1, -1.7), (3.2, 4.4), (-3.2, 4.4), (-5.1, -1.7)]),
+        7 => star(5, 0.45),
+        8 => star(3, 0.95),
+        _ => star(4, 0.38),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn specs_and_words_have_their_kinds() {
+        for (name, kind) in [
+            ("mis", Kind::Mis),
+            ("mis2", Kind::TwoSampleMis),
+            ("cosine", Kind::Brdf),
+            ("ris:4", Kind::Ris),
+            ("ris:4:direct:a/b.safetensors", Kind::RisOfProduct),
+            ("patches:fine", Kind::Patches),
+            ("patches+vis", Kind::PatchesWithVisibility),
+            ("head+mis:mis.safetensors", Kind::HeadWithMis),
+            ("head:out/x", Kind::Head),
+            ("head + MIS", Kind::HeadWithMis),
+            ("best: baked:x", Kind::Baked),
+            ("something", Kind::Other),
+        ] {
+            assert_eq!(Kind::of(name), kind, "{name}");
+        }
+    }
+
+    #[test]
+    fn kinds_look_different_and_so_do_samplers_of_one_kind() {
+        let looks = LOOKS.map(|(_, colour, marker)| (colour, marker));
+        assert!((0..looks.len()).all(|k| !looks[..k].contains(&looks[k])));
+        let looks = Look::of_all(["ris:2", "mis", "ris:4", "ris:8", "ris:16"].into_iter());
+        let drawn: Vec<String> = looks.iter().map(|look| look.class() + &look.marker(0.0, 0.0)).collect();
+        assert!((0..drawn.len()).all(|k| !drawn[..k].contains(&drawn[k])), "{drawn:?}");
+    }
+
+    #[test]
+    fn a_sampler_looks_the_same_whatever_it_stands_beside() {
+        let alone = Look::of_all(["patches"].into_iter());
+        let beside = Look::of_all(["head:x", "mis", "patches"].into_iter());
+        assert_eq!(alone[0], beside[2]);
+    }
+}

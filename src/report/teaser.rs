@@ -1,0 +1,136 @@
+//! The first figure of a paper: a picture, and insets of all samplers with their numbers.
+
+use anyhow::Result;
+
+use super::{
+    Comparison, RenderedImage,
+    crop::Crop,
+    number::{text, times},
+    picture::{ErrorMap, data_address, rendering},
+    summary::{BudgetKind, Group, Measure, Summary},
+    vector::{Chart, Drawing},
+};
+
+/// Height of the large picture.
+const HEIGHT: f64 = 400.0;
+/// Between insets.
+const GAP: f64 = 5.0;
+/// Above the pictures, for names.
+const HEAD: f64 = 40.0;
+/// Below the pictures, for numbers.
+const FOOT: f64 = 64.0;
+/// The frames of the insets, bright enough for any picture.
+const FRAMES: [&str; 2] = ["#ffb000", "#4cc3ff"];
+
+/// A column of insets.
+struct Column<'a> {
+    name: &'a str,
+    image: &'a headtail_render::image::Image,
+    numbers: [String; 3],
+}
+
+/// The figure at the largest budget of time, else at the one that is shown first; has no drawings without pictures.
+///
+/// # Errors
+/// If a picture is not of the size of the reference.
+pub fn teaser(comparison: &Comparison, summary: &Summary, exposure: f32) -> Result<Chart> {
+    let name = "pictures".to_owned();
+    let budget = summary.largest(BudgetKind::Time).unwrap_or(summary.shown_first());
+    let image = |sampler: &str| -> Option<&RenderedImage> {
+        comparison.images.iter().find(|image| image.sampler == sampler && image.budget == budget.name)
+    };
+    let mut columns = Vec::new();
+    for group in summary.at(&budget.name) {
+        if let Some(shown) = image(&group.sampler) {
+            let numbers = numbers(comparison, summary, group, shown, exposure)?;
+            columns.push(Column { name: &group.sampler, image: &shown.image, numbers });
+        }
+    }
+    let Some(worst) = image(&summary.baseline).or(columns.first().and_then(|column| image(column.name))) else {
+        return Ok(Chart { name, drawings: Vec::new() });
+    };
+    let crops = Crop::two_worst(&worst.image, &comparison.reference, &comparison.measured);
+    let numbers = ["MSE".to_owned(), "lower".to_owned(), "FLIP".to_owned()];
+    columns.push(Column { name: "reference", image: &comparison.reference, numbers });
+    let best = summary.ranking(&budget.name, Measure::Mse).into_iter().find_map(|group| image(&group.sampler));
+    let large = best.unwrap_or(worst);
+    let caption = format!("{} under {}, {}: {}", comparison.scene, comparison.env, budget.words(), large.sampler);
+    let drawings = vec![draw(comparison, large, &caption, (&columns, crops), exposure)?];
+    Ok(Chart { name, drawings })
+}
+
+/// MSE, how many times lower than the baseline's it is, and FLIP.
+fn numbers(
+    comparison: &Comparison,
+    summary: &Summary,
+    group: &Group,
+    shown: &RenderedImage,
+    exposure: f32,
+) -> Result<[String; 3]> {
+    let ratio = summary.ratio(group, Measure::Mse);
+    let ratio = ratio.map_or("\u{2013}".to_owned(), |ratio| format!("{}\u{d7}", times(ratio.ratio)));
+    let (_, flip) = ErrorMap::of_flip(&shown.image, comparison, exposure)?;
+    Ok([text(group.mse.mean), ratio, text(flip)])
+}
+
+fn draw(
+    comparison: &Comparison,
+    large: &RenderedImage,
+    caption: &str,
+    (columns, crops): (&[Column], [Crop; 2]),
+    exposure: f32,
+) -> Result<Drawing> {
+    let scale = HEIGHT / comparison.height as f64;
+    let width = scale * comparison.width as f64;
+    let side = 0.5 * (HEIGHT - GAP);
+    let size = (width + columns.len() as f64 * (side + GAP), HEAD + HEIGHT + FOOT);
+    let mut drawing = Drawing::new("teaser", size, caption);
+    drawing.text("heading", "start", (0.0, 26.0), caption);
+    drawing.picture(&rendering(&large.image, exposure)?, (0.0, HEAD), (width, HEIGHT));
+    for (crop, colour) in crops.iter().zip(FRAMES) {
+        let [left, top, side] = [crop.left, crop.top, crop.side].map(|pixels| scale * pixels as f64);
+        frame(&mut drawing, (left, HEAD + top), side, colour);
+    }
+    for (k, column) in columns.iter().enumerate() {
+        let left = width + GAP + k as f64 * (side + GAP);
+        let middle = left + 0.5 * side;
+        drawing.text("heading", "middle", (middle, 26.0), column.name);
+        for (row, (crop, colour)) in crops.iter().zip(FRAMES).enumerate() {
+            let place = (left, HEAD + row as f64 * (side + GAP));
+            drawing.picture(&data_address(&crop.png(column.image, exposure)?), place, (side, side));
+            frame(&mut drawing, (place.0 + 1.5, place.1 + 1.5), side - 3.0, colour);
+        }
+        for (line, words) in column.numbers.iter().enumerate() {
+            let y = HEAD + HEIGHT + 19.0 + 18.0 * line as f64;
+            drawing.text(if line == 1 { "heading" } else { "label" }, "middle", (middle, y), words);
+        }
+    }
+    Ok(drawing)
+}
+
+fn frame(drawing: &mut Drawing, (x, y): (f64, f64), side: f64, colour: &str) {
+    for (width, colour) in [(4.5, "#000000"), (2.5, colour)] {
+        drawing.raw(format_args!(
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{side:.1}\" height=\"{side:.1}\" fill=\"none\" stroke=\"{colour}\" \
+             stroke-width=\"{width}\"/>"
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::synthetic;
+    use super::*;
+
+    #[test]
+    fn every_sampler_has_its_insets_and_numbers_at_equal_time() {
+        let comparison = synthetic::comparison();
+        let summary = Summary::of(&comparison.rows).unwrap();
+        let chart = teaser(&comparison, &summary, 0.0).unwrap();
+        let svg = chart.drawings[0].svg();
+        assert_eq!(svg.matches("<image ").count(), 1 + 2 * (summary.samplers.len() + 1));
+        assert!(svg.contains("2 seconds") && svg.contains(">1.0\u{d7}<") && svg.contains(">reference<"), "{svg}");
+        let bare = Comparison { images: Vec::new(), ..comparison };
+        assert!(teaser(&bare, &summary, 0.0).unwrap().drawings.is_empty());
+    }
+}
