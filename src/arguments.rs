@@ -15,6 +15,8 @@ use headtail_render::{
     tail::TailKind,
 };
 
+use crate::terminal::{detail, note, warning};
+
 /// Which picture to take.
 #[derive(Args, Clone, Debug)]
 pub struct ViewArguments {
@@ -255,8 +257,9 @@ impl OpenedView {
 /// Opens an environment and says on standard error what had to be repaired in it.
 pub fn open_environment(name_or_path: &str) -> Result<Arc<Environment>> {
     let environment = Environment::open(name_or_path)?;
+    detail!("{name_or_path}: {} x {} pixels, hash {}", environment.width(), environment.height(), environment.hash());
     for repair in environment.repairs() {
-        eprintln!("warning: {name_or_path}: {repair}");
+        warning!("{name_or_path}: {repair}");
     }
     Ok(Arc::new(environment))
 }
@@ -266,9 +269,7 @@ pub fn note_use(spec: &SamplerSpec) -> Result<()> {
     if let SamplerSpec::One(Source::File(FileKind::Head, file)) = spec {
         let meant = SamplerSpec::of_exported(&ExportedSampler::read(file)?, file.clone());
         if meant != *spec {
-            eprintln!(
-                "note: {spec} was trained to be mixed with BRDF sampling and may be noisy alone; {meant} mixes it"
-            );
+            note!("{spec} was trained to be mixed with BRDF sampling and may be noisy alone; {meant} mixes it");
         }
     }
     Ok(())

@@ -13,6 +13,7 @@ use headtail_render::{
 use headtail_train::learned_bake;
 
 use crate::arguments::{Grid, TailArgument, make_folder, open_environment};
+use crate::terminal::say;
 
 /// Tabulate a trained head, or the cosine product itself without any training, over a grid of normals.
 #[derive(Args)]
@@ -73,7 +74,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         make_folder(folder)?;
     }
     baked.write(&arguments.out)?;
-    println!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
+    say!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())
 }
 

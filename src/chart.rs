@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 
+use crate::terminal::say;
 use crate::{arguments::make_folder, report};
 
 /// Chart speed against accuracy for several comparisons, one chart for each and one over all.
@@ -30,6 +31,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         make_folder(folder)?;
     }
     report::write_overview(&arguments.out, &arguments.results)?;
-    println!("open {}", arguments.out.display());
+    say!("open {}", arguments.out.display());
     Ok(())
 }

@@ -17,6 +17,7 @@ pub use reference::Reference;
 use work::Work;
 pub use work::select;
 
+use crate::terminal::{self, say};
 use crate::{
     arguments::{OpenedView, ViewArguments, budget, make_folder, note_use},
     progress,
@@ -110,7 +111,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         env: opened.environment.name().to_owned(),
         width: arguments.view.camera.width as usize,
         height: arguments.view.camera.height as usize,
-        command: command(),
+        command: terminal::command(),
         machine: machine(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         reference: reference.image,
@@ -129,13 +130,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     work.finish(if interrupted { State::Interrupted { planned } } else { State::Complete })?;
 
-    println!("{}", report::lines(&work.comparison.rows)?);
+    say!("{}", report::lines(&work.comparison.rows)?);
     let page = arguments.out.join("report.html");
     if interrupted {
         let done = work.comparison.rows.len();
         bail!(progress::Interrupted::new(format!("{done} of {planned} runs are done; {} shows them", page.display())));
     }
-    println!("open {}", page.display());
+    say!("open {}", page.display());
     Ok(())
 }
 
@@ -172,15 +173,6 @@ impl Entry {
         }
         Ok(Self { label, estimator, preparation })
     }
-}
-
-/// The command line, the program without its folder.
-fn command() -> String {
-    let quote = |argument: String| {
-        let plain = argument.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:,=+".contains(c));
-        if plain { argument } else { format!("'{}'", argument.replace('\'', "'\\''")) }
-    };
-    std::iter::once("headtail".to_owned()).chain(std::env::args().skip(1).map(quote)).collect::<Vec<_>>().join(" ")
 }
 
 /// Processor and threads.

@@ -13,6 +13,7 @@ use headtail_render::{
 use headtail_shaders::{Shader, Target};
 
 use crate::arguments::{make_folder, open_environment};
+use crate::terminal::say;
 
 /// Write a sampler as a shader, with the numbers that it reads.
 #[derive(Args)]
@@ -97,6 +98,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for (name, content) in files {
         replace(&arguments.out.join(name), &content)?;
     }
-    println!("{} written, with floats.bin, integers.bin and layout.json", arguments.out.join(name).display());
+    say!("{} written, with floats.bin, integers.bin and layout.json", arguments.out.join(name).display());
     Ok(())
 }

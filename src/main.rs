@@ -19,6 +19,7 @@ mod run;
 mod scenes;
 mod stability;
 mod sweep;
+mod terminal;
 mod view;
 
 use std::process::ExitCode;
@@ -27,8 +28,10 @@ use clap::{Parser, Subcommand};
 
 /// Neural product importance sampling by warp composition: draw directions in proportion to light x BRDF x cosine.
 #[derive(Parser)]
-#[command(version, propagate_version = true, arg_required_else_help = true)]
+#[command(version, long_version = terminal::long_version(), propagate_version = true, arg_required_else_help = true)]
 struct Cli {
+    #[command(flatten)]
+    voice: terminal::Voice,
     #[command(subcommand)]
     command: Command,
 }
@@ -54,17 +57,22 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let command = Cli::parse().command;
+    let Cli { voice, command } = Cli::parse();
     // Before any work is dispatched, which has no way to say that HEADTAIL_SIMD is wrong.
-    match headtail_render::simd::instruction_set().map_err(Into::into).and_then(|_| run(command)) {
+    let done = voice
+        .begin()
+        .and_then(|()| Ok(headtail_render::simd::instruction_set()?))
+        .and_then(|_| run(command))
+        .and_then(|()| terminal::finish());
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => match error.downcast_ref::<progress::Interrupted>() {
             Some(interrupted) => {
-                eprintln!("interrupted: {interrupted}");
+                terminal::error("interrupted", &interrupted.to_string());
                 ExitCode::from(interrupted.status)
             }
             None => {
-                eprintln!("error: {error:#}");
+                terminal::error("error", &format!("{error:#}"));
                 ExitCode::FAILURE
             }
         },

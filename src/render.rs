@@ -14,6 +14,7 @@ use headtail_render::{
     timings::Timings,
 };
 
+use crate::terminal::say;
 use crate::{
     arguments::{ViewArguments, budget, make_folder, note_use},
     progress,
@@ -74,12 +75,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let stop = progress::stop_flag()?;
     let bar = progress::bar(1000, "rendering");
-    let show = |spent: f64| bar.set_position((1000.0 * spent) as u64);
     if arguments.timings {
         Timings::start();
     }
     let points = opened.points(budget, arguments.seed);
-    let rendering = integrator::render(opened.view(), &*estimator, budget, points, &stop, &show);
+    let rendering = integrator::render(opened.view(), &*estimator, budget, points, &stop, &bar.shares());
     bar.finish_and_clear();
 
     let image = rendering.composite();
@@ -87,22 +87,26 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     write_exr(&arguments.out, &image, &attributes(&sampler, &rendering, arguments.seed))?;
     let png = arguments.out.with_extension("png");
     write_png(&png, &image, exposure(&rendering) + arguments.exposure)?;
-    println!(
+    say!(
         "{sampler}: {} spp of {} points in {:.2} s, {:.2} shadow rays per sample, largest weight {:.3}",
-        rendering.spp, rendering.points, rendering.seconds, rendering.rays_per_sample, rendering.max_weight
+        rendering.spp,
+        rendering.points,
+        rendering.seconds,
+        rendering.rays_per_sample,
+        rendering.max_weight
     );
     if let Some(learned) = rendering.learned {
         let (megabytes, unknown) = (learned.bytes as f64 / 1e6, 100.0 * learned.unknown);
-        println!(
+        say!(
             "visibility: {} cells, {megabytes:.1} MB, {unknown:.1} % of samples where nothing was known",
             learned.cells
         );
     }
     if arguments.timings {
         let threads = rayon::current_num_threads();
-        println!("thread-seconds by stage, of {threads} threads:\n{}", Timings::take(rendering.seconds, threads));
+        say!("thread-seconds by stage, of {threads} threads:\n{}", Timings::take(rendering.seconds, threads));
     }
-    println!("{} and {} written", arguments.out.display(), png.display());
+    say!("{} and {} written", arguments.out.display(), png.display());
     Ok(())
 }
 

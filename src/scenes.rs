@@ -15,6 +15,7 @@ use headtail_render::{
     tail::TailKind,
 };
 
+use crate::terminal::out;
 use crate::{
     arguments::{make_folder, open_environment},
     progress,
@@ -46,12 +47,12 @@ pub struct Arguments {
 
 /// Lists the scenes, then renders them.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    println!("{:10} {:>9}  {:16} surfaces", "scene", "triangles", "size in metres");
+    out!("{:10} {:>9}  {:16} surfaces", "scene", "triangles", "size in metres");
     let scenes: Vec<Scene> = built_in_names().filter_map(Scene::built_in).collect();
     for scene in &scenes {
         let [x, y, z] = scene.bounds().extent().to_array();
         let surfaces = if scene.is_diffuse() { "diffuse" } else { "diffuse and glossy" };
-        println!(
+        out!(
             "{:10} {:>9}  {:16} {surfaces}",
             scene.name(),
             scene.triangle_count(),
@@ -75,6 +76,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    println!("{} pictures written to {}", scenes.len(), folder.display());
+    out!("{} pictures written to {}", scenes.len(), folder.display());
     Ok(())
 }

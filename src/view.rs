@@ -14,6 +14,7 @@ use headtail_render::{
 };
 
 use crate::arguments::{make_folder, open_environment};
+use crate::terminal::say;
 
 /// Take a photograph of a map: FILE.exr in the map's units, FILE.png to look at, and FILE.fspy with both the picture and its camera.
 #[derive(Args)]
@@ -82,7 +83,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let project = FspyProject { camera, width: arguments.width, height: arguments.height, image: png };
     file::replace(&arguments.out.with_extension("fspy"), &project.encode(UpAxis::Z))?;
     let at = camera.look_from();
-    println!(
+    say!(
         "{}, .png (exposed by {stops:.2} stops) and .fspy written; camera at {:.2}, {:.2}, {:.2}",
         arguments.out.display(),
         at.x,

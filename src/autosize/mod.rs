@@ -16,6 +16,7 @@ use self::{
     candidates::{HeadMaterial, Recipe},
     contest::Contest,
 };
+use crate::terminal::say;
 use crate::{
     arguments::{CameraArguments, ViewArguments, make_folder},
     progress,
@@ -99,19 +100,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     contest.write_choice("cheapest", cheapest)?;
     let seconds = start.elapsed().as_secs_f64();
     contest.write_records(&choice, seconds)?;
-    println!("the best: {} ({})", winner.name, contest.place("winner", winner).display());
+    say!("the best: {} ({})", winner.name, contest.place("winner", winner).display());
     match choice.cheapest == choice.winner {
-        true => println!("nothing cheaper is within 5 % of it"),
-        false => println!(
-            "the cheapest within 5 % of it: {} ({})",
-            cheapest.name,
-            contest.place("cheapest", cheapest).display()
-        ),
+        true => say!("nothing cheaper is within 5 % of it"),
+        false => {
+            say!("the cheapest within 5 % of it: {} ({})", cheapest.name, contest.place("cheapest", cheapest).display())
+        }
     }
     if !winner.recipe.is_prepared() {
-        println!("no preparation pays within {} s of rendering: {}", arguments.render_seconds, contest.why_not());
+        say!("no preparation pays within {} s of rendering: {}", arguments.render_seconds, contest.why_not());
     }
-    println!("{seconds:.1} s; open {}", arguments.out.join("autosize.html").display());
+    say!("{seconds:.1} s; open {}", arguments.out.join("autosize.html").display());
     Ok(())
 }
 

@@ -118,9 +118,8 @@ fn converged<'a>(
         (Box::new(resampled), "RIS of 8 candidates, from the direct bake (64 x 64 cells) and the BRDF,")
     };
     let bar = progress::bar(1000, "reference");
-    let show = |spent: f64| bar.set_position((1000.0 * spent) as u64);
     let points = Points::new(POINTS, seed(arguments));
-    let rendering = render(opened.view(), &*estimator, Budget::Spp(spp), points, stop, &show);
+    let rendering = render(opened.view(), &*estimator, Budget::Spp(spp), points, stop, &bar.shares());
     bar.finish_and_clear();
     if stop.load(Ordering::Relaxed) {
         bail!(Interrupted::new("while the reference was rendered; no run is done"));

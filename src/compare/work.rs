@@ -14,7 +14,6 @@ use headtail_render::{
     points::Points,
     statistics::{ErrorMetrics, RELATIVE_EPSILON, ttuv},
 };
-use indicatif::ProgressBar;
 
 use super::Entry;
 use crate::{
@@ -146,7 +145,7 @@ impl<'a> Work<'a> {
     /// right. `None` if the stop flag is set meanwhile.
     ///
     /// All runs of a sampler then take the same number of samples, which does not depend on what else the machine does.
-    fn calibrated(&self, entry: &Entry, budget: Budget, seed: u64, bar: &ProgressBar) -> Option<Budget> {
+    fn calibrated(&self, entry: &Entry, budget: Budget, seed: u64, bar: &progress::Bar) -> Option<Budget> {
         let Budget::Time(limit) = budget else { return Some(budget) };
         bar.set_message(format!("{}: samples that fit into {} s", entry.label, limit.as_secs_f64()));
         let seconds = limit.as_secs_f64();

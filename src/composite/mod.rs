@@ -15,6 +15,7 @@ use headtail_render::{
     spec::SamplerSpec,
 };
 
+use crate::terminal::{note, say, warning};
 use crate::{
     arguments::{Triple, make_folder, note_use},
     progress,
@@ -145,8 +146,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let estimator = arguments.sampler.build(&setting.environment)?;
     note_use(&arguments.sampler)?;
     if !setting.stage.is_plane() && !matches!(arguments.mask, MaskForm::Ratio | MaskForm::Paper) {
-        eprintln!(
-            "note: '{}' may shadow itself, so that its unshadowed light is not known exactly: the mask is a ratio",
+        note!(
+            "'{}' may shadow itself, so that its unshadowed light is not known exactly: the mask is a ratio",
             arguments.catcher
         );
     }
@@ -165,7 +166,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         mask_only: false,
         without_object: false,
     };
-    let film = compose(composition, settings, &stop, &|done| bar.set_position((1000.0 * done) as u64));
+    let film = compose(composition, settings, &stop, &bar.shares());
     bar.finish_and_clear();
     check_sight(&film)?;
     let mask = Mask::of(&film, arguments.mask);
@@ -187,7 +188,7 @@ fn check_sight(film: &Film) -> Result<()> {
         "the camera does not see the object: try --move, --size, or --up y"
     );
     if film.catcher.iter().all(|sums| sums.hits == 0) {
-        eprintln!("warning: the camera does not see the catcher; there will be no shadow");
+        warning!("the camera does not see the catcher; there will be no shadow");
     }
     Ok(())
 }
@@ -247,10 +248,13 @@ fn write(arguments: &Arguments, setting: &Setting, film: &Film, layers: &Layers)
     };
     let page = page::page(arguments, setting, film, &pictures);
     file::replace(&out("composite.html"), page.as_bytes())?;
-    println!(
+    say!(
         "{} spp in {:.2} s: {} shadow rays of the mask, {} others",
-        film.spp, film.seconds, film.mask_rays, film.other_rays
+        film.spp,
+        film.seconds,
+        film.mask_rays,
+        film.other_rays
     );
-    println!("{} written; the page to open is {}", out("composite.png").display(), out("composite.html").display());
+    say!("{} written; the page to open is {}", out("composite.png").display(), out("composite.html").display());
     Ok(())
 }

@@ -6,10 +6,10 @@ use std::{sync::atomic::AtomicBool, time::Instant};
 
 use anyhow::{Context, Result};
 use headtail_train::{FitConfig, Fitted, Progress, TrainingLight, Viewpoints, build_target, fit};
-use indicatif::ProgressBar;
 
 pub use arguments::Arguments;
 
+use crate::terminal::{out, say, warning};
 use crate::{
     progress,
     run::{self, Surroundings},
@@ -22,7 +22,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.config(&described)?;
     if arguments.print_config {
         let text = if described.has_env() { described.with_fit(config)?.to_toml()? } else { config.to_toml()? };
-        print!("{text}");
+        out!("{}", text.trim_end());
         return Ok(());
     }
     let described = described.with_fit(config)?;
@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     bar.0.finish_and_clear();
     let (summary, before, after) = (&finished.summary, finished.summary.initial, finished.summary.divergence);
     let untrained = if described.fit.naive || described.fit.head.share { "untrained" } else { "tail alone" };
-    println!(
+    say!(
         "KL {:.4} nats ({untrained} {:.4}), relative variance {:.4} ({untrained} {:.3}), {} steps{}",
         after.kl,
         before.kl,
@@ -53,24 +53,24 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         if summary.interrupted { " (interrupted: the learning rate had not come down)" } else { "" },
     );
     if summary.fell_back {
-        eprintln!("warning: training did not lower the variance; the untrained head is kept");
+        warning!("training did not lower the variance; the untrained head is kept");
     }
     for (name, value) in finished.measures.iter().filter(|(name, _)| name.contains(':') || *name == "ns_per_sample") {
-        println!("{name} {value:.4e}");
+        say!("{name} {value:.4e}");
     }
     let seconds = start.elapsed().as_secs_f64();
     match finished.sampler {
-        None => println!("trained for {seconds:.1} s; nothing was exported"),
+        None => say!("trained for {seconds:.1} s; nothing was exported"),
         Some(spec) => {
-            println!("{} written after {seconds:.1} s", out.join(run::SAMPLER).display());
-            println!("render it with --sampler {spec}");
+            say!("{} written after {seconds:.1} s", out.join(run::SAMPLER).display());
+            say!("render it with --sampler {spec}");
         }
     }
     Ok(())
 }
 
 /// A progress bar of a training.
-struct TrainingBar(ProgressBar);
+struct TrainingBar(progress::Bar);
 
 impl TrainingBar {
     fn new(steps: usize) -> Self {

@@ -25,6 +25,7 @@ use plotters::{
 };
 
 use crate::arguments::{Triple, make_folder, open_environment};
+use crate::terminal::out;
 
 /// Draw target, intermediate and final density of an exported sampler side by side, on a log scale.
 #[derive(Args)]
@@ -90,7 +91,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
         let (picture, table) = tails::inspect(&*open_environment(map)?, file.as_ref())?;
         write(arguments, &picture)?;
-        println!("{table}{} written", arguments.out.display());
+        out!("{table}{} written", arguments.out.display());
         return Ok(());
     }
     // The parser of arguments asks for it.
@@ -117,7 +118,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         facts += &format!(", {:.0} % of samples from the head", 100.0 * share);
     }
     write(arguments, &draw(&panels, &title, &facts)?)?;
-    println!("{title}\n{facts}\n{} written", arguments.out.display());
+    out!("{title}\n{facts}\n{} written", arguments.out.display());
     Ok(())
 }
 

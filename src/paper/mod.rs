@@ -26,6 +26,7 @@ use clap::Args;
 use headtail_render::file;
 
 use self::{data::Data, effort::Effort, heads::Heads};
+use crate::terminal::{self, note, say};
 use crate::{
     arguments::make_folder,
     compare::machine,
@@ -144,7 +145,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         workshop.check()?;
     }
     bar.finish_and_clear();
-    println!(
+    say!(
         "{} of {} sections in {}; the page to open is {}",
         page.made.len(),
         SECTIONS.len(),
@@ -184,7 +185,7 @@ impl Page {
         let seconds = duration(start.elapsed().as_secs_f64());
         let html = format!("{html}<p class=\"note\">Made in {seconds}.</p>\n");
         file::replace(&self.path(section.name), (self.stamp() + &html).as_bytes())?;
-        eprintln!("{}: {seconds}", section.name);
+        note!("{}: {seconds}", section.name);
         Ok(html)
     }
 
@@ -192,7 +193,7 @@ impl Page {
         let version = env!("CARGO_PKG_VERSION");
         let mut page = head(version, "The paper, figure by figure \u{b7} headtail")
             .replace("</style>", &format!("{}</style>", figure::STYLE));
-        let command = std::env::args().collect::<Vec<_>>().join(" ");
+        let command = terminal::command();
         page += &format!(
             "<body>\n<header>\n<p class=\"kicker\">headtail \u{b7} paper</p>\n<h1>The paper, figure by figure</h1>\n\
              <ul class=\"facts\"><li>{}</li><li>{}</li><li>headtail {version}</li></ul>\n\

@@ -13,6 +13,7 @@ use clap::Args;
 use headtail_render::{file, statistics::Effort};
 use headtail_train::{Backend, GradientForm};
 
+use crate::terminal::{self, out};
 use crate::{arguments::make_folder, backends::parse, compare::machine, progress};
 use method::{DEFAULT, Laboratory};
 
@@ -66,7 +67,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         if stop.load(Ordering::Relaxed) {
             bail!(progress::Interrupted::new("nothing was written"));
         }
-        bar.set_message(regime.name.clone());
+        bar.set_message(&regime.name);
         let mut config = regime.config(arguments.quick);
         if let Some(backend) = arguments.backend {
             (config.backend, config.gradient) = (backend, GradientForm::Injected);
@@ -77,18 +78,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let (command, machine) = (std::env::args().collect::<Vec<_>>().join(" "), machine());
+    let (command, machine) = (terminal::command(), machine());
     let page = page::Page { regimes: &pictured, rows: &rows, missing: &missing, command: &command, machine: &machine };
     let (csv, html) = (arguments.out.join("stability.csv"), arguments.out.join("stability.html"));
     file::replace(&csv, &table::encode(&rows, &missing, &machine, &command)?)?;
     file::replace(&html, page.encode()?.as_bytes())?;
     let worse = rows.iter().filter(|row| row.method == DEFAULT && !page::is_no_worse(&rows, row));
     for row in worse {
-        println!("{}: {DEFAULT} is worse than one-sample MIS, or stopped", row.regime);
+        out!("{}: {DEFAULT} is worse than one-sample MIS, or stopped", row.regime);
     }
     for (regime, file) in &missing {
-        println!("{regime}: not run; give --maps DIR with {file}");
+        out!("{regime}: not run; give --maps DIR with {file}");
     }
-    println!("{} and {} written", csv.display(), html.display());
+    out!("{} and {} written", csv.display(), html.display());
     Ok(())
 }

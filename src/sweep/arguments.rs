@@ -6,6 +6,7 @@ use anyhow::Result;
 use clap::{Args, Subcommand};
 
 use super::{Sweep, collect, folder::SweepFolder, local, report, retry, slurm, status, worker};
+use crate::terminal::say;
 use crate::{arguments::make_folder, progress};
 
 /// Run a space of settings: every trial once, resumed where it was stopped.
@@ -131,7 +132,7 @@ fn written(output: &Output, name: &str, make: impl Fn(&Sweep) -> Result<String>)
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     folder.map_or(Ok(()), make_folder)?;
     headtail_render::file::replace(&file, make(&sweep)?.as_bytes())?;
-    println!("{} written", file.display());
+    say!("{} written", file.display());
     Ok(())
 }
 

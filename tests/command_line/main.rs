@@ -7,6 +7,7 @@ mod composite;
 mod export;
 #[cfg(target_os = "linux")]
 mod interruption;
+mod lost_work;
 mod sweep;
 
 use std::{
@@ -121,7 +122,13 @@ fn the_help_of_every_command_ends_with_examples() {
         assert!(examples.contains(&format!("headtail {name}")), "{help}");
         assert!(succeed(here.path(), "--help").contains(&format!("\n  {name} ")));
     }
-    assert_eq!(succeed(here.path(), "--version").trim(), format!("headtail {}", env!("CARGO_PKG_VERSION")));
+    let version = format!("headtail {}", env!("CARGO_PKG_VERSION"));
+    assert_eq!(succeed(here.path(), "-V").trim(), version);
+    let long = succeed(here.path(), "--version");
+    assert!(
+        long.starts_with(&version) && long.contains("features: flex") && long.contains("instruction set: "),
+        "{long}"
+    );
 }
 
 #[test]
