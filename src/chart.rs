@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::Args;
 
 use crate::terminal::say;
-use crate::{arguments::make_folder, report};
+use crate::{output::OutputFile, report};
 
 /// Chart speed against accuracy for several comparisons, one chart for each and one over all.
 #[derive(Args)]
@@ -27,9 +27,7 @@ pub struct Arguments {
 
 /// Reads the results and writes the page.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        make_folder(folder)?;
-    }
+    let _output = OutputFile::take(&arguments.out, |_| true)?;
     report::write_overview(&arguments.out, &arguments.results)?;
     say!("open {}", arguments.out.display());
     Ok(())

@@ -19,7 +19,8 @@ pub use work::select;
 
 use crate::terminal::{self, say};
 use crate::{
-    arguments::{OpenedView, ViewArguments, budget, make_folder, note_use},
+    arguments::{OpenedView, ViewArguments, budget, note_use},
+    output::OutputFolder,
     progress,
     report::{self, Comparison, Preparation, State},
 };
@@ -91,18 +92,33 @@ impl Arguments {
 /// A sampler ready to render.
 struct Entry {
     label: String,
+    /// The file that it is read from.
+    file: Option<PathBuf>,
     estimator: Box<dyn Estimator>,
     preparation: Preparation,
 }
 
 /// Renders everything; the results are written as they come.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    // From here on a signal ends it in order.
+    progress::stop_flag()?;
+    let output = OutputFolder::take(&arguments.out, &["results.csv", "report.html"])?;
+    perform(arguments, &output)
+}
+
+/// The same in a folder that was taken before.
+///
+/// # Errors
+/// If something cannot be opened, rendered or written; [`progress::Interrupted`] after a signal.
+pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     let budgets = budgets(arguments)?;
+    check_different("--samplers", arguments.samplers.iter().map(ToString::to_string))?;
     let opened = arguments.view.open()?;
     let entries = arguments.samplers.iter().map(|spec| Entry::build(spec, &opened)).collect::<Result<Vec<_>>>()?;
-    make_folder(&arguments.out)?;
+    let inputs = entries.iter().filter_map(|entry| entry.file.as_deref()).chain(arguments.reference.as_deref());
+    output.begin(&inputs.collect::<Vec<_>>())?;
     let stop = progress::stop_flag()?;
-    let reference = Reference::obtain(arguments, &opened, &stop)?;
+    let reference = Reference::obtain(arguments, &opened, output, &stop)?;
     ensure!(reference.covered.iter().any(|covered| *covered), "no pixel is covered by a surface: move the camera");
 
     let planned = budgets.len() * entries.len() * arguments.runs as usize;
@@ -122,7 +138,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         preparation: entries.iter().map(|entry| entry.preparation.clone()).collect(),
         state: State::Running { planned },
     };
-    let mut work = Work::new(&opened, &entries, &budgets, &stop, &arguments.out, comparison);
+    let mut work = Work::new(&opened, &entries, &budgets, &stop, output, comparison)?;
     work.run_all(arguments.runs, arguments.seed)?;
     let interrupted = stop.load(Ordering::Relaxed) && work.comparison.rows.len() < planned;
     if interrupted && work.comparison.rows.is_empty() {
@@ -144,7 +160,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn budgets(arguments: &Arguments) -> Result<Vec<(String, Budget)>> {
     let samples = arguments.spp.iter().map(|&spp| Ok((format!("{spp}spp"), budget(Some(spp), None)?)));
     let times = arguments.seconds.iter().map(|&seconds| Ok((format!("{seconds}s"), budget(None, Some(seconds))?)));
-    samples.chain(times).collect()
+    let budgets: Vec<(String, Budget)> = samples.chain(times).collect::<Result<_>>()?;
+    check_different("--spp and --seconds", budgets.iter().map(|(name, _)| name.clone()))?;
+    Ok(budgets)
+}
+
+/// An error that names what is given twice.
+fn check_different(what: &str, names: impl Iterator<Item = String>) -> Result<()> {
+    let mut seen = std::collections::HashSet::new();
+    for name in names {
+        ensure!(seen.insert(name.clone()), "{what}: {name} is given twice");
+    }
+    Ok(())
 }
 
 impl Entry {
@@ -171,7 +198,8 @@ impl Entry {
                 preparation.text += &format!(" ({seconds:.1} s)");
             }
         }
-        Ok(Self { label, estimator, preparation })
+        let file = spec.path().map(|(_, file)| file.to_owned());
+        Ok(Self { label, file, estimator, preparation })
     }
 }
 

@@ -12,8 +12,10 @@ use headtail_train::{FitConfig, TrainingLight, exported_sampler};
 
 use crate::terminal::say;
 use crate::{
-    arguments::{CameraArguments, PointsArgument, TailArgument, ViewArguments, make_folder, open_environment},
-    bake, compare, fit, progress,
+    arguments::{CameraArguments, PointsArgument, TailArgument, ViewArguments, open_environment},
+    bake, compare, fit,
+    output::OutputFolder,
+    progress,
     run::RunTable,
 };
 
@@ -37,8 +39,9 @@ pub struct Arguments {
 /// Runs every step and says what it does.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
+    let output = OutputFolder::take(&arguments.out, &["head.safetensors", "results.csv"])?;
     let environment = open_environment(&arguments.env)?;
-    make_folder(&arguments.out)?;
+    output.begin(&[])?;
 
     say!("1. Train a cosine head for the environment '{}'.", environment.name());
     let stop = progress::stop_flag()?;
@@ -51,7 +54,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let summary = &fitted.summary;
     let (before, after) = (summary.initial, summary.divergence);
     say!("   {} steps, {:.1} s: KL {:.3} -> {:.3} nats", summary.steps, summary.seconds, before.kl, after.kl);
-    let head = arguments.out.join("head.safetensors");
+    let head = output.file("head.safetensors")?;
     let mut described = RunTable::default();
     described.set_env(arguments.env.clone());
     let settings = described.with_fit(config.clone())?.to_toml()?;
@@ -66,7 +69,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         NormalGrid::new(16, 32)?,
         CellGrid::new(32, 32)?,
     )?;
-    let table = arguments.out.join("direct.safetensors");
+    let table = output.file("direct.safetensors")?;
     direct.write(&table)?;
     say!("   {:.2} s", baking.elapsed().as_secs_f64());
 
@@ -91,7 +94,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         SamplerSpec::file_with_mis(FileKind::Head, head),
         SamplerSpec::file(FileKind::Direct, table),
     ];
-    compare::run(&compare::Arguments::new(view, samplers, arguments.out.clone()))?;
+    compare::perform(&compare::Arguments::new(view, samplers, arguments.out.clone()), &output)?;
     let page = arguments.out.join("report.html");
     say!("{:.0} s in all; the page to open is {}", start.elapsed().as_secs_f64(), page.display());
     Ok(())

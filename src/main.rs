@@ -11,6 +11,7 @@ mod demo;
 mod export;
 mod fit;
 mod inspect;
+mod output;
 mod paper;
 mod progress;
 mod render;
@@ -32,6 +33,9 @@ use clap::{Parser, Subcommand};
 struct Cli {
     #[command(flatten)]
     voice: terminal::Voice,
+    /// Replace results of another command.
+    #[arg(long, global = true)]
+    force: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -57,7 +61,8 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let Cli { voice, command } = Cli::parse();
+    let Cli { voice, force, command } = Cli::parse();
+    output::force(force);
     // Before any work is dispatched, which has no way to say that HEADTAIL_SIMD is wrong.
     let done = voice
         .begin()

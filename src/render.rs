@@ -7,16 +7,17 @@ use clap::Args;
 use headtail_render::{
     color::luminance,
     estimator::Estimator,
-    image::{Attribute, Image, write_exr, write_png},
+    image::{Attribute, Image, latin_1, write_exr, write_png},
     integrator::{self, Budget, Rendering, View},
     points::Points,
     spec::SamplerSpec,
     timings::Timings,
 };
 
-use crate::terminal::say;
+use crate::terminal::{self, say};
 use crate::{
-    arguments::{ViewArguments, budget, make_folder, note_use},
+    arguments::{OpenedView, ViewArguments, budget, note_use},
+    output::{self, OutputFile},
     progress,
 };
 
@@ -67,13 +68,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         arguments.out.display()
     );
     let budget = budget(arguments.spp, arguments.seconds)?;
+    let stop = progress::stop_flag()?;
+    let _output = [arguments.out.clone(), arguments.out.with_extension("png")]
+        .iter()
+        .map(|file| if file == &arguments.out { OutputFile::take_exr(file) } else { OutputFile::take(file, |_| true) })
+        .collect::<Result<Vec<_>>>()?;
     let opened = arguments.view.open()?;
     let estimator = arguments.sampler.build(&opened.environment)?;
     note_use(&arguments.sampler)?;
-    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        make_folder(folder)?;
-    }
-    let stop = progress::stop_flag()?;
     let bar = progress::bar(1000, "rendering");
     if arguments.timings {
         Timings::start();
@@ -84,7 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
     let image = rendering.composite();
     let sampler = arguments.sampler.to_string();
-    write_exr(&arguments.out, &image, &attributes(&sampler, &rendering, arguments.seed))?;
+    write_exr(&arguments.out, &image, &attributes(&opened, &sampler, &rendering, arguments.seed))?;
     let png = arguments.out.with_extension("png");
     write_png(&png, &image, exposure(&rendering) + arguments.exposure)?;
     say!(
@@ -111,15 +113,26 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// What an OpenEXR result says of itself.
-pub fn attributes(sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attribute> {
+pub fn attributes(opened: &OpenedView, sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attribute> {
+    let View { camera, environment, depth, .. } = opened.view();
+    let triple = |v: glam::Vec3A| format!("{},{},{}", v.x, v.y, v.z);
     vec![
-        Attribute::new("sampler", sampler),
+        Attribute::new("scene", latin_1(&opened.scene_name())),
+        Attribute::new("environment", latin_1(environment.name())),
+        Attribute::new("environment.hash", environment.hash()),
+        Attribute::new("camera.look_from", triple(camera.look_from())),
+        Attribute::new("camera.look_at", triple(camera.look_at())),
+        Attribute::new("camera.fov", camera.vertical_fov()),
+        Attribute::new("depth", depth as i32),
+        Attribute::new("sampler", latin_1(sampler)),
         Attribute::new("spp", rendering.spp as i32),
         Attribute::new("points", rendering.points.to_string()),
         // OpenEXR has no 64-bit integers.
         Attribute::new("seed", seed.to_string()),
         Attribute::new("seconds", rendering.seconds),
         Attribute::new("headtail.version", env!("CARGO_PKG_VERSION")),
+        Attribute::new("headtail.command", latin_1(&terminal::command())),
+        Attribute::new(output::REQUEST, output::request()),
     ]
 }
 

@@ -17,7 +17,8 @@ use headtail_render::{
 
 use crate::terminal::out;
 use crate::{
-    arguments::{make_folder, open_environment},
+    arguments::open_environment,
+    output::OutputFolder,
     progress,
     render::{exposure, quietly},
 };
@@ -60,12 +61,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         );
     }
     let Some(folder) = &arguments.out else { return Ok(()) };
+    let _output = OutputFolder::share(folder)?;
     let environment = open_environment(&arguments.env)?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
     let product = Covering::new(ProductSampler::new(light, table))?;
     let estimator = Ris::new(product, Covering::new(BrdfSampler)?, 4, environment.clone())?;
-    make_folder(folder)?;
     let bar = progress::bar(scenes.len() as u64, "rendering");
     for scene in &scenes {
         let (width, height) = (arguments.width as usize, (arguments.width * 3 / 4) as usize);

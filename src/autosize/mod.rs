@@ -18,7 +18,8 @@ use self::{
 };
 use crate::terminal::say;
 use crate::{
-    arguments::{CameraArguments, ViewArguments, make_folder},
+    arguments::{CameraArguments, ViewArguments},
+    output::OutputFolder,
     progress,
 };
 use headtail_render::{points::PointSet, scene::MaterialSpec};
@@ -74,8 +75,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     {
         ensure!(seconds > 0.0 && seconds <= 1e7, "{name}: {seconds} is not between 0 and 1e7");
     }
-    make_folder(&arguments.out)?;
     let stop = progress::stop_flag()?;
+    let output = OutputFolder::take(&arguments.out, &["autosize.html"])?;
+    output.begin(&[])?;
+    output.file("autosize.html")?;
     let view = ViewArguments {
         scene: arguments.scene.clone(),
         env: arguments.env.clone(),

@@ -19,6 +19,7 @@ use headtail_render::{
 use super::Arguments;
 use crate::{
     arguments::{OpenedView, ViewArguments, make_folder},
+    output::OutputFolder,
     progress::{self, Interrupted},
     render::attributes,
 };
@@ -45,8 +46,13 @@ impl Reference {
     /// # Errors
     /// If an image cannot be read or written or has another size; [`Interrupted`] if the stop flag ends a rendering, of which
     /// nothing is written.
-    pub fn obtain(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool) -> Result<Self> {
-        Self::copied(arguments, opened, stop, Some(&arguments.out.join("reference.exr")))
+    pub fn obtain(
+        arguments: &Arguments,
+        opened: &OpenedView,
+        output: &OutputFolder,
+        stop: &AtomicBool,
+    ) -> Result<Self> {
+        Self::copied(arguments, opened, stop, Some(&output.file("reference.exr")?))
     }
 
     /// [`Self::obtain`], with a copy of an image that was not read from a file.
@@ -74,13 +80,13 @@ impl Reference {
         }
         let (rendering, by) = converged(arguments, opened, arguments.reference_spp, stop)?;
         let image = rendering.composite();
-        copy.map_or(Ok(()), |copy| write_exr(copy, &image, &attributes(by, &rendering, seed(arguments))))?;
+        copy.map_or(Ok(()), |copy| write_exr(copy, &image, &attributes(opened, by, &rendering, seed(arguments))))?;
         if let Some(stem) = &cached {
             make_folder(stem.parent().unwrap_or(Path::new(".")))?;
             let [image_file, coverage_file] = files(stem);
             let coverage = Image { pixels: rendering.coverage.iter().map(|&c| [c; 3]).collect(), ..image };
             write_exr(&coverage_file, &coverage, &[])?;
-            write_exr(&image_file, &image, &attributes(by, &rendering, seed(arguments)))?;
+            write_exr(&image_file, &image, &attributes(opened, by, &rendering, seed(arguments)))?;
         }
         let note = format!("Rendered with {by} at {} samples per pixel ({POINTS} points).", rendering.spp);
         Ok(Self { image, covered: covered(&rendering.coverage), note })

@@ -3,7 +3,10 @@
 mod page;
 mod setting;
 
-use std::{path::PathBuf, sync::atomic::Ordering};
+use std::{
+    path::{Path, PathBuf},
+    sync::atomic::Ordering,
+};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
@@ -17,7 +20,8 @@ use headtail_render::{
 
 use crate::terminal::{note, say, warning};
 use crate::{
-    arguments::{Triple, make_folder, note_use},
+    arguments::{Triple, note_use},
+    output::OutputFolder,
     progress,
     report::picture,
 };
@@ -137,6 +141,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
+    let stop = progress::stop_flag()?;
+    let output = OutputFolder::take(&arguments.out, &["composite.exr"])?;
     let setting = Setting::open(arguments)?;
     ensure!(
         !matches!(arguments.sampler, SamplerSpec::Learning(_)),
@@ -151,8 +157,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             arguments.catcher
         );
     }
-    make_folder(&arguments.out)?;
-    let stop = progress::stop_flag()?;
+    output.begin(
+        &[arguments.photo.as_deref(), arguments.camera.as_deref()].map(|input| input.unwrap_or(Path::new(""))),
+    )?;
     let bar = progress::bar(1000, "compositing");
     let backdrop = setting.backdrop();
     let composition =
@@ -171,7 +178,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     check_sight(&film)?;
     let mask = Mask::of(&film, arguments.mask);
     let layers = Layers::new(&film, &mask, &setting.photograph, setting.gain, !arguments.grey_mask);
-    write(arguments, &setting, &film, &layers)?;
+    write(arguments, &output, &setting, &film, &layers)?;
     if stop.load(Ordering::Relaxed) {
         bail!(progress::Interrupted::new(format!(
             "{} of {} samples per pixel were done and are written",
@@ -222,7 +229,7 @@ fn codes(image: &Image) -> Result<Vec<u8>> {
     Ok(encode_png_rgb8(image.width, image.height, &codes)?)
 }
 
-fn write(arguments: &Arguments, setting: &Setting, film: &Film, layers: &Layers) -> Result<()> {
+fn write(arguments: &Arguments, output: &OutputFolder, setting: &Setting, film: &Film, layers: &Layers) -> Result<()> {
     let composite = layers.composite();
     let attributes = [
         Attribute::new("sampler", arguments.sampler.to_string()),
@@ -232,13 +239,13 @@ fn write(arguments: &Arguments, setting: &Setting, film: &Film, layers: &Layers)
         Attribute::new("headtail.version", env!("CARGO_PKG_VERSION")),
     ];
     let development = Development::of(setting);
-    let out = |name: &str| arguments.out.join(name);
+    let out = |name: &str| output.file(name);
     let composite_png = development.png(&composite)?;
-    file::replace(&out("composite.png"), &composite_png)?;
-    write_exr(&out("composite.exr"), &composite, &attributes)?;
-    file::replace(&out("layers.exr"), &layers.encode_exr(&attributes)?)?;
+    file::replace(&out("composite.png")?, &composite_png)?;
+    write_exr(&out("composite.exr")?, &composite, &attributes)?;
+    file::replace(&out("layers.exr")?, &layers.encode_exr(&attributes)?)?;
     let mask_png = codes(&layers.shadow)?;
-    file::replace(&out("mask.png"), &mask_png)?;
+    file::replace(&out("mask.png")?, &mask_png)?;
     let pictures = page::Pictures {
         photograph: picture::data_address(&development.png(&layers.photograph)?),
         composite: picture::data_address(&composite_png),
@@ -247,7 +254,7 @@ fn write(arguments: &Arguments, setting: &Setting, film: &Film, layers: &Layers)
         light: picture::data_address(&development.png(&layers.light)?),
     };
     let page = page::page(arguments, setting, film, &pictures);
-    file::replace(&out("composite.html"), page.as_bytes())?;
+    file::replace(&out("composite.html")?, page.as_bytes())?;
     say!(
         "{} spp in {:.2} s: {} shadow rays of the mask, {} others",
         film.spp,
@@ -255,6 +262,6 @@ fn write(arguments: &Arguments, setting: &Setting, film: &Film, layers: &Layers)
         film.mask_rays,
         film.other_rays
     );
-    say!("{} written; the page to open is {}", out("composite.png").display(), out("composite.html").display());
+    say!("{} written; the page to open is {}", out("composite.png")?.display(), out("composite.html")?.display());
     Ok(())
 }

@@ -11,6 +11,7 @@ pub use arguments::Arguments;
 
 use crate::terminal::{out, say, warning};
 use crate::{
+    output::OutputFolder,
     progress,
     run::{self, Surroundings},
 };
@@ -29,6 +30,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let out = arguments.out.clone().or_else(|| described.out.clone());
     let out = out.context("give the folder of the results, by --out or as `out` of the run's table")?;
     let stop = progress::stop_flag()?;
+    let resumes = described.checkpoints.as_ref().is_some_and(|checkpoints| checkpoints.resume);
+    let results: &[&str] = if resumes { &[] } else { &run::RESULTS };
+    let output = OutputFolder::take(&out, results)?;
+    let checkpoints = described.checkpoints.as_ref().map(|checkpoints| &checkpoints.folder);
+    let others = [arguments.pictures.as_ref(), arguments.tensorboard.as_ref(), checkpoints];
+    let others =
+        others.into_iter().flatten().filter(|folder| **folder != out).map(|folder| OutputFolder::share(folder));
+    let _others = others.collect::<Result<Vec<_>>>()?;
+    output.begin(&[])?;
+    for name in run::RESULTS {
+        output.file(name)?;
+    }
     let bar = TrainingBar::new(described.fit.steps);
     let around = Surroundings {
         references: out.join("references"),

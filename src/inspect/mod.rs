@@ -24,7 +24,8 @@ use plotters::{
     style::{FontStyle, colors::colormaps::ColorMap, register_font, text_anchor},
 };
 
-use crate::arguments::{Triple, make_folder, open_environment};
+use crate::arguments::{Triple, open_environment};
+use crate::output::OutputFile;
 use crate::terminal::out;
 
 /// Draw target, intermediate and final density of an exported sampler side by side, on a log scale.
@@ -87,6 +88,9 @@ struct Figures {
 
 /// Draws the picture.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    let is_png = arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    ensure!(is_png, "--out {}: the file's name must end in .png", arguments.out.display());
+    let _output = OutputFile::take(&arguments.out, |_| true)?;
     if let (true, Some(map)) = (arguments.tail, &arguments.env) {
         let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
         let (picture, table) = tails::inspect(&*open_environment(map)?, file.as_ref())?;
@@ -128,9 +132,6 @@ pub fn tail_picture(environment: &headtail_render::environment::Environment) -> 
 }
 
 fn write(arguments: &Arguments, picture: &[u8]) -> Result<()> {
-    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        make_folder(folder)?;
-    }
     Ok(file::replace(&arguments.out, picture)?)
 }
 

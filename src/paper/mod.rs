@@ -30,6 +30,7 @@ use crate::terminal::{self, note, say};
 use crate::{
     arguments::make_folder,
     compare::machine,
+    output::OutputFolder,
     progress,
     report::{
         html::head,
@@ -118,7 +119,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
     let start = Instant::now();
-    make_folder(&arguments.out)?;
+    let _output = OutputFolder::share(&arguments.out)?;
     let folder = arguments.out.join("sections");
     make_folder(&folder)?;
     let data = Data::open(arguments.data.as_deref(), arguments.quick)?;

@@ -177,7 +177,7 @@ pub fn write_overview(page: &Path, folders: &[std::path::PathBuf]) -> Result<()>
     let mut scenes = Vec::new();
     for folder in folders {
         let path = folder.join("results.csv");
-        let bytes = std::fs::read(&path).with_context(|| format!("{}", path.display()))?;
+        let bytes = file::read(&path, 1 << 30).with_context(|| format!("{}", path.display()))?;
         scenes.push(csv::decode(&bytes).with_context(|| format!("{}", path.display()))?);
     }
     file::replace(page, overview::page(&scenes)?.as_bytes())?;

@@ -31,6 +31,9 @@ const MEASURES: &str = "measures.json";
 /// A line for each validation.
 pub const METRICS: &str = "metrics.jsonl";
 
+/// The files of a run.
+pub const RESULTS: [&str; 4] = [SAMPLER, MEASURES, METRICS, RESOLVED];
+
 /// Conditions of pictures of densities.
 const PICTURES: u64 = 4;
 

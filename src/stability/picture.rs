@@ -13,24 +13,25 @@ use headtail_render::{
     tile::ShadingPoint,
 };
 use plotters::style::colors::colormaps::{ColorMap, ViridisRGB};
+use serde::{Deserialize, Serialize};
 
 use crate::report::picture::data_address;
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 80;
 /// Powers of ten below the brightest value.
-const DECADES: f64 = 6.0;
+const DECADES: f32 = 6.0;
 
 /// Densities over solid angle at one shading point, as lat-long pictures.
+#[derive(Serialize, Deserialize)]
 pub struct Pictures {
-    at: ShadingPoint,
-    /// The target first.
-    densities: Vec<(&'static str, Vec<f64>)>,
+    /// Names and densities, the target first.
+    densities: Vec<(String, Vec<f32>)>,
 }
 
 impl Pictures {
     /// Of the target.
-    pub fn new(at: ShadingPoint, environment: &Arc<Environment>) -> Self {
+    pub fn new(at: &ShadingPoint, environment: &Arc<Environment>) -> Self {
         let directions = each_pixel();
         let reflected = at.one().brdf_cosines(&directions).into_iter().zip(directions);
         let target: Vec<f64> = reflected.map(|(f, wi)| f64::from(luminance(f * environment.radiance(wi)))).collect();
@@ -38,29 +39,32 @@ impl Pictures {
             |k: usize| f64::from(latlong::sin_theta((k / WIDTH) as f32 / HEIGHT as f32 + 0.5 / HEIGHT as f32));
         let pixel = 2.0 * std::f64::consts::PI.powi(2) / (WIDTH * HEIGHT) as f64;
         let total: f64 = target.iter().enumerate().map(|(k, f)| f * solid_angle(k) * pixel).sum();
-        let target = target.into_iter().map(|f| f / total.max(f64::MIN_POSITIVE)).collect();
-        Self { at, densities: vec![("target", target)] }
+        let target = target.into_iter().map(|f| (f / total.max(f64::MIN_POSITIVE)) as f32).collect();
+        Self { densities: vec![("target".to_owned(), target)] }
     }
 
-    /// Adds a sampler's density.
-    pub fn add(&mut self, method: &'static str, sampler: &dyn Sampler) {
-        let pdfs = AtPoint::new(sampler, &self.at).pdf_many(&each_pixel());
-        self.densities.push((method, pdfs.into_iter().map(f64::from).collect()));
+    /// Adds a sampler's density at the same point.
+    pub fn add(&mut self, method: &str, sampler: &dyn Sampler, at: &ShadingPoint) {
+        self.densities.push((method.to_owned(), AtPoint::new(sampler, at).pdf_many(&each_pixel())));
     }
 
     /// Names and `data:` addresses, all on the target's scale.
-    pub fn encode(&self) -> Result<Vec<(&'static str, String)>> {
-        let top = self.densities[0].1.iter().copied().fold(f64::MIN_POSITIVE, f64::max).log10();
-        let picture = |(name, values): &(&'static str, Vec<f64>)| {
-            let color = |value: &f64| {
-                let level = 1.0 + (value.max(f64::MIN_POSITIVE).log10() - top) / DECADES;
-                let color = ViridisRGB.get_color(level.clamp(0.0, 1.0) as f32);
-                [color.0, color.1, color.2]
-            };
-            let pixels: Vec<[u8; 3]> = values.iter().map(color).collect();
-            Ok((*name, data_address(&encode_png_rgb8(WIDTH, HEIGHT, &pixels)?)))
+    pub fn encode(&self) -> Result<Vec<(&str, String)>> {
+        let top = self
+            .densities
+            .first()
+            .map_or(0.0, |(_, target)| target.iter().copied().fold(f32::MIN_POSITIVE, f32::max).log10());
+        let color = |value: &f32| {
+            let level = 1.0 + (value.max(f32::MIN_POSITIVE).log10() - top) / DECADES;
+            let color = ViridisRGB.get_color(level.clamp(0.0, 1.0));
+            [color.0, color.1, color.2]
         };
-        self.densities.iter().map(picture).collect()
+        let mut encoded = Vec::new();
+        for (name, values) in &self.densities {
+            let pixels: Vec<[u8; 3]> = values.iter().map(color).collect();
+            encoded.push((&**name, data_address(&encode_png_rgb8(WIDTH, HEIGHT, &pixels)?)));
+        }
+        Ok(encoded)
     }
 }
 

@@ -104,8 +104,8 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
         "--signal=B:USR1@120".into(),
         format!("--output={}", absolute(&log)?),
     ];
-    let file =
-        fs::read_to_string(&arguments.place.space).with_context(|| arguments.place.space.display().to_string())?;
+    let file = headtail_render::file::read_text(&arguments.place.space)
+        .with_context(|| arguments.place.space.display().to_string())?;
     let lines = file.lines().filter_map(|line| line.strip_prefix("#SBATCH ")).map(|line| line.trim().to_owned());
     // Of an option that is given twice, the last one counts.
     for option in own.into_iter().chain(lines).chain(arguments.sbatch.iter().cloned()) {

@@ -1,9 +1,11 @@
 //! The tiled integrator of direct light and of paths.
 
+mod features;
 mod render;
 mod stages;
 mod view;
 mod wavefront;
 
-pub use render::{Budget, MAX_SIDE, Rendering, render};
-pub use view::View;
+pub use features::{Features, features};
+pub use render::{Budget, MAX_SIDE, Rendering, render, render_part};
+pub use view::{Part, View};

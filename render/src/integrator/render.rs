@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::{
     stages::{Stage, Stages},
-    view::View,
+    view::{Part, View},
     wavefront::{Estimate, Pixel, TilePixels, Workspace},
 };
 use crate::{
@@ -77,6 +77,17 @@ impl Rendering {
         let add = |(a, b): (&[f32; 3], &[f32; 3])| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
         Image { pixels: self.surfaces.pixels.iter().zip(&self.background.pixels).map(add).collect(), ..self.surfaces }
     }
+
+    /// The picture under a map that is so many times as bright, per channel: all light comes from the map.
+    #[must_use]
+    pub fn lit_by(mut self, factors: Vec3A) -> Self {
+        for pixel in self.surfaces.pixels.iter_mut().chain(&mut self.background.pixels) {
+            *pixel = (Vec3A::from_array(*pixel) * factors).to_array();
+        }
+        // A bound: the brightest contribution need not have been of the brightest channel.
+        self.max_weight *= factors.max_element();
+        self
+    }
 }
 
 /// Renders until the budget is spent or `stop` is set; an interrupted image holds the passes that were finished (at least one).
@@ -95,19 +106,42 @@ pub fn render(
     stop: &AtomicBool,
     progress: &dyn Fn(f64),
 ) -> Rendering {
+    render_part(view, view.whole(), estimator, budget, points, stop, progress)
+}
+
+/// [`render`] of a part of the image: at equal samples its pixels are those of the whole, bit for bit, but of an estimator that learns, to which
+/// the others would have told something.
+///
+/// # Panics
+/// As [`render`], and if the part is not inside of the image.
+pub fn render_part(
+    view: View<'_>,
+    part: Part,
+    estimator: &dyn Estimator,
+    budget: Budget,
+    points: Points,
+    stop: &AtomicBool,
+    progress: &dyn Fn(f64),
+) -> Rendering {
+    assert!(
+        part.left + part.width <= view.width && part.top + part.height <= view.height,
+        "{part:?} of {} x {}",
+        view.width,
+        view.height
+    );
     assert!(view.width.max(view.height) <= MAX_SIDE, "an image of more than {MAX_SIDE} pixels along a side");
     view.scene.prepare_materials();
     let start = Instant::now();
     // Without a sample there is no mean: 0 / 0 would be black with NaN, and the share of the budget never reach 1.
     let budget = if budget == Budget::Spp(0) { Budget::Spp(1) } else { budget };
     let pass = if matches!(budget, Budget::Spp(_)) { PASS } else { SHORT_PASS };
-    let mut film = Film::new(view.width, view.height);
+    let mut film = Film::new(part);
     let planned = if let Budget::Spp(total) = budget { total } else { STAGES_FROM };
     let mut stages = Stages::new(points.set(), planned);
     let setting = Setting {
         eye: view.camera.look_from(),
         pixel: view.camera.pixel_angle(view.height),
-        pixels: view.width * view.height,
+        pixels: part.width * part.height,
         grouping: stages.grouping(),
     };
     let mut learner = estimator.learner(setting);
@@ -174,8 +208,7 @@ impl Pass<'_> {
 
 /// The sums of all pixels, tile after tile: each sum is made in the order of the samples, so that it does not depend on passes.
 struct Film {
-    width: usize,
-    height: usize,
+    part: Part,
     places: Vec<(u16, u16)>,
     sums: Vec<Pixel>,
     /// How many pixels each tile has.
@@ -183,13 +216,14 @@ struct Film {
 }
 
 impl Film {
-    fn new(width: usize, height: usize) -> Self {
-        let mut film =
-            Self { width, height, places: Vec::with_capacity(width * height), sums: Vec::new(), tiles: Vec::new() };
-        for top in (0..height).step_by(TILE) {
-            for left in (0..width).step_by(TILE) {
+    fn new(part: Part) -> Self {
+        let places = Vec::with_capacity(part.width * part.height);
+        let mut film = Self { part, places, sums: Vec::new(), tiles: Vec::new() };
+        for top in (part.top..part.top + part.height).step_by(TILE) {
+            for left in (part.left..part.left + part.width).step_by(TILE) {
                 let before = film.places.len();
-                let (right, bottom) = ((left + TILE).min(width), (top + TILE).min(height));
+                let (right, bottom) =
+                    ((left + TILE).min(part.left + part.width), (top + TILE).min(part.top + part.height));
                 for (y, x) in squares(top..bottom, left..right) {
                     film.places.push((x as u16, y as u16));
                 }
@@ -225,13 +259,14 @@ impl Film {
     }
 
     fn resolve(&self, points: PointSet, spp: u32, seconds: f64) -> Rendering {
-        let mut pixels = vec![Pixel::default(); self.width * self.height];
+        let Part { left, top, width, height } = self.part;
+        let mut pixels = vec![Pixel::default(); width * height];
         for (&(x, y), sum) in self.places.iter().zip(&self.sums) {
-            pixels[usize::from(y) * self.width + usize::from(x)] = *sum;
+            pixels[(usize::from(y) - top) * width + usize::from(x) - left] = *sum;
         }
         let image = |of: fn(&Pixel) -> DVec3| Image {
-            width: self.width,
-            height: self.height,
+            width,
+            height,
             pixels: pixels.iter().map(|pixel| Vec3A::from((of(pixel) / f64::from(spp)).as_vec3()).to_array()).collect(),
         };
         let (estimates, rays) = pixels.iter().fold((0, 0), |(e, r), pixel| (e + pixel.estimates, r + pixel.rays));
