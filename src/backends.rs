@@ -5,6 +5,7 @@ use clap::Args;
 use headtail_render::{environment::Environment, tail::Tail};
 use headtail_train::{Backend, BackendTrial, Error, GradientForm, Preset, TrialRow, Viewpoints, build_target};
 
+use crate::progress;
 use crate::terminal::out;
 
 /// Compare backends: speed, memory and agreement of a short training.
@@ -72,7 +73,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         if arguments.backend.is_some_and(|only| only != backend) {
             continue;
         }
-        match trial.run(backend, &*target, rows.first().map_or(&[], |first| &first.losses)) {
+        let busy = progress::busy(&backend.to_string());
+        let row = trial.run(backend, &*target, rows.first().map_or(&[], |first| &first.losses));
+        drop(busy);
+        match row {
             Ok(row) => rows.push(row),
             // Left out of this build; asked for by name, it is an error.
             Err(Error::BackendNotCompiled { .. }) if arguments.backend.is_none() => {}

@@ -14,6 +14,7 @@ use headtail_train::learned_bake;
 
 use crate::arguments::{Grid, TailArgument, open_environment};
 use crate::output::OutputFile;
+use crate::progress;
 use crate::terminal::say;
 
 /// Tabulate a trained head, or the cosine product itself without any training, over a grid of normals.
@@ -62,6 +63,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         };
         OutputFile::take(&arguments.out, is_same)
     };
+    let busy = progress::busy("baking");
     let (baked, _output) = match (&arguments.from, &arguments.env) {
         (Some(file), _) => {
             let exported = ExportedSampler::read(file)?;
@@ -80,6 +82,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         (None, None) => bail!("give --from FILE, or --direct with --env MAP"),
     };
+    drop(busy);
     baked.write(&arguments.out)?;
     say!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())

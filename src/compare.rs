@@ -1,5 +1,6 @@
 //! `headtail compare`: samplers side by side, at equal samples or equal time.
 
+mod noise;
 mod reference;
 mod work;
 
@@ -19,7 +20,7 @@ pub use work::select;
 
 use crate::terminal::{self, say};
 use crate::{
-    arguments::{OpenedView, ViewArguments, budget, note_use},
+    arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
     output::OutputFolder,
     progress,
     report::{self, Comparison, Preparation, State},
@@ -65,6 +66,9 @@ pub struct Arguments {
     /// Folder in which rendered references are kept and looked for, by a hash of all that they depend on.
     #[arg(long, value_name = "DIR", conflicts_with = "reference")]
     reference_cache: Option<PathBuf>,
+    /// Print all runs as an array of JSON objects.
+    #[arg(long)]
+    json: bool,
     /// Folder for the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -84,6 +88,7 @@ impl Arguments {
             reference: None,
             reference_spp: 512,
             reference_cache: None,
+            json: false,
             out,
         }
     }
@@ -111,6 +116,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// # Errors
 /// If something cannot be opened, rendered or written; [`progress::Interrupted`] after a signal.
 pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
+    if arguments.json {
+        terminal::only_data();
+    }
     let budgets = budgets(arguments)?;
     check_different("--samplers", arguments.samplers.iter().map(ToString::to_string))?;
     let opened = arguments.view.open()?;
@@ -132,13 +140,13 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         reference: reference.image,
         measured: reference.covered,
-        reference_note: reference.note,
+        reference_note: reference.note.clone(),
         rows: Vec::new(),
         images: Vec::new(),
         preparation: entries.iter().map(|entry| entry.preparation.clone()).collect(),
         state: State::Running { planned },
     };
-    let mut work = Work::new(&opened, &entries, &budgets, &stop, output, comparison)?;
+    let mut work = Work::new(&opened, &entries, &budgets, &stop, output, comparison, reference.noise)?;
     work.run_all(arguments.runs, arguments.seed)?;
     let interrupted = stop.load(Ordering::Relaxed) && work.comparison.rows.len() < planned;
     if interrupted && work.comparison.rows.is_empty() {
@@ -146,7 +154,11 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     }
     work.finish(if interrupted { State::Interrupted { planned } } else { State::Complete })?;
 
+    if arguments.json {
+        terminal::print_json(&work.comparison.rows)?;
+    }
     say!("{}", report::lines(&work.comparison.rows)?);
+    say!("reference: {}", work.comparison.reference_note);
     let page = arguments.out.join("report.html");
     if interrupted {
         let done = work.comparison.rows.len();
@@ -178,10 +190,13 @@ impl Entry {
     fn build(spec: &SamplerSpec, opened: &OpenedView) -> Result<Self> {
         let label = spec.to_string();
         let start = Instant::now();
+        let busy = progress::busy(&label);
         let estimator = spec.build(&opened.environment)?;
+        drop(busy);
         let built = start.elapsed().as_secs_f64();
         let mut preparation = Preparation { sampler: label.clone(), seconds: built, text: "tables built".into() };
         note_use(spec)?;
+        note_surfaces(spec, opened)?;
         if let Some((FileKind::Head | FileKind::Baked, file)) = spec.path()
             && let exported = ExportedSampler::read(file)?
             && let Some(training) = exported.training

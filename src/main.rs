@@ -6,11 +6,14 @@ mod backends;
 mod bake;
 mod chart;
 mod compare;
+mod completions;
 mod composite;
 mod demo;
 mod export;
 mod fit;
+mod info;
 mod inspect;
+mod light;
 mod output;
 mod paper;
 mod progress;
@@ -58,10 +61,15 @@ enum Command {
     Paper(paper::Arguments),
     Scenes(scenes::Arguments),
     Backends(backends::Arguments),
+    Info(info::Arguments),
+    Completions(completions::Arguments),
 }
 
 fn main() -> ExitCode {
-    let Cli { voice, force, command } = Cli::parse();
+    let Cli { voice, force, command } = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return ExitCode::from(terminal::usage(&error)),
+    };
     output::force(force);
     // Before any work is dispatched, which has no way to say that HEADTAIL_SIMD is wrong.
     let done = voice
@@ -102,5 +110,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Paper(arguments) => paper::run(&arguments),
         Command::Scenes(arguments) => scenes::run(&arguments),
         Command::Backends(arguments) => backends::run(&arguments),
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Completions(arguments) => completions::run::<Cli>(&arguments),
     }
 }

@@ -7,7 +7,9 @@ use std::{
     sync::{
         Arc, Mutex, OnceLock, PoisonError,
         atomic::{AtomicBool, AtomicUsize, Ordering},
+        mpsc,
     },
+    thread::JoinHandle,
     time::{Duration, Instant},
 };
 
@@ -211,6 +213,47 @@ impl Bar {
             100.0 * done,
             duration(elapsed.as_secs_f64())
         ));
+    }
+}
+
+/// Work that cannot say how far it is: a terminal shows that it goes on, others get a line now and then. It ends with this value.
+pub struct Busy {
+    shown: ProgressBar,
+    end: Option<mpsc::Sender<()>>,
+    teller: Option<JoinHandle<()>>,
+}
+
+/// Begins to tell of such work.
+pub fn busy(what: &str) -> Busy {
+    let shown = if terminal::is_quiet() { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
+    shown.set_prefix(what.to_owned());
+    let style = ProgressStyle::with_template("{prefix:>12} {spinner} {elapsed} so far");
+    shown.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
+    shown.enable_steady_tick(Duration::from_millis(200));
+    terminal::show_above(&shown);
+    let (end, ended) = mpsc::channel::<()>();
+    let (what, start) = (what.to_owned(), Instant::now());
+    let tell = move || {
+        let mut next = FIRST_LINE;
+        // The other end is gone when the work is done.
+        while ended.recv_timeout(next) == Err(mpsc::RecvTimeoutError::Timeout) {
+            if !std::io::stderr().is_terminal() {
+                terminal::progress(&format!("{what}: {} so far", duration(start.elapsed().as_secs_f64())));
+            }
+            next = start.elapsed().min(BETWEEN_LINES);
+        }
+    };
+    Busy { shown, end: Some(end), teller: Some(std::thread::spawn(tell)) }
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        self.shown.finish_and_clear();
+        drop(self.end.take());
+        if let Some(teller) = self.teller.take() {
+            // It only waits and prints.
+            drop(teller.join());
+        }
     }
 }
 

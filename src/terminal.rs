@@ -7,9 +7,12 @@ use std::{
     borrow::Cow,
     fmt,
     fs::{File, OpenOptions},
-    io::{self, ErrorKind, Write},
+    io::{self, ErrorKind, IsTerminal, Write},
     path::PathBuf,
-    sync::{Mutex, OnceLock, PoisonError},
+    sync::{
+        Mutex, OnceLock, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Instant,
 };
 
@@ -38,6 +41,7 @@ struct Terminal {
     log: Option<Mutex<File>>,
 }
 
+static ONLY_DATA: AtomicBool = AtomicBool::new(false);
 static TERMINAL: OnceLock<Terminal> = OnceLock::new();
 /// The first error of standard output that was not a reader's going away.
 static FAILURE: Mutex<Option<io::Error>> = Mutex::new(None);
@@ -88,6 +92,20 @@ pub fn is_quiet() -> bool {
     TERMINAL.get().is_some_and(|terminal| terminal.voice.quiet)
 }
 
+/// From now on, standard output is for data alone.
+pub fn only_data() {
+    ONLY_DATA.store(true, Ordering::Relaxed);
+}
+
+/// Prints a value as JSON on standard output.
+///
+/// # Errors
+/// If it cannot be written as JSON.
+pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
+    print(&serde_json::to_string_pretty(value)?);
+    Ok(())
+}
+
 /// See [`out!`].
 pub fn print_data(text: fmt::Arguments<'_>) {
     print(&text.to_string());
@@ -97,7 +115,7 @@ pub fn print_data(text: fmt::Arguments<'_>) {
 pub fn print_done(text: fmt::Arguments<'_>) {
     let text = text.to_string();
     log_line("done", &text);
-    if !is_quiet() {
+    if !is_quiet() && !ONLY_DATA.load(Ordering::Relaxed) {
         print(&text);
     }
 }
@@ -119,7 +137,42 @@ pub fn print_detail(text: fmt::Arguments<'_>) {
 
 /// The error that ends the program.
 pub fn error(kind: &str, text: &str) {
-    message(kind, &text.replace('\n', " "), true);
+    message(kind, &in_words(&text.replace('\n', " ")), true);
+}
+
+/// What the parser of arguments has to say: help goes to standard output, mistakes to standard error with exit status 2.
+pub fn usage(error: &clap::Error) -> u8 {
+    let is_terminal = io::stderr().is_terminal();
+    let text = error.render();
+    match error.use_stderr() {
+        false => print(text.to_string().trim_end()),
+        true if is_terminal => drop(write!(io::stderr(), "{}", in_words(&text.ansi().to_string()))),
+        true => drop(write!(io::stderr(), "{}", in_words(&text.to_string()))),
+    }
+    error.exit_code() as u8
+}
+
+/// An error in the user's words: parsers speak of the types of the programming language.
+fn in_words(text: &str) -> String {
+    const WORDS: [(&str, &str); 16] = [
+        ("number too large to fit in target type", "the number is too large"),
+        ("number too small to fit in target type", "the number is too small"),
+        ("invalid digit found in string", "it is no whole number"),
+        ("invalid float literal", "it is no number"),
+        ("cannot parse integer from empty string", "it is empty"),
+        ("cannot parse float from empty string", "it is empty"),
+        ("expected usize", "expected a whole number"),
+        ("expected u64", "expected a whole number"),
+        ("expected u32", "expected a whole number"),
+        ("expected i64", "expected a whole number"),
+        ("expected f32", "expected a number"),
+        ("expected f64", "expected a number"),
+        ("expected a sequence", "expected a list"),
+        ("expected a string", "expected a text"),
+        ("expected a boolean", "expected true or false"),
+        ("invalid type: string", "found the text"),
+    ];
+    WORDS.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to))
 }
 
 /// A line about how far something is, for a standard error that is no terminal.
@@ -250,6 +303,12 @@ pub fn long_version() -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn types_of_the_language_are_put_into_words() {
+        let said = in_words("--set steps: invalid type: string \"x\", expected usize");
+        assert_eq!(said, "--set steps: found the text \"x\", expected a whole number");
+    }
 
     #[test]
     fn nothing_that_acts_on_a_terminal_is_left() {

@@ -15,7 +15,8 @@ use headtail_render::{
     statistics::{ErrorMetrics, RELATIVE_EPSILON, ttuv},
 };
 
-use super::Entry;
+use super::{Entry, noise::Noise};
+use crate::terminal::warning;
 use crate::{
     arguments::OpenedView,
     output::OutputFolder,
@@ -23,6 +24,11 @@ use crate::{
     render::{attributes, quietly},
     report::{Comparison, RenderedImage, Report, Row, State},
 };
+
+/// Renderings that set the samples of a time, at most.
+const CALIBRATIONS: usize = 4;
+/// By which factor a rendering's time may be off.
+const TOLERANCE: f64 = 1.15;
 
 /// A comparison at work.
 pub struct Work<'a> {
@@ -36,6 +42,9 @@ pub struct Work<'a> {
     stems: Vec<String>,
     /// The measured pixels of the reference as an image of one row.
     reference: Image,
+    noise: Option<Noise>,
+    /// How the reference came about, without its noise.
+    reference_note: String,
     report: Report,
     /// What is done so far.
     pub comparison: Comparison,
@@ -53,6 +62,7 @@ impl<'a> Work<'a> {
         stop: &'a AtomicBool,
         output: &'a OutputFolder,
         comparison: Comparison,
+        noise: Option<Noise>,
     ) -> Result<Self> {
         let reference = select(&comparison.reference, &comparison.measured);
         let names: Vec<(&str, Option<&Path>)> =
@@ -62,7 +72,8 @@ impl<'a> Work<'a> {
         for name in ["results.csv", "report.html"] {
             output.file(name)?;
         }
-        Ok(Self { opened, entries, budgets, stop, output, stems, reference, report, comparison })
+        let reference_note = comparison.reference_note.clone();
+        Ok(Self { opened, entries, budgets, stop, output, stems, reference, noise, reference_note, report, comparison })
     }
 
     /// Does all runs, or those that are done when the stop flag is set; a run that is being rendered then is finished.
@@ -107,7 +118,15 @@ impl<'a> Work<'a> {
     /// If there are no runs, or a file cannot be written.
     pub fn finish(&mut self, state: State) -> Result<()> {
         self.comparison.state = state;
+        self.say_noise();
         self.report.finish(&self.comparison)
+    }
+
+    /// Brings what is said of the reference up to date.
+    fn say_noise(&mut self) {
+        if let Some(noise) = self.noise {
+            self.comparison.reference_note = format!("{} {}", self.reference_note, noise.words(&self.comparison.rows));
+        }
     }
 
     /// One run: the picture, its row in the table, and all that is written of it.
@@ -118,6 +137,7 @@ impl<'a> Work<'a> {
         self.comparison.rows.push(row);
         self.report.update_table(&self.comparison)?;
         if run == 0 {
+            self.say_noise();
             let image = rendering.composite();
             let stem = format!("{}_{budget_name}", self.stems[number]);
             let attributes = attributes(self.opened, &entry.label, &rendering, points.seed());
@@ -134,6 +154,8 @@ impl<'a> Work<'a> {
     fn row(&self, entry: &Entry, budget: &str, run: u32, seed: u64, rendering: &Rendering) -> Result<Row> {
         let pixels = select(&rendering.surfaces, &self.comparison.measured);
         let metrics = ErrorMetrics::of(&pixels, &self.reference)?;
+        let noise = self.noise.unwrap_or(Noise { mse: 0.0, relmse: 0.0 });
+        let mse = Noise::without(metrics.mse, noise.mse);
         Ok(Row {
             scene: self.comparison.scene.clone(),
             env: self.comparison.env.clone(),
@@ -143,10 +165,10 @@ impl<'a> Work<'a> {
             spp: f64::from(rendering.spp),
             rays_per_sample: rendering.rays_per_sample,
             seconds: rendering.seconds,
-            mse: metrics.mse,
-            relmse: metrics.relmse,
+            mse,
+            relmse: Noise::without(metrics.relmse, noise.relmse),
             relmse_trimmed: metrics.relmse_trimmed,
-            ttuv: ttuv(metrics.mse, rendering.seconds),
+            ttuv: ttuv(mse, rendering.seconds),
             mean_luminance: mean_luminance(&pixels),
             max_weight: f64::from(rendering.max_weight),
             seed,
@@ -165,14 +187,27 @@ impl<'a> Work<'a> {
         let seconds = limit.as_secs_f64();
         let points = self.opened.points(budget, seed);
         let mut trial = Budget::Time(Duration::from_secs_f64(0.25 * seconds));
-        // A long rendering is faster per sample than a short one: passes are longer.
-        for _ in 0..2 {
+        // A long rendering is faster per sample than a short one: passes are longer. A machine that does other things, too, may be off again.
+        for attempt in 0..CALIBRATIONS {
             if self.stop.load(Ordering::Relaxed) {
                 return None;
             }
             let rendering = render(self.opened.view(), &*entry.estimator, trial, points, self.stop, &|_| {});
-            let spp = f64::from(rendering.spp) * seconds / rendering.seconds;
-            trial = Budget::Spp((spp.round() as u32).max(1));
+            let spp = (f64::from(rendering.spp) * seconds / rendering.seconds).round().max(1.0);
+            let off = rendering.seconds / seconds;
+            let was_whole = matches!(trial, Budget::Spp(_));
+            trial = Budget::Spp(spp as u32);
+            if was_whole && (off / TOLERANCE <= 1.0 && off * TOLERANCE >= 1.0 || spp <= 1.0) {
+                break;
+            }
+            if was_whole && attempt + 1 == CALIBRATIONS && !self.stop.load(Ordering::Relaxed) {
+                warning!(
+                    "{}: renderings of {seconds} s take {:.2} s where they were to be equally long: the machine does other things, too; its equal-time \
+                     ratios say little",
+                    entry.label,
+                    rendering.seconds
+                );
+            }
         }
         (!self.stop.load(Ordering::Relaxed)).then_some(trial)
     }

@@ -9,7 +9,7 @@ use headtail_train::{FitConfig, Fitted, Progress, TrainingLight, Viewpoints, bui
 
 pub use arguments::Arguments;
 
-use crate::terminal::{out, say, warning};
+use crate::terminal::{self, out, say, warning};
 use crate::{
     output::OutputFolder,
     progress,
@@ -19,6 +19,9 @@ use crate::{
 /// Trains, exports and measures.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
+    if arguments.json {
+        terminal::only_data();
+    }
     let described = arguments.table()?;
     let config = arguments.config(&described)?;
     if arguments.print_config {
@@ -70,6 +73,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     for (name, value) in finished.measures.iter().filter(|(name, _)| name.contains(':') || *name == "ns_per_sample") {
         say!("{name} {value:.4e}");
+    }
+    if arguments.json {
+        terminal::print_json(&finished.measures)?;
     }
     let seconds = start.elapsed().as_secs_f64();
     match finished.sampler {

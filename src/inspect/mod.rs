@@ -26,7 +26,7 @@ use plotters::{
 
 use crate::arguments::{Triple, open_environment};
 use crate::output::OutputFile;
-use crate::terminal::out;
+use crate::terminal::{self, out};
 
 /// Draw target, intermediate and final density of an exported sampler side by side, on a log scale.
 #[derive(Args)]
@@ -58,6 +58,9 @@ pub struct Arguments {
     /// The surface: lambert, or ggx:alpha=A. Default: lambert; a head for glossy surfaces needs to be told.
     #[arg(long, value_name = "MATERIAL")]
     material: Option<Material>,
+    /// Print the figures as a JSON object.
+    #[arg(long, conflicts_with = "tail")]
+    json: bool,
     /// PNG file to write.
     #[arg(long, value_name = "FILE.png")]
     out: PathBuf,
@@ -122,7 +125,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         facts += &format!(", {:.0} % of samples from the head", 100.0 * share);
     }
     write(arguments, &draw(&panels, &title, &facts)?)?;
-    out!("{title}\n{facts}\n{} written", arguments.out.display());
+    if arguments.json {
+        terminal::print_json(&serde_json::json!({
+            "title": title,
+            "kl": figures.kl,
+            "relative_variance": figures.relative_variance,
+            "integral": figures.integral,
+            "share": figures.share,
+            "picture": arguments.out.display().to_string(),
+        }))?;
+    } else {
+        out!("{title}\n{facts}\n{} written", arguments.out.display());
+    }
     Ok(())
 }
 

@@ -87,7 +87,7 @@ impl State {
 }
 
 /// One run of a sampler at a budget, or the mean of its runs.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Row {
     /// The name of the scene.
     pub scene: String,

@@ -8,6 +8,7 @@ mod export;
 #[cfg(target_os = "linux")]
 mod interruption;
 mod lost_work;
+mod options;
 mod sweep;
 
 use std::{
