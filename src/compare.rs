@@ -9,6 +9,7 @@ use std::{fs, path::PathBuf, sync::atomic::Ordering, time::Instant};
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use headtail_render::{
+    bake::direct_bake,
     estimator::Estimator,
     export::{ExportedSampler, Intermediate},
     integrator::Budget,
@@ -197,6 +198,19 @@ impl Entry {
         let mut preparation = Preparation { sampler: label.clone(), seconds: built, text: "tables built".into() };
         note_use(spec)?;
         note_surfaces(spec, opened)?;
+        if let Some((FileKind::Direct, file)) = spec.path()
+            && let exported = ExportedSampler::read(file)?
+            && let Intermediate::DirectBake(table) = &exported.intermediate
+        {
+            // The file does not say how long that took; it is the same work again.
+            let busy = progress::busy(&preparation.sampler);
+            let start = Instant::now();
+            direct_bake(&exported.tail, table.normals(), table.cells())?;
+            drop(busy);
+            let seconds = start.elapsed().as_secs_f64();
+            preparation.seconds += seconds;
+            preparation.text = format!("file read; baked before, which takes {seconds:.1} s here");
+        }
         if let Some((FileKind::Head | FileKind::Baked, file)) = spec.path()
             && let exported = ExportedSampler::read(file)?
             && let Some(training) = exported.training
@@ -211,6 +225,9 @@ impl Entry {
             if let Some(seconds) = training.seconds {
                 preparation.seconds += seconds;
                 preparation.text += &format!(" ({seconds:.1} s)");
+            }
+            if !matches!(exported.intermediate, Intermediate::Head(_)) {
+                preparation.text += "; the time of tabulating the head is not known";
             }
         }
         let file = spec.path().map(|(_, file)| file.to_owned());

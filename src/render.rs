@@ -109,11 +109,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         format!("a picture of {} x {} pixels", part.width, part.height)
     })?;
     opened.turn_map(arguments.light.env_rotate)?;
-    note_use(&arguments.sampler)?;
-    note_surfaces(&arguments.sampler, &opened)?;
     let busy = progress::busy("sampler");
     let estimator = arguments.sampler.build(&opened.environment)?;
     drop(busy);
+    note_use(&arguments.sampler)?;
+    note_surfaces(&arguments.sampler, &opened)?;
     let bar = progress::bar(1000, "rendering");
     if arguments.timings {
         Timings::start();

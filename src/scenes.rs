@@ -51,6 +51,7 @@ pub struct Arguments {
 
 /// Lists the scenes, then renders them.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    let _output = arguments.out.as_deref().map(OutputFolder::share).transpose()?;
     let scenes: Vec<Scene> = built_in_names().filter_map(Scene::built_in).collect();
     match arguments.json {
         true => print_json(&scenes)?,
@@ -87,7 +88,6 @@ fn print(scenes: &[Scene]) {
 }
 
 fn write_pictures(arguments: &Arguments, scenes: &[Scene], folder: &Path) -> Result<()> {
-    let _output = OutputFolder::share(folder)?;
     let environment = open_environment(&arguments.env)?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
