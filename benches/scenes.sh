@@ -29,7 +29,7 @@ for map in "${maps[@]}"; do
     for material in lambert ggx:alpha=0.4; do
         head="$samplers/head-${material%%:*}.safetensors"
         [ -f "$head" ] && continue
-        $headtail fit --env "$map" --material "$material" --out "$samplers/fit"
+        $headtail fit --env "$map" --material "$material" --out "$samplers/fit" --force
         mv "$samplers/fit/sampler.safetensors" "$head"
     done
     for scene in "${scenes[@]}"; do

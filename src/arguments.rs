@@ -4,17 +4,21 @@ use std::{fs, path::Path, str::FromStr, sync::Arc};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use glam::Vec3A;
+use glam::{Affine3A, Vec3A};
 use headtail_render::{
     environment::Environment,
     estimator::Estimator,
-    export::ExportedSampler,
+    export::{ExportedSampler, Intermediate},
+    head::Condition,
     integrator::{Budget, View},
     points::{PointSet, Points},
     scene::{Camera, MaterialSpec, Scene},
     spec::{FileKind, Place, SamplerSpec, Source},
     tail::TailKind,
 };
+
+use crate::progress;
+use crate::terminal::{detail, note, warning};
 
 /// What may be learned of a scene, unless another number is given.
 pub const VISIBILITY_MEGABYTES: u32 = 64;
@@ -190,6 +194,8 @@ pub struct OpenedView {
     depth: u32,
     points: PointsArgument,
     visibility_bytes: usize,
+    /// Degrees, see [`Self::turn_map`].
+    turned: f32,
 }
 
 impl ViewArguments {
@@ -221,6 +227,7 @@ impl ViewArguments {
             depth: self.depth,
             points: self.points,
             visibility_bytes: (self.visibility_memory as usize) << 20,
+            turned: 0.0,
         })
     }
 }
@@ -255,6 +262,29 @@ impl OpenedView {
         self.visibility_bytes
     }
 
+    /// Turns scene and camera against the map, which stays as it is: the picture is that of a map that is turned by the angle, in degrees
+    /// counter-clockwise from above.
+    ///
+    /// # Errors
+    /// If surfaces have a width that varies over space, which would not turn with them.
+    pub fn turn_map(&mut self, degrees: f32) -> Result<()> {
+        if degrees == 0.0 {
+            return Ok(());
+        }
+        let is_field = matches!(self.material, Some(MaterialSpec::Ggx { alpha, .. }) if alpha.fixed().is_none());
+        ensure!(!is_field, "--env-rotate: a width that varies over the scene would not turn with it; give one width");
+        let turn = Affine3A::from_rotation_y(-degrees.to_radians());
+        self.scene = self.scene.moved(&turn)?;
+        self.camera = self.camera.moved(&turn);
+        self.turned = degrees;
+        Ok(())
+    }
+
+    /// The camera in the coordinates of the scene, before it was turned.
+    pub fn own_camera(&self) -> Camera {
+        self.camera.moved(&Affine3A::from_rotation_y(self.turned.to_radians()))
+    }
+
     /// The points of a rendering with a budget.
     pub fn points(&self, budget: Budget, seed: u64) -> Points {
         Points::new(self.points.for_budget(budget), seed)
@@ -279,11 +309,33 @@ impl OpenedView {
 
 /// Opens an environment and says on standard error what had to be repaired in it.
 pub fn open_environment(name_or_path: &str) -> Result<Arc<Environment>> {
+    let busy = progress::busy("map");
     let environment = Environment::open(name_or_path)?;
+    drop(busy);
+    detail!("{name_or_path}: {} x {} pixels, hash {}", environment.width(), environment.height(), environment.hash());
     for repair in environment.repairs() {
-        eprintln!("warning: {name_or_path}: {repair}");
+        warning!("{name_or_path}: {repair}");
     }
     Ok(Arc::new(environment))
+}
+
+/// Says on standard error where a file that knows only the cosine is to serve glossy surfaces.
+pub fn note_surfaces(spec: &SamplerSpec, opened: &OpenedView) -> Result<()> {
+    if let (false, SamplerSpec::One(source), Some((_, file))) = (opened.is_diffuse(), spec, spec.path())
+        && let Source::File(..) = source
+    {
+        let of_glossy = match &ExportedSampler::read(file)?.intermediate {
+            Intermediate::Head(head) => head.condition() != Condition::Normal,
+            Intermediate::Bake(_) | Intermediate::DirectBake(_) => false,
+        };
+        if !of_glossy {
+            note!(
+                "{spec} was made for diffuse surfaces and knows nothing of glossy ones, of which there are some here: it will be noisy there; \
+                 ris:4:{spec} or patches serve both"
+            );
+        }
+    }
+    Ok(())
 }
 
 /// Says on standard error where a file is used otherwise than it was trained for.
@@ -291,9 +343,7 @@ pub fn note_use(spec: &SamplerSpec) -> Result<()> {
     if let SamplerSpec::One(Source::File(FileKind::Head, file)) = spec {
         let meant = SamplerSpec::of_exported(&ExportedSampler::read(file)?, file.clone());
         if meant != *spec {
-            eprintln!(
-                "note: {spec} was trained to be mixed with BRDF sampling and may be noisy alone; {meant} mixes it"
-            );
+            note!("{spec} was trained to be mixed with BRDF sampling and may be noisy alone; {meant} mixes it");
         }
     }
     Ok(())

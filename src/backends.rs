@@ -5,6 +5,9 @@ use clap::Args;
 use headtail_render::{environment::Environment, tail::Tail};
 use headtail_train::{Backend, BackendTrial, Error, GradientForm, Preset, TrialRow, Viewpoints, build_target};
 
+use crate::progress;
+use crate::terminal::out;
+
 /// Compare backends: speed, memory and agreement of a short training.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Examples:
@@ -70,7 +73,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         if arguments.backend.is_some_and(|only| only != backend) {
             continue;
         }
-        match trial.run(backend, &*target, rows.first().map_or(&[], |first| &first.losses)) {
+        let busy = progress::busy(&backend.to_string());
+        let row = trial.run(backend, &*target, rows.first().map_or(&[], |first| &first.losses));
+        drop(busy);
+        match row {
             Ok(row) => rows.push(row),
             // Left out of this build; asked for by name, it is an error.
             Err(Error::BackendNotCompiled { .. }) if arguments.backend.is_none() => {}
@@ -78,7 +84,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&rows)?);
+        out!("{}", serde_json::to_string_pretty(&rows)?);
     } else {
         print_table(&trial, &rows);
     }
@@ -87,14 +93,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 fn print_table(trial: &BackendTrial, rows: &[TrialRow]) {
     let config = &trial.config;
-    println!(
+    out!(
         "{} conditions x {} points, K = {}, {} steps\n",
         config.conditions,
         config.batch_shape().samples(),
         config.head.bins,
         trial.steps
     );
-    println!(
+    out!(
         "{:<8} {:<10} {:<15} {:<9} {:>12} {:>14} {:>9} {:>10} {:>11} {:>11}",
         "backend",
         "device",
@@ -108,7 +114,7 @@ fn print_table(trial: &BackendTrial, rows: &[TrialRow]) {
         "f64 diff"
     );
     for row in rows {
-        println!(
+        out!(
             "{:<8} {:<10} {:<15} {:<9} {:>12.3} {:>14.3} {:>9} {:>10.5} {:>11.1e} {:>11.1e}",
             row.backend.to_string(),
             row.device,

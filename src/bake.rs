@@ -11,10 +11,14 @@ use headtail_render::{
     environment::Environment,
     export::{ExportedSampler, Intermediate},
     tail::{Tail, TailKind},
+    visibility::SceneVisibility,
 };
 use headtail_train::learned_bake;
 
-use crate::arguments::{Grid, TailArgument, make_folder, open_environment};
+use crate::arguments::{Grid, TailArgument, open_environment};
+use crate::output::OutputFile;
+use crate::progress;
+use crate::terminal::say;
 
 /// Tabulate a trained head, or the cosine product itself without any training, over a grid of normals; or the visibility of the sky in a scene.
 #[derive(Args)]
@@ -60,34 +64,43 @@ pub struct Arguments {
 /// Bakes and writes the table.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
-    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        make_folder(folder)?;
-    }
     if let (true, Some(map)) = (arguments.visibility, &arguments.env) {
+        let _output = OutputFile::take(&arguments.out, |there| SceneVisibility::read(there).is_ok())?;
         arguments.view.bake(map)?.write(&arguments.out)?;
-        println!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
+        say!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
         return Ok(());
     }
     let normals = NormalGrid::new(arguments.normals.0, arguments.normals.1).context("--normals")?;
     let cells = CellGrid::new(arguments.cells.0, arguments.cells.1).context("--cells")?;
-    let baked = match (&arguments.from, &arguments.env) {
+    let output = |run: Option<&str>| {
+        let is_same = |there: &std::path::Path| {
+            let old = ExportedSampler::read(there);
+            old.is_ok_and(|old| old.run.as_deref() == run && !matches!(old.intermediate, Intermediate::Head(_)))
+        };
+        OutputFile::take(&arguments.out, is_same)
+    };
+    let busy = progress::busy("baking");
+    let (baked, _output) = match (&arguments.from, &arguments.env) {
         (Some(file), _) => {
             let exported = ExportedSampler::read(file)?;
             let Intermediate::Head(head) = &exported.intermediate else {
                 bail!("{}: the file holds a table already; name a trained head", file.display());
             };
-            let table = learned_bake(head, &exported.tail, normals, cells)?;
             let run = exported.run.as_ref().map(|run| format!("{run}\n{}", settings(false, normals, cells)));
-            ExportedSampler { intermediate: Intermediate::Bake(table), run, ..exported }
+            let output = output(run.as_deref())?;
+            let table = learned_bake(head, &exported.tail, normals, cells)?;
+            (ExportedSampler { intermediate: Intermediate::Bake(table), run, ..exported }, output)
         }
         (None, Some(map)) => {
+            let output = output(Some(&direct_settings(map, arguments.tail, normals, cells)?))?;
             let environment = open_environment(map)?;
-            direct(map, &environment, arguments.tail, normals, cells)?
+            (direct(map, &environment, arguments.tail, normals, cells)?, output)
         }
         (None, None) => bail!("give --from FILE, or --direct with --env MAP"),
     };
+    drop(busy);
     baked.write(&arguments.out)?;
-    println!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
+    say!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())
 }
 
@@ -95,6 +108,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn settings(direct: bool, normals: NormalGrid, cells: CellGrid) -> String {
     let ((polar, azimuth), (rows, columns)) = (normals.shape(), cells.shape());
     format!("[bake]\ndirect = {direct}\nnormals = [{polar}, {azimuth}]\ncells = [{rows}, {columns}]\n")
+}
+
+/// The settings of a direct bake.
+fn direct_settings(name: &str, tail: TailArgument, normals: NormalGrid, cells: CellGrid) -> Result<String> {
+    let [map, tail] = [toml::Value::from(name), toml::Value::try_from(TailKind::from(tail))?];
+    Ok(format!("env = {map}\ntail = {tail}\n\n{}", settings(true, normals, cells)))
 }
 
 /// The direct bake for a map, of which `name` is what the user calls it.
@@ -108,7 +127,6 @@ pub fn direct(
     let kind: TailKind = tail.into();
     let warp = Tail::new(kind, environment.width(), environment.height(), &environment.luminance())?;
     let table = direct_bake(&warp, normals, cells)?;
-    let [map, tail] = [toml::Value::from(name), toml::Value::try_from(kind)?];
-    let run = format!("env = {map}\ntail = {tail}\n\n{}", settings(true, normals, cells));
+    let run = direct_settings(name, tail, normals, cells)?;
     Ok(ExportedSampler::new(Intermediate::DirectBake(table), kind, environment, None)?.with_run(run))
 }

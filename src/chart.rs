@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 
-use crate::{arguments::make_folder, report};
+use crate::terminal::say;
+use crate::{output::OutputFile, report};
 
 /// Chart speed against accuracy for several comparisons, one chart for each and one over all.
 #[derive(Args)]
@@ -26,10 +27,8 @@ pub struct Arguments {
 
 /// Reads the results and writes the page.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        make_folder(folder)?;
-    }
+    let _output = OutputFile::take(&arguments.out, |_| true)?;
     report::write_overview(&arguments.out, &arguments.results)?;
-    println!("open {}", arguments.out.display());
+    say!("open {}", arguments.out.display());
     Ok(())
 }

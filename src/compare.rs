@@ -1,5 +1,6 @@
 //! `headtail compare`: samplers side by side, at equal samples or equal time.
 
+mod noise;
 mod reference;
 mod work;
 
@@ -8,6 +9,7 @@ use std::{fs, path::PathBuf, sync::atomic::Ordering, time::Instant};
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use headtail_render::{
+    bake::direct_bake,
     estimator::Estimator,
     export::{ExportedSampler, Intermediate},
     integrator::Budget,
@@ -17,8 +19,10 @@ pub use reference::Reference;
 use work::Work;
 pub use work::select;
 
+use crate::terminal::{self, say};
 use crate::{
-    arguments::{OpenedView, ViewArguments, budget, make_folder, note_use},
+    arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
+    output::OutputFolder,
     progress,
     report::{self, Comparison, Preparation, State},
 };
@@ -63,6 +67,9 @@ pub struct Arguments {
     /// Folder in which rendered references are kept and looked for, by a hash of all that they depend on.
     #[arg(long, value_name = "DIR", conflicts_with = "reference")]
     reference_cache: Option<PathBuf>,
+    /// Print all runs as an array of JSON objects.
+    #[arg(long)]
+    json: bool,
     /// Folder for the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -82,6 +89,7 @@ impl Arguments {
             reference: None,
             reference_spp: 512,
             reference_cache: None,
+            json: false,
             out,
         }
     }
@@ -90,18 +98,36 @@ impl Arguments {
 /// A sampler ready to render.
 struct Entry {
     label: String,
+    /// The file that it is read from.
+    file: Option<PathBuf>,
     estimator: Box<dyn Estimator>,
     preparation: Preparation,
 }
 
 /// Renders everything; the results are written as they come.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    // From here on a signal ends it in order.
+    progress::stop_flag()?;
+    let output = OutputFolder::take(&arguments.out, &["results.csv", "report.html"])?;
+    perform(arguments, &output)
+}
+
+/// The same in a folder that was taken before.
+///
+/// # Errors
+/// If something cannot be opened, rendered or written; [`progress::Interrupted`] after a signal.
+pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
+    if arguments.json {
+        terminal::only_data();
+    }
     let budgets = budgets(arguments)?;
+    check_different("--samplers", arguments.samplers.iter().map(ToString::to_string))?;
     let opened = arguments.view.open()?;
     let entries = arguments.samplers.iter().map(|spec| Entry::build(spec, &opened)).collect::<Result<Vec<_>>>()?;
-    make_folder(&arguments.out)?;
+    let inputs = entries.iter().filter_map(|entry| entry.file.as_deref()).chain(arguments.reference.as_deref());
+    output.begin(&inputs.collect::<Vec<_>>())?;
     let stop = progress::stop_flag()?;
-    let reference = Reference::obtain(arguments, &opened, &stop)?;
+    let reference = Reference::obtain(arguments, &opened, output, &stop)?;
     ensure!(reference.covered.iter().any(|covered| *covered), "no pixel is covered by a surface: move the camera");
 
     let planned = budgets.len() * entries.len() * arguments.runs as usize;
@@ -110,18 +136,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         env: opened.environment.name().to_owned(),
         width: arguments.view.camera.width as usize,
         height: arguments.view.camera.height as usize,
-        command: command(),
+        command: terminal::command(),
         machine: machine(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         reference: reference.image,
         measured: reference.covered,
-        reference_note: reference.note,
+        reference_note: reference.note.clone(),
         rows: Vec::new(),
         images: Vec::new(),
         preparation: entries.iter().map(|entry| entry.preparation.clone()).collect(),
         state: State::Running { planned },
     };
-    let mut work = Work::new(&opened, &entries, &budgets, &stop, &arguments.out, comparison);
+    let mut work = Work::new(&opened, &entries, &budgets, &stop, output, comparison, reference.noise)?;
     work.run_all(arguments.runs, arguments.seed)?;
     let interrupted = stop.load(Ordering::Relaxed) && work.comparison.rows.len() < planned;
     if interrupted && work.comparison.rows.is_empty() {
@@ -129,13 +155,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     work.finish(if interrupted { State::Interrupted { planned } } else { State::Complete })?;
 
-    println!("{}", report::lines(&work.comparison.rows)?);
+    if arguments.json {
+        terminal::print_json(&work.comparison.rows)?;
+    }
+    say!("{}", report::lines(&work.comparison.rows)?);
+    say!("reference: {}", work.comparison.reference_note);
     let page = arguments.out.join("report.html");
     if interrupted {
         let done = work.comparison.rows.len();
         bail!(progress::Interrupted::new(format!("{done} of {planned} runs are done; {} shows them", page.display())));
     }
-    println!("open {}", page.display());
+    say!("open {}", page.display());
     Ok(())
 }
 
@@ -143,17 +173,44 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn budgets(arguments: &Arguments) -> Result<Vec<(String, Budget)>> {
     let samples = arguments.spp.iter().map(|&spp| Ok((format!("{spp}spp"), budget(Some(spp), None)?)));
     let times = arguments.seconds.iter().map(|&seconds| Ok((format!("{seconds}s"), budget(None, Some(seconds))?)));
-    samples.chain(times).collect()
+    let budgets: Vec<(String, Budget)> = samples.chain(times).collect::<Result<_>>()?;
+    check_different("--spp and --seconds", budgets.iter().map(|(name, _)| name.clone()))?;
+    Ok(budgets)
+}
+
+/// An error that names what is given twice.
+fn check_different(what: &str, names: impl Iterator<Item = String>) -> Result<()> {
+    let mut seen = std::collections::HashSet::new();
+    for name in names {
+        ensure!(seen.insert(name.clone()), "{what}: {name} is given twice");
+    }
+    Ok(())
 }
 
 impl Entry {
     fn build(spec: &SamplerSpec, opened: &OpenedView) -> Result<Self> {
         let label = spec.to_string();
         let start = Instant::now();
+        let busy = progress::busy(&label);
         let estimator = opened.estimator(spec)?;
+        drop(busy);
         let built = start.elapsed().as_secs_f64();
         let mut preparation = Preparation { sampler: label.clone(), seconds: built, text: "tables built".into() };
         note_use(spec)?;
+        note_surfaces(spec, opened)?;
+        if let Some((FileKind::Direct, file)) = spec.path()
+            && let exported = ExportedSampler::read(file)?
+            && let Intermediate::DirectBake(table) = &exported.intermediate
+        {
+            // The file does not say how long that took; it is the same work again.
+            let busy = progress::busy(&preparation.sampler);
+            let start = Instant::now();
+            direct_bake(&exported.tail, table.normals(), table.cells())?;
+            drop(busy);
+            let seconds = start.elapsed().as_secs_f64();
+            preparation.seconds += seconds;
+            preparation.text = format!("file read; baked before, which takes {seconds:.1} s here");
+        }
         if let Some((FileKind::Head | FileKind::Baked, file)) = spec.path()
             && let exported = ExportedSampler::read(file)?
             && let Some(training) = exported.training
@@ -169,18 +226,13 @@ impl Entry {
                 preparation.seconds += seconds;
                 preparation.text += &format!(" ({seconds:.1} s)");
             }
+            if !matches!(exported.intermediate, Intermediate::Head(_)) {
+                preparation.text += "; the time of tabulating the head is not known";
+            }
         }
-        Ok(Self { label, estimator, preparation })
+        let file = spec.path().map(|(_, file)| file.to_owned());
+        Ok(Self { label, file, estimator, preparation })
     }
-}
-
-/// The command line, the program without its folder.
-fn command() -> String {
-    let quote = |argument: String| {
-        let plain = argument.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:,=+".contains(c));
-        if plain { argument } else { format!("'{}'", argument.replace('\'', "'\\''")) }
-    };
-    std::iter::once("headtail".to_owned()).chain(std::env::args().skip(1).map(quote)).collect::<Vec<_>>().join(" ")
 }
 
 /// Processor and threads.

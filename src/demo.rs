@@ -10,12 +10,12 @@ use headtail_render::{
 };
 use headtail_train::{FitConfig, TrainingLight, exported_sampler};
 
+use crate::terminal::say;
 use crate::{
-    arguments::{
-        CameraArguments, PointsArgument, TailArgument, VISIBILITY_MEGABYTES, ViewArguments, make_folder,
-        open_environment,
-    },
-    bake, compare, fit, progress,
+    arguments::{CameraArguments, PointsArgument, TailArgument, VISIBILITY_MEGABYTES, ViewArguments, open_environment},
+    bake, compare, fit,
+    output::OutputFolder,
+    progress,
     run::RunTable,
 };
 
@@ -39,10 +39,11 @@ pub struct Arguments {
 /// Runs every step and says what it does.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
+    let output = OutputFolder::take(&arguments.out, &["head.safetensors", "results.csv"])?;
     let environment = open_environment(&arguments.env)?;
-    make_folder(&arguments.out)?;
+    output.begin(&[])?;
 
-    println!("1. Train a cosine head for the environment '{}'.", environment.name());
+    say!("1. Train a cosine head for the environment '{}'.", environment.name());
     let stop = progress::stop_flag()?;
     let config = FitConfig::default();
     let light = TrainingLight::new(&config, &environment)?;
@@ -52,14 +53,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let summary = &fitted.summary;
     let (before, after) = (summary.initial, summary.divergence);
-    println!("   {} steps, {:.1} s: KL {:.3} -> {:.3} nats", summary.steps, summary.seconds, before.kl, after.kl);
-    let head = arguments.out.join("head.safetensors");
+    say!("   {} steps, {:.1} s: KL {:.3} -> {:.3} nats", summary.steps, summary.seconds, before.kl, after.kl);
+    let head = output.file("head.safetensors")?;
     let mut described = RunTable::default();
     described.set_env(arguments.env.clone());
     let settings = described.with_fit(config.clone())?.to_toml()?;
     exported_sampler(&fitted.head, &config, summary, &environment, &light, true)?.with_run(settings).write(&head)?;
 
-    println!("2. Bake light x cosine directly, without training.");
+    say!("2. Bake light x cosine directly, without training.");
     let baking = Instant::now();
     let direct = bake::direct(
         &arguments.env,
@@ -68,11 +69,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         NormalGrid::new(16, 32)?,
         CellGrid::new(32, 32)?,
     )?;
-    let table = arguments.out.join("direct.safetensors");
+    let table = output.file("direct.safetensors")?;
     direct.write(&table)?;
-    println!("   {:.2} s", baking.elapsed().as_secs_f64());
+    say!("   {:.2} s", baking.elapsed().as_secs_f64());
 
-    println!("3. Render the temple with each sampler and compare.");
+    say!("3. Render the temple with each sampler and compare.");
     let view = ViewArguments {
         scene: "temple".into(),
         env: arguments.env.clone(),
@@ -94,8 +95,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         SamplerSpec::file_with_mis(FileKind::Head, head),
         SamplerSpec::file(FileKind::Direct, table),
     ];
-    compare::run(&compare::Arguments::new(view, samplers, arguments.out.clone()))?;
+    compare::perform(&compare::Arguments::new(view, samplers, arguments.out.clone()), &output)?;
     let page = arguments.out.join("report.html");
-    println!("{:.0} s in all; the page to open is {}", start.elapsed().as_secs_f64(), page.display());
+    say!("{:.0} s in all; the page to open is {}", start.elapsed().as_secs_f64(), page.display());
     Ok(())
 }

@@ -12,7 +12,9 @@ use headtail_render::{
 };
 use headtail_shaders::{Shader, Target};
 
-use crate::arguments::{make_folder, open_environment};
+use crate::arguments::open_environment;
+use crate::output::OutputFolder;
+use crate::terminal::say;
 
 /// Write a sampler as a shader, with the numbers that it reads.
 #[derive(Args)]
@@ -66,6 +68,7 @@ impl From<TargetArgument> for Target {
 
 /// Writes the shader, its buffers and their layout.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    let output = OutputFolder::take(&arguments.out, &["layout.json"])?;
     let detail = match &*arguments.sampler {
         "patches" => Some(Detail::Leaves),
         "patches:fine" => Some(Detail::Twigs),
@@ -84,7 +87,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let (shader, target) = (Shader::new(&arrays)?, Target::from(arguments.target));
     let source = shader.translate(target)?;
-    make_folder(&arguments.out)?;
+    output.begin(&[])?;
     let bytes = |numbers: &[u32]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();
     let floats: Vec<u32> = shader.floats.iter().map(|number| number.to_bits()).collect();
     let name = format!("headtail.{}", target.name_and_extension().1);
@@ -95,8 +98,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ("layout.json", shader.layout.into_bytes()),
     ];
     for (name, content) in files {
-        replace(&arguments.out.join(name), &content)?;
+        replace(&output.file(name)?, &content)?;
     }
-    println!("{} written, with floats.bin, integers.bin and layout.json", arguments.out.join(name).display());
+    say!("{} written, with floats.bin, integers.bin and layout.json", arguments.out.join(name).display());
     Ok(())
 }

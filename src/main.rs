@@ -6,11 +6,15 @@ mod backends;
 mod bake;
 mod chart;
 mod compare;
+mod completions;
 mod composite;
 mod demo;
 mod export;
 mod fit;
+mod info;
 mod inspect;
+mod light;
+mod output;
 mod paper;
 mod progress;
 mod render;
@@ -19,6 +23,7 @@ mod run;
 mod scenes;
 mod stability;
 mod sweep;
+mod terminal;
 mod view;
 
 use std::process::ExitCode;
@@ -27,8 +32,13 @@ use clap::{Parser, Subcommand};
 
 /// Neural product importance sampling by warp composition: draw directions in proportion to light x BRDF x cosine.
 #[derive(Parser)]
-#[command(version, propagate_version = true, arg_required_else_help = true)]
+#[command(version, long_version = terminal::long_version(), propagate_version = true, arg_required_else_help = true)]
 struct Cli {
+    #[command(flatten)]
+    voice: terminal::Voice,
+    /// Replace results of another command.
+    #[arg(long, global = true)]
+    force: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -51,20 +61,31 @@ enum Command {
     Paper(paper::Arguments),
     Scenes(scenes::Arguments),
     Backends(backends::Arguments),
+    Info(info::Arguments),
+    Completions(completions::Arguments),
 }
 
 fn main() -> ExitCode {
-    let command = Cli::parse().command;
+    let Cli { voice, force, command } = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return ExitCode::from(terminal::usage(&error)),
+    };
+    output::force(force);
     // Before any work is dispatched, which has no way to say that HEADTAIL_SIMD is wrong.
-    match headtail_render::simd::instruction_set().map_err(Into::into).and_then(|_| run(command)) {
+    let done = voice
+        .begin()
+        .and_then(|()| Ok(headtail_render::simd::instruction_set()?))
+        .and_then(|_| run(command))
+        .and_then(|()| terminal::finish());
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => match error.downcast_ref::<progress::Interrupted>() {
             Some(interrupted) => {
-                eprintln!("interrupted: {interrupted}");
+                terminal::error("interrupted", &interrupted.to_string());
                 ExitCode::from(interrupted.status)
             }
             None => {
-                eprintln!("error: {error:#}");
+                terminal::error("error", &format!("{error:#}"));
                 ExitCode::FAILURE
             }
         },
@@ -89,5 +110,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Paper(arguments) => paper::run(&arguments),
         Command::Scenes(arguments) => scenes::run(&arguments),
         Command::Backends(arguments) => backends::run(&arguments),
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Completions(arguments) => completions::run::<Cli>(&arguments),
     }
 }

@@ -3,10 +3,14 @@
 use std::{
     error::Error,
     fmt,
+    io::IsTerminal,
     sync::{
-        Arc, OnceLock,
+        Arc, Mutex, OnceLock, PoisonError,
         atomic::{AtomicBool, AtomicUsize, Ordering},
+        mpsc,
     },
+    thread::JoinHandle,
+    time::{Duration, Instant},
 };
 
 use anyhow::{Context, Result};
@@ -17,6 +21,8 @@ use signal_hook::{
     consts::{SIGINT, SIGTERM},
     flag,
 };
+
+use crate::{report::number::duration, terminal};
 
 /// What the first signal left.
 struct Interruption {
@@ -108,14 +114,147 @@ impl fmt::Display for Interrupted {
 
 impl Error for Interrupted {}
 
-/// A bar over `length` units on standard error; silent where that is no terminal.
-pub fn bar(length: u64, what: &str) -> ProgressBar {
+/// How far some work is: a bar on a terminal, else a line now and then.
+#[derive(Clone)]
+pub struct Bar {
+    shown: ProgressBar,
+    what: String,
+    start: Instant,
+    pace: Arc<Mutex<Pace>>,
+}
+
+/// When the next line is due.
+struct Pace {
+    next: Duration,
+    /// Whether it was said how long all of it will take.
+    is_estimated: bool,
+}
+
+/// After this time, what is done says how long the rest takes.
+const ESTIMATE_AFTER: Duration = Duration::from_secs(3);
+/// Work is announced that takes at least so long.
+const LONG: Duration = Duration::from_secs(120);
+/// The first line without a terminal, and the longest time between two of them.
+const FIRST_LINE: Duration = Duration::from_secs(10);
+const BETWEEN_LINES: Duration = Duration::from_secs(60);
+
+/// A bar over `length` units on standard error.
+pub fn bar(length: u64, what: &str) -> Bar {
     let style =
         ProgressStyle::with_template("{prefix:>12} [{bar:32}] {percent:>3}%  {elapsed} done, {eta} left  {msg}");
-    let bar = ProgressBar::new(length);
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
-    bar.set_prefix(what.to_owned());
-    bar
+    let shown = if terminal::is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(length) };
+    shown.set_length(length);
+    shown.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
+    shown.set_prefix(what.to_owned());
+    terminal::show_above(&shown);
+    let pace = Arc::new(Mutex::new(Pace { next: FIRST_LINE, is_estimated: false }));
+    Bar { shown, what: what.to_owned(), start: Instant::now(), pace }
+}
+
+impl Bar {
+    /// So many units are done.
+    pub fn set_position(&self, position: u64) {
+        self.shown.set_position(position);
+        self.tell();
+    }
+
+    /// So many more units are done.
+    pub fn inc(&self, units: u64) {
+        self.shown.inc(units);
+        self.tell();
+    }
+
+    /// What is being done.
+    pub fn set_message(&self, message: impl AsRef<str>) {
+        self.shown.set_message(terminal::plain(message.as_ref()).into_owned());
+        self.tell();
+    }
+
+    /// The end of the work.
+    pub fn finish_and_clear(&self) {
+        self.shown.finish_and_clear();
+    }
+
+    /// What shows shares of the work, between 0 and 1, on a bar of 1000 units.
+    pub fn shares(&self) -> impl Fn(f64) + Sync + use<> {
+        let bar = self.clone();
+        move |share| bar.set_position((1000.0 * share) as u64)
+    }
+
+    /// Says how long all of it takes, once that is known and long, and without a terminal now and then how far it is.
+    fn tell(&self) {
+        let elapsed = self.start.elapsed();
+        if elapsed < ESTIMATE_AFTER {
+            return;
+        }
+        let length = self.shown.length().unwrap_or(0).max(1);
+        let done = self.shown.position() as f64 / length as f64;
+        let left = (done > 0.0).then(|| elapsed.as_secs_f64() * (1.0 - done) / done);
+        let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(left) = left
+            && !pace.is_estimated
+        {
+            pace.is_estimated = true;
+            let all = elapsed.as_secs_f64() + left;
+            if all >= LONG.as_secs_f64() {
+                terminal::note!("{} will take about {}", self.what, duration(all));
+            }
+        }
+        if elapsed < pace.next || std::io::stderr().is_terminal() {
+            return;
+        }
+        pace.next = elapsed + elapsed.min(BETWEEN_LINES);
+        let left = left.map_or("time left unknown".to_owned(), |left| format!("about {} left", duration(left)));
+        let message = self.shown.message();
+        let message = if message.is_empty() { message } else { format!("; {message}") };
+        terminal::progress(&format!(
+            "{}: {:.0} %, {} done, {left}{message}",
+            self.what,
+            100.0 * done,
+            duration(elapsed.as_secs_f64())
+        ));
+    }
+}
+
+/// Work that cannot say how far it is: a terminal shows that it goes on, others get a line now and then. It ends with this value.
+pub struct Busy {
+    shown: ProgressBar,
+    end: Option<mpsc::Sender<()>>,
+    teller: Option<JoinHandle<()>>,
+}
+
+/// Begins to tell of such work.
+pub fn busy(what: &str) -> Busy {
+    let shown = if terminal::is_quiet() { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
+    shown.set_prefix(what.to_owned());
+    let style = ProgressStyle::with_template("{prefix:>12} {spinner} {elapsed} so far");
+    shown.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
+    shown.enable_steady_tick(Duration::from_millis(200));
+    terminal::show_above(&shown);
+    let (end, ended) = mpsc::channel::<()>();
+    let (what, start) = (what.to_owned(), Instant::now());
+    let tell = move || {
+        let mut next = FIRST_LINE;
+        // The other end is gone when the work is done.
+        while ended.recv_timeout(next) == Err(mpsc::RecvTimeoutError::Timeout) {
+            if !std::io::stderr().is_terminal() {
+                terminal::progress(&format!("{what}: {} so far", duration(start.elapsed().as_secs_f64())));
+            }
+            next = start.elapsed().min(BETWEEN_LINES);
+        }
+    };
+    Busy { shown, end: Some(end), teller: Some(std::thread::spawn(tell)) }
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        self.shown.finish_and_clear();
+        drop(self.end.take());
+        if let Some(teller) = self.teller.take() {
+            // It only waits and prints.
+            drop(teller.join());
+        }
+    }
 }
 
 #[cfg(all(test, unix))]

@@ -1,21 +1,30 @@
 //! `headtail render`: one picture with one sampler.
 
-use std::path::PathBuf;
+use std::{
+    path::{Path, PathBuf},
+    str::FromStr,
+};
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use glam::{Affine3A, Vec3A};
 use headtail_render::{
     color::luminance,
     estimator::Estimator,
-    image::{Attribute, Image, write_exr, write_png},
-    integrator::{self, Budget, Rendering, View},
+    file,
+    image::{Attribute, Channel, Image, encode_layered_exr, latin_1, write_exr, write_png},
+    integrator::{self, Budget, Features, Part, Rendering, View},
+    memory,
     points::Points,
     spec::SamplerSpec,
     timings::Timings,
 };
 
+use crate::terminal::{self, say};
 use crate::{
-    arguments::{ViewArguments, budget, make_folder, note_use},
+    arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
+    light::LightArguments,
+    output::{self, OutputFile},
     progress,
 };
 
@@ -25,6 +34,7 @@ use crate::{
   headtail render --scene temple --env studio --sampler mis --spp 64 --out out/temple.exr
   headtail render --scene spot.glb --ground --material lambert --env room.hdr --sampler direct:out/room-direct.safetensors --seconds 10 --out out/spot.exr
   headtail render --scene dishes --env studio --material ggx:alpha=0.2..0.8 --sampler mis --spp 64 --out out/glossy.exr
+  headtail render --scene dishes --env studio --env-rotate 90 --env-scale 1,0.9,0.7 --sampler patches --spp 64 --crop 200,150,240,180 --aovs --out out/crop.exr
   headtail render --scene dishes --env sunset --sampler head+mis:out/sunset/sampler.safetensors --spp 16 --unshadowed --out out/dishes.exr
 
 Ctrl-C writes what there is.")]
@@ -50,6 +60,17 @@ pub struct Arguments {
     /// Print where the time went, in thread-seconds by stage. Reading the clock slows rendering down by a few per cent.
     #[arg(long)]
     timings: bool,
+    #[command(flatten)]
+    light: LightArguments,
+    /// Render only a part: its first column and row, its width and height, in pixels of the whole picture.
+    #[arg(long, value_name = "X,Y,W,H")]
+    crop: Option<Crop>,
+    /// Write albedo, shading normals and depth, too: layers of FILE.aovs.exr.
+    #[arg(long)]
+    aovs: bool,
+    /// Print what was rendered as a JSON object.
+    #[arg(long)]
+    json: bool,
     /// Linear OpenEXR file; the PNG lies beside it.
     #[arg(long, value_name = "FILE.exr")]
     out: PathBuf,
@@ -66,56 +87,164 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         arguments.out.display()
     );
     let budget = budget(arguments.spp, arguments.seconds)?;
-    let opened = arguments.view.open()?;
-    let estimator = opened.estimator(&arguments.sampler)?;
-    note_use(&arguments.sampler)?;
-    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        make_folder(folder)?;
-    }
     let stop = progress::stop_flag()?;
+    let _output = OutputFile::take_exr(&arguments.out)?;
+    let beside = [Some(arguments.out.with_extension("png")), arguments.aovs.then(|| aovs(&arguments.out))];
+    let taken = beside.iter().flatten().map(|file| OutputFile::take(file, |_| true));
+    let _beside = taken.collect::<Result<Vec<_>>>()?;
+    arguments.light.check()?;
+    if arguments.json {
+        terminal::only_data();
+    }
+    let mut opened = arguments.view.open()?;
+    let view = opened.view();
+    let part = arguments.crop.map_or(view.whole(), |crop| crop.0);
+    ensure!(
+        part.left + part.width <= view.width && part.top + part.height <= view.height,
+        "--crop: it is not inside of the picture, which has {} x {} pixels",
+        view.width,
+        view.height
+    );
+    memory::require((part.width * part.height) as u64 * BYTES_PER_PIXEL, || {
+        format!("a picture of {} x {} pixels", part.width, part.height)
+    })?;
+    opened.turn_map(arguments.light.env_rotate)?;
+    let busy = progress::busy("sampler");
+    let estimator = opened.estimator(&arguments.sampler)?;
+    drop(busy);
+    note_use(&arguments.sampler)?;
+    note_surfaces(&arguments.sampler, &opened)?;
     let bar = progress::bar(1000, "rendering");
-    let show = |spent: f64| bar.set_position((1000.0 * spent) as u64);
     if arguments.timings {
         Timings::start();
     }
     let points = opened.points(budget, arguments.seed);
-    let rendering = integrator::render(opened.view(), &*estimator, budget, points, &stop, &show);
+    let rendering = integrator::render_part(opened.view(), part, &*estimator, budget, points, &stop, &bar.shares());
     bar.finish_and_clear();
 
+    let rendering = rendering.lit_by(arguments.light.env_scale.0);
     let image = rendering.composite();
     let sampler = arguments.sampler.to_string();
-    write_exr(&arguments.out, &image, &attributes(&sampler, &rendering, arguments.seed))?;
+    let mut attributes = attributes(&opened, &sampler, &rendering, arguments.seed);
+    let [x, y, z] = arguments.light.env_scale.0.to_array();
+    attributes.push(Attribute::new("environment.rotated", arguments.light.env_rotate));
+    attributes.push(Attribute::new("environment.scale", format!("{x},{y},{z}")));
+    if arguments.crop.is_some() {
+        let text = format!("{},{},{},{}", part.left, part.top, part.width, part.height);
+        attributes.push(Attribute::new("crop", text));
+    }
+    write_exr(&arguments.out, &image, &attributes)?;
     let png = arguments.out.with_extension("png");
     write_png(&png, &image, exposure(&rendering) + arguments.exposure)?;
-    println!(
+    say!(
         "{sampler}: {} spp of {} points in {:.2} s, {:.2} shadow rays per sample, largest weight {:.3}",
-        rendering.spp, rendering.points, rendering.seconds, rendering.rays_per_sample, rendering.max_weight
+        rendering.spp,
+        rendering.points,
+        rendering.seconds,
+        rendering.rays_per_sample,
+        rendering.max_weight
     );
     if let Some(learned) = rendering.learned {
         let (megabytes, unknown) = (learned.bytes as f64 / 1e6, 100.0 * learned.unknown);
-        println!(
+        say!(
             "visibility: {} cells, {megabytes:.1} MB, {unknown:.1} % of samples where nothing was known",
             learned.cells
         );
     }
     if arguments.timings {
         let threads = rayon::current_num_threads();
-        println!("thread-seconds by stage, of {threads} threads:\n{}", Timings::take(rendering.seconds, threads));
+        say!("thread-seconds by stage, of {threads} threads:\n{}", Timings::take(rendering.seconds, threads));
     }
-    println!("{} and {} written", arguments.out.display(), png.display());
+    say!("{} and {} written", arguments.out.display(), png.display());
+    if arguments.aovs {
+        let features = integrator::features(opened.view(), part);
+        let path = aovs(&arguments.out);
+        write_features(&path, &features, arguments.light.env_rotate, &attributes)?;
+        say!("{} written", path.display());
+    }
+    if arguments.json {
+        terminal::print_json(&serde_json::json!({
+            "file": arguments.out.display().to_string(),
+            "sampler": sampler,
+            "spp": rendering.spp,
+            "points": rendering.points.to_string(),
+            "seconds": rendering.seconds,
+            "rays_per_sample": rendering.rays_per_sample,
+            "max_weight": rendering.max_weight,
+            "seed": arguments.seed,
+        }))?;
+    }
     Ok(())
 }
 
+/// A part of a picture.
+#[derive(Clone, Copy, Debug)]
+struct Crop(Part);
+
+impl FromStr for Crop {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<u16>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+        match numbers.as_deref() {
+            Some(&[x, y, w, h]) if w > 0 && h > 0 => {
+                let [left, top, width, height] = [x, y, w, h].map(usize::from);
+                Ok(Self(Part { left, top, width, height }))
+            }
+            _ => Err("write four counts separated by commas, as in 200,150,240,180".into()),
+        }
+    }
+}
+
+/// What a pixel takes while it is rendered and written: sums, three images, and what they are encoded in.
+const BYTES_PER_PIXEL: u64 = 200;
+
+/// Where the features of a picture go.
+fn aovs(out: &Path) -> PathBuf {
+    out.with_extension("aovs.exr")
+}
+
+/// Writes features as layers; normals are turned back from the map to the scene.
+fn write_features(path: &Path, features: &Features, turned: f32, attributes: &[Attribute]) -> Result<()> {
+    let back = Affine3A::from_rotation_y(turned.to_radians());
+    let normal = |pixel: &[f32; 3]| back.transform_vector3a(Vec3A::from_array(*pixel)).to_array();
+    let normals: Vec<[f32; 3]> = features.normal.pixels.iter().map(normal).collect();
+    let layer = |layer: &str, channels: [&str; 3], pixels: &[[f32; 3]]| {
+        let channel = |k: usize| Channel {
+            name: format!("{layer}.{}", channels[k]),
+            values: pixels.iter().map(|pixel| pixel[k]).collect(),
+        };
+        [channel(0), channel(1), channel(2)]
+    };
+    let mut channels = Vec::from(layer("albedo", ["R", "G", "B"], &features.albedo.pixels));
+    channels.extend(layer("normal", ["X", "Y", "Z"], &normals));
+    channels.push(Channel { name: "depth.Z".into(), values: features.depth.clone() });
+    let (width, height) = (features.albedo.width, features.albedo.height);
+    Ok(file::replace(path, &encode_layered_exr(width, height, channels, attributes)?)?)
+}
+
 /// What an OpenEXR result says of itself.
-pub fn attributes(sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attribute> {
+pub fn attributes(opened: &OpenedView, sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attribute> {
+    let View { environment, depth, .. } = opened.view();
+    let camera = opened.own_camera();
+    let triple = |v: glam::Vec3A| format!("{},{},{}", v.x, v.y, v.z);
     vec![
-        Attribute::new("sampler", sampler),
+        Attribute::new("scene", latin_1(&opened.scene_name())),
+        Attribute::new("environment", latin_1(environment.name())),
+        Attribute::new("environment.hash", environment.hash()),
+        Attribute::new("camera.look_from", triple(camera.look_from())),
+        Attribute::new("camera.look_at", triple(camera.look_at())),
+        Attribute::new("camera.fov", camera.vertical_fov()),
+        Attribute::new("depth", depth as i32),
+        Attribute::new("sampler", latin_1(sampler)),
         Attribute::new("spp", rendering.spp as i32),
         Attribute::new("points", rendering.points.to_string()),
         // OpenEXR has no 64-bit integers.
         Attribute::new("seed", seed.to_string()),
         Attribute::new("seconds", rendering.seconds),
         Attribute::new("headtail.version", env!("CARGO_PKG_VERSION")),
+        Attribute::new("headtail.command", latin_1(&terminal::command())),
+        Attribute::new(output::REQUEST, output::request()),
     ]
 }
 

@@ -1,6 +1,6 @@
 //! `headtail scenes`: what scenes and environments are built in, and pictures of them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::Args;
@@ -15,8 +15,10 @@ use headtail_render::{
     tail::TailKind,
 };
 
+use crate::terminal::{self, note, out};
 use crate::{
-    arguments::{make_folder, open_environment},
+    arguments::open_environment,
+    output::OutputFolder,
     progress,
     render::{exposure, quietly},
 };
@@ -27,6 +29,9 @@ use crate::{
   headtail scenes
   headtail scenes --out previews --env studio --spp 64")]
 pub struct Arguments {
+    /// Print the list as an array of JSON objects.
+    #[arg(long)]
+    json: bool,
     /// Folder for the pictures, NAME.png.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -46,27 +51,50 @@ pub struct Arguments {
 
 /// Lists the scenes, then renders them.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    println!("{:10} {:>9}  {:16} surfaces", "scene", "triangles", "size in metres");
+    let _output = arguments.out.as_deref().map(OutputFolder::share).transpose()?;
     let scenes: Vec<Scene> = built_in_names().filter_map(Scene::built_in).collect();
-    for scene in &scenes {
+    match arguments.json {
+        true => print_json(&scenes)?,
+        false => print(&scenes),
+    }
+    let Some(folder) = &arguments.out else { return Ok(()) };
+    write_pictures(arguments, &scenes, folder)
+}
+
+fn print_json(scenes: &[Scene]) -> Result<()> {
+    let object = |scene: &Scene| {
+        serde_json::json!({
+            "scene": scene.name(),
+            "triangles": scene.triangle_count(),
+            "size": scene.bounds().extent().to_array(),
+            "diffuse": scene.is_diffuse(),
+        })
+    };
+    terminal::print_json(&scenes.iter().map(object).collect::<Vec<_>>())
+}
+
+fn print(scenes: &[Scene]) {
+    out!("{:10} {:>9}  {:16} surfaces", "scene", "triangles", "size in metres");
+    for scene in scenes {
         let [x, y, z] = scene.bounds().extent().to_array();
         let surfaces = if scene.is_diffuse() { "diffuse" } else { "diffuse and glossy" };
-        println!(
+        out!(
             "{:10} {:>9}  {:16} {surfaces}",
             scene.name(),
             scene.triangle_count(),
             format!("{x:.1} x {y:.1} x {z:.1}")
         );
     }
-    let Some(folder) = &arguments.out else { return Ok(()) };
+}
+
+fn write_pictures(arguments: &Arguments, scenes: &[Scene], folder: &Path) -> Result<()> {
     let environment = open_environment(&arguments.env)?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
     let product = Covering::new(ProductSampler::new(light, table))?;
     let estimator = Ris::new(product, Covering::new(BrdfSampler)?, 4, environment.clone())?;
-    make_folder(folder)?;
     let bar = progress::bar(scenes.len() as u64, "rendering");
-    for scene in &scenes {
+    for scene in scenes {
         let (width, height) = (arguments.width as usize, (arguments.width * 3 / 4) as usize);
         let (camera, environment) = (&scene.camera(), &*environment);
         let view = View { scene, camera, environment, width, height, unshadowed: false, depth: arguments.depth };
@@ -75,6 +103,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    println!("{} pictures written to {}", scenes.len(), folder.display());
+    note!("{} pictures written to {}", scenes.len(), folder.display());
     Ok(())
 }

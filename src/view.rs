@@ -9,11 +9,13 @@ use headtail_render::{
     color::luminance,
     composite::rectified_view,
     file,
-    image::{Attribute, Image, encode_png_rgb8, srgb_code, write_exr},
+    image::{Attribute, Image, encode_png_rgb8, latin_1, srgb_code, write_exr},
     scene::{Camera, FspyProject, UpAxis},
 };
 
-use crate::arguments::{make_folder, open_environment};
+use crate::arguments::open_environment;
+use crate::output::{self, OutputFile};
+use crate::terminal::say;
 
 /// Take a photograph of a map: FILE.exr in the map's units, FILE.png to look at, and FILE.fspy with both the picture and its camera.
 #[derive(Args)]
@@ -65,15 +67,17 @@ const MIDDLE_GREY: f32 = 0.22;
 pub fn run(arguments: &Arguments) -> Result<()> {
     let is_exr = arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
     ensure!(is_exr, "--out {}: the file's name must end in .exr", arguments.out.display());
+    let _output = OutputFile::take_exr(&arguments.out)?;
     let environment = open_environment(&arguments.env)?;
     let camera = camera(arguments)?;
     let (width, height) = (arguments.width as usize, arguments.height as usize);
     let image = rectified_view(&environment, &camera, width, height);
-    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        make_folder(folder)?;
-    }
     let stops = automatic_exposure(&image) + arguments.exposure;
-    let attributes = [Attribute::new("environment", environment.name()), Attribute::new("png.exposure", stops)];
+    let attributes = [
+        Attribute::new("environment", latin_1(environment.name())),
+        Attribute::new("png.exposure", stops),
+        Attribute::new(output::REQUEST, output::request()),
+    ];
     write_exr(&arguments.out, &image, &attributes)?;
     let codes: Vec<[u8; 3]> =
         image.pixels.iter().map(|pixel| pixel.map(|value| srgb_code(value * stops.exp2()))).collect();
@@ -82,7 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let project = FspyProject { camera, width: arguments.width, height: arguments.height, image: png };
     file::replace(&arguments.out.with_extension("fspy"), &project.encode(UpAxis::Z))?;
     let at = camera.look_from();
-    println!(
+    say!(
         "{}, .png (exposed by {stops:.2} stops) and .fspy written; camera at {:.2}, {:.2}, {:.2}",
         arguments.out.display(),
         at.x,

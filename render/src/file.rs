@@ -1,18 +1,97 @@
-//! Writing result files so that a reader never sees half of one.
+//! Reading files from outside, and writing result files so that a reader never sees half of one.
 
-use std::io::Write;
-use std::path::Path;
+use std::fs::{self, File, Metadata};
+use std::io::{Error as IoError, Read, Write};
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
-/// Writes `bytes` to `path`: into a temporary file of the same folder first, which then takes the name.
-///
-/// Another process sees the old file or the new one, never a part; after an error the old file is untouched.
+/// Opens a file to read, and tells its size in bytes.
 ///
 /// # Errors
-/// [`Error::Io`] with `path` if the folder does not exist or the system refuses to write or rename.
+/// The file cannot be opened, or `path` is no regular file: a pipe would be waited for, and a device may have no end.
+pub fn open_regular(path: &Path) -> std::io::Result<(File, u64)> {
+    let check = |metadata: Metadata| {
+        let kind = metadata.file_type();
+        match (kind.is_file(), kind.is_dir()) {
+            (true, _) => Ok(metadata.len()),
+            (_, true) => Err(IoError::other("it is a folder, not a file")),
+            _ => Err(IoError::other("it is a pipe or a device, not a regular file")),
+        }
+    };
+    // Before it is opened, since opening a pipe waits for its other end; and after, since names can change what they stand for.
+    check(fs::metadata(path)?)?;
+    let file = File::open(path)?;
+    let size = check(file.metadata()?)?;
+    Ok((file, size))
+}
+
+/// The content of a regular file of at most `most` bytes.
+///
+/// # Errors
+/// As [`open_regular`], or if the file is larger.
+pub fn read(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
+    let (file, size) = open_regular(path)?;
+    let too_large = || IoError::other(format!("it has {size} bytes; at most {most} are read"));
+    if size > most {
+        return Err(too_large());
+    }
+    let mut bytes = Vec::with_capacity(size as usize);
+    // It may grow meanwhile.
+    file.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most { Err(too_large()) } else { Ok(bytes) }
+}
+
+/// The largest text that [`read_text`] reads.
+const LARGEST_TEXT: u64 = 1 << 26;
+
+/// The content of a regular file of text, of 64 MiB at most.
+///
+/// # Errors
+/// As [`read`], or if it is not UTF-8.
+pub fn read_text(path: &Path) -> std::io::Result<String> {
+    String::from_utf8(read(path, LARGEST_TEXT)?).map_err(|_| IoError::other("it is no text: not UTF-8"))
+}
+
+/// The place that writing to `path` fills: links are followed, also one that leads to nothing yet.
+///
+/// # Errors
+/// [`Error::Io`] with `path` if it is a folder, a device, a pipe or a socket, which a file would take the place of; if links lead in a
+/// circle; or if the system does not let it be looked at.
+pub fn target(path: &Path) -> Result<PathBuf> {
+    let failed = |source| Error::io(path, source);
+    let mut place = path.to_owned();
+    // As many links as Linux follows.
+    for _ in 0..40 {
+        let found = match fs::symlink_metadata(&place) {
+            Ok(found) => found,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(place),
+            Err(error) => return Err(failed(error)),
+        };
+        let kind = found.file_type();
+        if kind.is_symlink() {
+            let next = fs::read_link(&place).map_err(failed)?;
+            place = place.parent().unwrap_or(Path::new("")).join(next);
+        } else if kind.is_file() {
+            return Ok(place);
+        } else if kind.is_dir() {
+            return Err(failed(IoError::other("it is a folder, not a file")));
+        } else {
+            return Err(failed(IoError::other("it is a pipe or a device, not a regular file")));
+        }
+    }
+    Err(failed(IoError::other("links lead in a circle")))
+}
+
+/// Writes `bytes` to `path`: into a temporary file of the same folder first, which then takes the name.
+///
+/// Links are followed (see [`target`]). Another process sees the old file or the new one, never a part; after an error the old file is untouched.
+///
+/// # Errors
+/// [`Error::Io`] with `path` if the folder does not exist, `path` is no regular file, or the system refuses to write or rename.
 pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
-    let folder = match path.parent() {
+    let place = target(path)?;
+    let folder = match place.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
@@ -28,6 +107,6 @@ pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
     let mut file = builder.tempfile_in(folder).map_err(failed)?;
     file.write_all(bytes).map_err(failed)?;
     file.as_file().sync_all().map_err(failed)?;
-    file.persist(path).map_err(|error| failed(error.error))?;
+    file.persist(&place).map_err(|error| failed(error.error))?;
     Ok(())
 }

@@ -16,8 +16,10 @@ use self::{
     candidates::{HeadMaterial, Recipe},
     contest::Contest,
 };
+use crate::terminal::say;
 use crate::{
-    arguments::{CameraArguments, VISIBILITY_MEGABYTES, ViewArguments, make_folder},
+    arguments::{CameraArguments, VISIBILITY_MEGABYTES, ViewArguments},
+    output::OutputFolder,
     progress,
 };
 use headtail_render::{points::PointSet, scene::MaterialSpec};
@@ -73,8 +75,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     {
         ensure!(seconds > 0.0 && seconds <= 1e7, "{name}: {seconds} is not between 0 and 1e7");
     }
-    make_folder(&arguments.out)?;
     let stop = progress::stop_flag()?;
+    let output = OutputFolder::take(&arguments.out, &["autosize.html"])?;
+    output.begin(&[])?;
+    output.file("autosize.html")?;
     let view = ViewArguments {
         scene: arguments.scene.clone(),
         env: arguments.env.clone(),
@@ -100,19 +104,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     contest.write_choice("cheapest", cheapest)?;
     let seconds = start.elapsed().as_secs_f64();
     contest.write_records(&choice, seconds)?;
-    println!("the best: {} ({})", winner.name, contest.place("winner", winner).display());
+    say!("the best: {} ({})", winner.name, contest.place("winner", winner).display());
     match choice.cheapest == choice.winner {
-        true => println!("nothing cheaper is within 5 % of it"),
-        false => println!(
-            "the cheapest within 5 % of it: {} ({})",
-            cheapest.name,
-            contest.place("cheapest", cheapest).display()
-        ),
+        true => say!("nothing cheaper is within 5 % of it"),
+        false => {
+            say!("the cheapest within 5 % of it: {} ({})", cheapest.name, contest.place("cheapest", cheapest).display())
+        }
     }
     if !winner.recipe.is_prepared() {
-        println!("no preparation pays within {} s of rendering: {}", arguments.render_seconds, contest.why_not());
+        say!("no preparation pays within {} s of rendering: {}", arguments.render_seconds, contest.why_not());
     }
-    println!("{seconds:.1} s; open {}", arguments.out.join("autosize.html").display());
+    say!("{seconds:.1} s; open {}", arguments.out.join("autosize.html").display());
     Ok(())
 }
 

@@ -17,6 +17,7 @@ use headtail_render::{
 use crate::{
     arguments::{CameraArguments, PointsArgument, VISIBILITY_MEGABYTES, ViewArguments},
     progress,
+    terminal::say,
 };
 
 /// What `--visibility` needs.
@@ -96,7 +97,7 @@ impl Arguments {
             bail!(progress::Interrupted::new("nothing was written"));
         }
         let (cells, rays) = (learned.cells(), learned.rays() as f64 / 1e6);
-        println!("{cells} cells from {rays:.1} million shadow rays in {:.2} s", start.elapsed().as_secs_f64());
+        say!("{cells} cells from {rays:.1} million shadow rays in {:.2} s", start.elapsed().as_secs_f64());
         Ok(learned)
     }
 }

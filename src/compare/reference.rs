@@ -16,15 +16,16 @@ use headtail_render::{
     tail::TailKind,
 };
 
-use super::Arguments;
+use super::{Arguments, noise::Noise};
 use crate::{
     arguments::{OpenedView, ViewArguments, make_folder},
+    output::OutputFolder,
     progress::{self, Interrupted},
     render::attributes,
 };
 
 /// Part of every name in a cache; to be raised when the renderer changes what its images converge to.
-const CACHE_VERSION: u32 = 1;
+const CACHE_VERSION: u32 = 2;
 
 /// The points of references, whatever those of the runs are: the error of `sobol` is the smallest.
 const POINTS: PointSet = PointSet::Sobol;
@@ -37,6 +38,8 @@ pub struct Reference {
     pub covered: Vec<bool>,
     /// How it came about.
     pub note: String,
+    /// Its own errors, where they are known.
+    pub noise: Option<Noise>,
 }
 
 impl Reference {
@@ -45,8 +48,13 @@ impl Reference {
     /// # Errors
     /// If an image cannot be read or written or has another size; [`Interrupted`] if the stop flag ends a rendering, of which
     /// nothing is written.
-    pub fn obtain(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool) -> Result<Self> {
-        Self::copied(arguments, opened, stop, Some(&arguments.out.join("reference.exr")))
+    pub fn obtain(
+        arguments: &Arguments,
+        opened: &OpenedView,
+        output: &OutputFolder,
+        stop: &AtomicBool,
+    ) -> Result<Self> {
+        Self::copied(arguments, opened, stop, Some(&output.file("reference.exr")?))
     }
 
     /// [`Self::obtain`], with a copy of an image that was not read from a file.
@@ -55,7 +63,9 @@ impl Reference {
         if let Some(file) = &arguments.reference {
             let image = read_sized(file, size)?;
             let covered = covered(&converged(arguments, opened, 64, stop)?.0.coverage);
-            return Ok(Self { image, covered, note: format!("Read from {}.", file.display()) });
+            let noise = Noise::read(file);
+            let unknown = if noise.is_none() { " Its own noise is not known, and not subtracted." } else { "" };
+            return Ok(Self { image, covered, note: format!("Read from {}.{unknown}", file.display()), noise });
         }
         let cached = arguments.reference_cache.as_ref().map(|folder| folder.join(key(arguments, opened)));
         if let Some(stem) = &cached
@@ -63,27 +73,33 @@ impl Reference {
             && image.exists()
             && coverage.exists()
         {
+            let noise = Noise::read(&image);
             let (image, coverage) = (read_sized(&image, size)?, read_sized(&coverage, size)?);
             let coverage: Vec<f32> = coverage.pixels.iter().map(|pixel| pixel[0]).collect();
-            copy.map_or(Ok(()), |copy| write_exr(copy, &image, &[]))?;
+            copy.map_or(Ok(()), |copy| {
+                write_exr(copy, &image, &noise.map_or(Vec::new(), |noise| noise.attributes().into()))
+            })?;
             let note = format!(
                 "Rendered before at {} samples per pixel ({POINTS} points), and found in the cache.",
                 arguments.reference_spp
             );
-            return Ok(Self { image, covered: covered(&coverage), note });
+            return Ok(Self { image, covered: covered(&coverage), note, noise });
         }
-        let (rendering, by) = converged(arguments, opened, arguments.reference_spp, stop)?;
+        let (rendering, by, half) = converged(arguments, opened, arguments.reference_spp, stop)?;
         let image = rendering.composite();
-        copy.map_or(Ok(()), |copy| write_exr(copy, &image, &attributes(by, &rendering, seed(arguments))))?;
+        let noise = Noise::of(&half, &rendering.surfaces, &covered(&rendering.coverage))?;
+        let mut attributes = attributes(opened, by, &rendering, seed(arguments));
+        attributes.extend(noise.attributes());
+        copy.map_or(Ok(()), |copy| write_exr(copy, &image, &attributes))?;
         if let Some(stem) = &cached {
             make_folder(stem.parent().unwrap_or(Path::new(".")))?;
             let [image_file, coverage_file] = files(stem);
             let coverage = Image { pixels: rendering.coverage.iter().map(|&c| [c; 3]).collect(), ..image };
             write_exr(&coverage_file, &coverage, &[])?;
-            write_exr(&image_file, &image, &attributes(by, &rendering, seed(arguments)))?;
+            write_exr(&image_file, &image, &attributes)?;
         }
         let note = format!("Rendered with {by} at {} samples per pixel ({POINTS} points).", rendering.spp);
-        Ok(Self { image, covered: covered(&rendering.coverage), note })
+        Ok(Self { image, covered: covered(&rendering.coverage), note, noise: Some(noise) })
     }
 
     /// Takes a reference from a folder that several processes share, or renders one and puts it there.
@@ -99,16 +115,19 @@ impl Reference {
     }
 }
 
-/// Renders with the best sampler that needs no training; it and its name. An interrupted rendering is an error.
+/// Renders with the best sampler that needs no training, in two independent halves of at least one sample: the mean of both, the sampler's name, and
+/// the surfaces of one half. An interrupted rendering is an error.
 fn converged<'a>(
     arguments: &Arguments,
     opened: &OpenedView,
     spp: u32,
     stop: &AtomicBool,
-) -> Result<(Rendering, &'a str)> {
+) -> Result<(Rendering, &'a str, Image)> {
     let environment = &opened.environment;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+    let busy = progress::busy("reference");
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(64, 64)?)?;
+    drop(busy);
     let product = Covering::new(ProductSampler::new(light, table))?;
     // The table knows the cosine, not the lobes of glossy surfaces: they are left to BRDF samples.
     let (estimator, by): (Box<dyn Estimator>, &str) = if opened.is_diffuse() {
@@ -118,14 +137,31 @@ fn converged<'a>(
         (Box::new(resampled), "RIS of 8 candidates, from the direct bake (64 x 64 cells) and the BRDF,")
     };
     let bar = progress::bar(1000, "reference");
-    let show = |spent: f64| bar.set_position((1000.0 * spent) as u64);
-    let points = Points::new(POINTS, seed(arguments));
-    let rendering = render(opened.view(), &*estimator, Budget::Spp(spp), points, stop, &show);
+    let show = bar.shares();
+    let half = |number: u32| {
+        let points = Points::new(POINTS, seed(arguments) ^ u64::from(number));
+        let show = |share: f64| show(0.5 * (f64::from(number) + share));
+        render(opened.view(), &*estimator, Budget::Spp(spp.div_ceil(2)), points, stop, &show)
+    };
+    let first = half(0);
+    let second = if stop.load(Ordering::Relaxed) { first.clone() } else { half(1) };
     bar.finish_and_clear();
     if stop.load(Ordering::Relaxed) {
         bail!(Interrupted::new("while the reference was rendered; no run is done"));
     }
-    Ok((rendering, by))
+    let surfaces = first.surfaces.clone();
+    Ok((mean_of(first, &second), by, surfaces))
+}
+
+/// The mean of two renderings of equally many samples.
+fn mean_of(mut a: Rendering, b: &Rendering) -> Rendering {
+    let pixels = a.surfaces.pixels.iter_mut().chain(&mut a.background.pixels);
+    for (to, from) in pixels.zip(b.surfaces.pixels.iter().chain(&b.background.pixels)) {
+        *to = std::array::from_fn(|channel| 0.5 * (to[channel] + from[channel]));
+    }
+    a.coverage.iter_mut().zip(&b.coverage).for_each(|(to, from)| *to = 0.5 * (*to + from));
+    (a.spp, a.seconds) = (a.spp + b.spp, a.seconds + b.seconds);
+    a
 }
 
 /// A seed far from those of the runs.

@@ -11,17 +11,23 @@ use headtail_render::{
     image::{Image, write_exr},
     integrator::{Budget, Rendering, render},
     points::Points,
-    statistics::RELATIVE_EPSILON,
+    statistics::{RELATIVE_EPSILON, ttuv},
 };
-use indicatif::ProgressBar;
 
-use super::Entry;
+use super::{Entry, noise::Noise};
+use crate::terminal::warning;
 use crate::{
     arguments::OpenedView,
+    output::OutputFolder,
     progress,
     render::{attributes, quietly},
     report::{Comparison, RenderedImage, Report, Row, RunName, State},
 };
+
+/// Renderings that set the samples of a time, at most.
+const CALIBRATIONS: usize = 4;
+/// By which factor a rendering's time may be off.
+const TOLERANCE: f64 = 1.15;
 
 /// A comparison at work.
 pub struct Work<'a> {
@@ -30,26 +36,43 @@ pub struct Work<'a> {
     /// With their names.
     budgets: &'a [(String, Budget)],
     stop: &'a AtomicBool,
-    folder: &'a Path,
+    output: &'a OutputFolder,
+    /// Parts of file names, one for each entry.
+    stems: Vec<String>,
     /// The measured pixels of the reference as an image of one row.
     reference: Image,
+    noise: Option<Noise>,
+    /// How the reference came about, without its noise.
+    reference_note: String,
     report: Report,
     /// What is done so far.
     pub comparison: Comparison,
 }
 
 impl<'a> Work<'a> {
-    /// Prepares the runs of `comparison`, which has none yet; results go to an existing `folder`.
+    /// Prepares the runs of `comparison`, which has none yet; results go to `output`.
+    ///
+    /// # Errors
+    /// If the folder's record cannot be written.
     pub fn new(
         opened: &'a OpenedView,
         entries: &'a [Entry],
         budgets: &'a [(String, Budget)],
         stop: &'a AtomicBool,
-        folder: &'a Path,
+        output: &'a OutputFolder,
         comparison: Comparison,
-    ) -> Self {
+        noise: Option<Noise>,
+    ) -> Result<Self> {
         let reference = select(&comparison.reference, &comparison.measured);
-        Self { opened, entries, budgets, stop, folder, reference, report: Report::new(folder), comparison }
+        let names: Vec<(&str, Option<&Path>)> =
+            entries.iter().map(|entry| (&*entry.label, entry.file.as_deref())).collect();
+        let stems = file_names(&names);
+        let report = Report::new(output.path());
+        for name in ["results.csv", "report.html"] {
+            output.file(name)?;
+        }
+        let reference_note = comparison.reference_note.clone();
+        Ok(Self { opened, entries, budgets, stop, output, stems, reference, noise, reference_note, report, comparison })
     }
 
     /// Does all runs, or those that are done when the stop flag is set; a run that is being rendered then is finished.
@@ -71,7 +94,7 @@ impl<'a> Work<'a> {
                     let Some(calibrated) = calibrated else { return Ok(()) };
                     taken.push(calibrated);
                 }
-                for (entry, &taken) in entries.iter().zip(&taken[index]) {
+                for (number, (entry, &taken)) in entries.iter().zip(&taken[index]).enumerate() {
                     if self.stop.load(Ordering::Relaxed) {
                         bar.finish_and_clear();
                         return Ok(());
@@ -79,7 +102,7 @@ impl<'a> Work<'a> {
                     bar.set_message(format!("{} {name}", entry.label));
                     // In a budget of time, the number of samples depends on the machine, and points should not.
                     let points = self.opened.points(*asked, seed + u64::from(run));
-                    self.run(entry, name, taken, run, points)?;
+                    self.run(number, name, taken, run, points)?;
                     bar.inc(1);
                 }
             }
@@ -94,22 +117,32 @@ impl<'a> Work<'a> {
     /// If there are no runs, or a file cannot be written.
     pub fn finish(&mut self, state: State) -> Result<()> {
         self.comparison.state = state;
+        self.say_noise();
         self.report.finish(&self.comparison)
     }
 
+    /// Brings what is said of the reference up to date.
+    fn say_noise(&mut self) {
+        if let Some(noise) = self.noise {
+            self.comparison.reference_note = format!("{} {}", self.reference_note, noise.words(&self.comparison.rows));
+        }
+    }
+
     /// One run: the picture, its row in the table, and all that is written of it.
-    fn run(&mut self, entry: &Entry, budget_name: &str, budget: Budget, run: u32, points: Points) -> Result<()> {
+    fn run(&mut self, number: usize, budget_name: &str, budget: Budget, run: u32, points: Points) -> Result<()> {
+        let entry = &self.entries[number];
         let rendering = quietly(self.opened.view(), &*entry.estimator, budget, points);
         let row = self.row(entry, budget_name, run, points.seed(), &rendering)?;
         self.comparison.rows.push(row);
         self.report.update_table(&self.comparison)?;
         if run == 0 {
+            self.say_noise();
             let image = rendering.composite();
-            let stem = format!("{}_{budget_name}", file_name(&entry.label));
-            let attributes = attributes(&entry.label, &rendering, points.seed());
-            write_exr(&self.folder.join(format!("{stem}.exr")), &image, &attributes)?;
+            let stem = format!("{}_{budget_name}", self.stems[number]);
+            let attributes = attributes(self.opened, &entry.label, &rendering, points.seed());
+            write_exr(&self.output.file(&format!("{stem}.exr"))?, &image, &attributes)?;
             let errors = error_image(&image, &self.comparison.reference, &self.comparison.measured);
-            write_exr(&self.folder.join(format!("{stem}_error.exr")), &errors, &attributes)?;
+            write_exr(&self.output.file(&format!("{stem}_error.exr"))?, &errors, &attributes)?;
             let (sampler, budget) = (entry.label.clone(), budget_name.to_owned());
             self.comparison.images.push(RenderedImage { sampler, budget, image });
         }
@@ -121,27 +154,43 @@ impl<'a> Work<'a> {
         let pixels = select(&rendering.surfaces, &self.comparison.measured);
         let (scene, env) = (&*self.comparison.scene, &*self.comparison.env);
         let name = RunName { scene, env, sampler: &entry.label, budget, run, seed };
-        Row::measured(&name, rendering, &pixels, &self.reference)
+        let row = Row::measured(&name, rendering, &pixels, &self.reference)?;
+        let noise = self.noise.unwrap_or(Noise { mse: 0.0, relmse: 0.0 });
+        let (mse, relmse) = (Noise::without(row.mse, noise.mse), Noise::without(row.relmse, noise.relmse));
+        Ok(Row { mse, relmse, ttuv: ttuv(mse, rendering.seconds), ..row })
     }
 
     /// The budget in samples. Of one in time: a short rendering says about how many samples fit, one with that many sets it
     /// right. `None` if the stop flag is set meanwhile.
     ///
     /// All runs of a sampler then take the same number of samples, which does not depend on what else the machine does.
-    fn calibrated(&self, entry: &Entry, budget: Budget, seed: u64, bar: &ProgressBar) -> Option<Budget> {
+    fn calibrated(&self, entry: &Entry, budget: Budget, seed: u64, bar: &progress::Bar) -> Option<Budget> {
         let Budget::Time(limit) = budget else { return Some(budget) };
         bar.set_message(format!("{}: samples that fit into {} s", entry.label, limit.as_secs_f64()));
         let seconds = limit.as_secs_f64();
         let points = self.opened.points(budget, seed);
         let mut trial = Budget::Time(Duration::from_secs_f64(0.25 * seconds));
-        // A long rendering is faster per sample than a short one: passes are longer.
-        for _ in 0..2 {
+        // A long rendering is faster per sample than a short one: passes are longer. A machine that does other things, too, may be off again.
+        for attempt in 0..CALIBRATIONS {
             if self.stop.load(Ordering::Relaxed) {
                 return None;
             }
             let rendering = render(self.opened.view(), &*entry.estimator, trial, points, self.stop, &|_| {});
-            let spp = f64::from(rendering.spp) * seconds / rendering.seconds;
-            trial = Budget::Spp((spp.round() as u32).max(1));
+            let spp = (f64::from(rendering.spp) * seconds / rendering.seconds).round().max(1.0);
+            let off = rendering.seconds / seconds;
+            let was_whole = matches!(trial, Budget::Spp(_));
+            trial = Budget::Spp(spp as u32);
+            if was_whole && (off / TOLERANCE <= 1.0 && off * TOLERANCE >= 1.0 || spp <= 1.0) {
+                break;
+            }
+            if was_whole && attempt + 1 == CALIBRATIONS && !self.stop.load(Ordering::Relaxed) {
+                warning!(
+                    "{}: renderings of {seconds} s take {:.2} s where they were to be equally long: the machine does other things, too; its equal-time \
+                     ratios say little",
+                    entry.label,
+                    rendering.seconds
+                );
+            }
         }
         (!self.stop.load(Ordering::Relaxed)).then_some(trial)
     }
@@ -164,14 +213,38 @@ pub fn select(image: &Image, chosen: &[bool]) -> Image {
     Image { width: pixels.len(), height: 1, pixels }
 }
 
-/// A sampler's label as part of a file name: of a path, the file and its folder are kept.
-fn file_name(label: &str) -> String {
-    let (name, argument) = label.split_once(':').unwrap_or((label, ""));
-    let path = Path::new(argument).with_extension("");
-    let folder = path.parent().and_then(Path::file_name);
-    let parts = [Some(name.as_ref()), folder, path.file_name()];
-    let joined: Vec<_> = parts.into_iter().flatten().map(|part| part.to_string_lossy()).collect();
-    joined.join("-").chars().map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' }).collect()
+/// Longer names are cut: file systems allow 255 bytes, of which budget and extension take some.
+const LONGEST_NAME: usize = 120;
+
+/// Samplers as parts of file names, different ones for different samplers: their labels, in which a file is named by its folder and itself. Those that
+/// would be alike, also for a file system that ignores case, or that are cut get a hash of the label.
+fn file_names(samplers: &[(&str, Option<&Path>)]) -> Vec<String> {
+    let plain: Vec<String> = samplers.iter().map(|(label, file)| plain_name(label, *file)).collect();
+    let is_unique = |name: &str| plain.iter().filter(|other| other.eq_ignore_ascii_case(name)).count() == 1;
+    let with_hash = |(name, (label, _)): (&String, &(&str, Option<&Path>))| {
+        if is_unique(name) && name.len() <= LONGEST_NAME {
+            return name.clone();
+        }
+        let kept = &name[..name.len().min(LONGEST_NAME)];
+        format!("{kept}-{}", &blake3::hash(label.as_bytes()).to_hex()[..8])
+    };
+    plain.iter().zip(samplers).map(with_hash).collect()
+}
+
+/// A label in letters, digits, `-` and `_`.
+fn plain_name(label: &str, file: Option<&Path>) -> String {
+    let short = file.map(|file| {
+        let stem = file.with_extension("");
+        let parts = [stem.parent().and_then(Path::file_name), stem.file_name()];
+        let parts: Vec<_> = parts.into_iter().flatten().map(|part| part.to_string_lossy()).collect();
+        (file.display().to_string(), parts.join("-"))
+    });
+    let label = short.map_or(label.to_owned(), |(path, name)| label.replace(&path, &name));
+    label
+        .chars()
+        .map(|c| if c == ':' { '-' } else { c })
+        .map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' })
+        .collect()
 }
 
 #[cfg(test)]
@@ -180,8 +253,31 @@ mod tests {
 
     #[test]
     fn labels_become_plain_file_names() {
-        assert_eq!(file_name("ris:4"), "ris-4");
-        assert_eq!(file_name("head:a/b c/sampler.safetensors"), "head-b_c-sampler");
-        assert_eq!(file_name("mis-comp"), "mis-comp");
+        let file = Path::new("a/b c/sampler.safetensors");
+        let names = file_names(&[
+            ("ris:4", None),
+            ("head:a/b c/sampler.safetensors", Some(file)),
+            ("mis-comp", None),
+            ("ris:2:head:a/b c/sampler.safetensors", Some(file)),
+        ]);
+        assert_eq!(names, ["ris-4", "head-b_c-sampler", "mis-comp", "ris-2-head-b_c-sampler"]);
+    }
+
+    #[test]
+    fn no_two_samplers_share_a_name() {
+        let [a, b, c] = ["x/t/A.safetensors", "y/t/a.safetensors", "y/t/a.other"].map(Path::new);
+        let labels: Vec<(String, Option<&Path>)> = [a, b, c]
+            .iter()
+            .flat_map(|file| {
+                ["head", "ris:2:head", "ris:8:head"].map(|kind| (format!("{kind}:{}", file.display()), Some(*file)))
+            })
+            .collect();
+        let labels: Vec<(&str, Option<&Path>)> = labels.iter().map(|(label, file)| (&**label, *file)).collect();
+        let mut names: Vec<String> = file_names(&labels).iter().map(|name| name.to_ascii_lowercase()).collect();
+        names.sort();
+        names.dedup();
+        assert_eq!(names.len(), 9);
+        let long = "a".repeat(300);
+        assert!(file_names(&[(&long, None)])[0].len() < 140);
     }
 }

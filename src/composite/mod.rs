@@ -3,7 +3,10 @@
 mod page;
 mod setting;
 
-use std::{path::PathBuf, sync::atomic::Ordering};
+use std::{
+    path::{Path, PathBuf},
+    sync::atomic::Ordering,
+};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
@@ -15,8 +18,10 @@ use headtail_render::{
     spec::SamplerSpec,
 };
 
+use crate::terminal::{note, say, warning};
 use crate::{
-    arguments::{Triple, make_folder, note_use},
+    arguments::{Triple, note_use},
+    output::OutputFolder,
     progress,
     report::picture,
 };
@@ -136,6 +141,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
+    let stop = progress::stop_flag()?;
+    let output = OutputFolder::take(&arguments.out, &["composite.exr"])?;
     let setting = Setting::open(arguments)?;
     ensure!(
         !matches!(arguments.sampler, SamplerSpec::Learning(..)),
@@ -145,13 +152,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let estimator = arguments.sampler.build(&setting.environment)?;
     note_use(&arguments.sampler)?;
     if !setting.stage.is_plane() && !matches!(arguments.mask, MaskForm::Ratio | MaskForm::Paper) {
-        eprintln!(
-            "note: '{}' may shadow itself, so that its unshadowed light is not known exactly: the mask is a ratio",
+        note!(
+            "'{}' may shadow itself, so that its unshadowed light is not known exactly: the mask is a ratio",
             arguments.catcher
         );
     }
-    make_folder(&arguments.out)?;
-    let stop = progress::stop_flag()?;
+    output.begin(
+        &[arguments.photo.as_deref(), arguments.camera.as_deref()].map(|input| input.unwrap_or(Path::new(""))),
+    )?;
     let bar = progress::bar(1000, "compositing");
     let backdrop = setting.backdrop();
     let composition =
@@ -165,12 +173,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         mask_only: false,
         without_object: false,
     };
-    let film = compose(composition, settings, &stop, &|done| bar.set_position((1000.0 * done) as u64));
+    let film = compose(composition, settings, &stop, &bar.shares());
     bar.finish_and_clear();
     check_sight(&film)?;
     let mask = Mask::of(&film, arguments.mask);
     let layers = Layers::new(&film, &mask, &setting.photograph, setting.gain, !arguments.grey_mask);
-    write(arguments, &setting, &film, &layers)?;
+    write(arguments, &output, &setting, &film, &layers)?;
     if stop.load(Ordering::Relaxed) {
         bail!(progress::Interrupted::new(format!(
             "{} of {} samples per pixel were done and are written",
@@ -187,7 +195,7 @@ fn check_sight(film: &Film) -> Result<()> {
         "the camera does not see the object: try --move, --size, or --up y"
     );
     if film.catcher.iter().all(|sums| sums.hits == 0) {
-        eprintln!("warning: the camera does not see the catcher; there will be no shadow");
+        warning!("the camera does not see the catcher; there will be no shadow");
     }
     Ok(())
 }
@@ -221,7 +229,7 @@ fn codes(image: &Image) -> Result<Vec<u8>> {
     Ok(encode_png_rgb8(image.width, image.height, &codes)?)
 }
 
-fn write(arguments: &Arguments, setting: &Setting, film: &Film, layers: &Layers) -> Result<()> {
+fn write(arguments: &Arguments, output: &OutputFolder, setting: &Setting, film: &Film, layers: &Layers) -> Result<()> {
     let composite = layers.composite();
     let attributes = [
         Attribute::new("sampler", arguments.sampler.to_string()),
@@ -231,13 +239,13 @@ fn write(arguments: &Arguments, setting: &Setting, film: &Film, layers: &Layers)
         Attribute::new("headtail.version", env!("CARGO_PKG_VERSION")),
     ];
     let development = Development::of(setting);
-    let out = |name: &str| arguments.out.join(name);
+    let out = |name: &str| output.file(name);
     let composite_png = development.png(&composite)?;
-    file::replace(&out("composite.png"), &composite_png)?;
-    write_exr(&out("composite.exr"), &composite, &attributes)?;
-    file::replace(&out("layers.exr"), &layers.encode_exr(&attributes)?)?;
+    file::replace(&out("composite.png")?, &composite_png)?;
+    write_exr(&out("composite.exr")?, &composite, &attributes)?;
+    file::replace(&out("layers.exr")?, &layers.encode_exr(&attributes)?)?;
     let mask_png = codes(&layers.shadow)?;
-    file::replace(&out("mask.png"), &mask_png)?;
+    file::replace(&out("mask.png")?, &mask_png)?;
     let pictures = page::Pictures {
         photograph: picture::data_address(&development.png(&layers.photograph)?),
         composite: picture::data_address(&composite_png),
@@ -246,11 +254,14 @@ fn write(arguments: &Arguments, setting: &Setting, film: &Film, layers: &Layers)
         light: picture::data_address(&development.png(&layers.light)?),
     };
     let page = page::page(arguments, setting, film, &pictures);
-    file::replace(&out("composite.html"), page.as_bytes())?;
-    println!(
+    file::replace(&out("composite.html")?, page.as_bytes())?;
+    say!(
         "{} spp in {:.2} s: {} shadow rays of the mask, {} others",
-        film.spp, film.seconds, film.mask_rays, film.other_rays
+        film.spp,
+        film.seconds,
+        film.mask_rays,
+        film.other_rays
     );
-    println!("{} written; the page to open is {}", out("composite.png").display(), out("composite.html").display());
+    say!("{} written; the page to open is {}", out("composite.png")?.display(), out("composite.html")?.display());
     Ok(())
 }

@@ -27,7 +27,7 @@ pub struct Pictures {
 /// The whole page; it needs nothing but itself.
 pub fn page(arguments: &Arguments, setting: &Setting, film: &Film, pictures: &Pictures) -> String {
     let title = format!("{} under {}", setting.stage.object().name(), setting.environment.name());
-    let command = std::env::args().collect::<Vec<_>>().join(" ");
+    let command = crate::terminal::command();
     let (width, height) = (film.width, film.height);
     let entries = entries(pictures);
     let choices = entries.iter().map(|(id, name, note, _)| Choice {

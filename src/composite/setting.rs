@@ -14,6 +14,7 @@ use headtail_render::{
 
 use super::{Arguments, Up};
 use crate::arguments::open_environment;
+use crate::terminal::note;
 
 /// Everything in the coordinates of the map.
 pub struct Setting {
@@ -51,7 +52,7 @@ impl Setting {
             None if photograph.is_radiance => 1.0,
             None => {
                 let gain = automatic_gain(&photograph.image, &environment, &camera);
-                eprintln!("note: the photograph's values times {gain:.4} are taken for the map's (--gain)");
+                note!("the photograph's values times {gain:.4} are taken for the map's (--gain)");
                 gain
             }
         };

@@ -99,6 +99,9 @@ pub struct Arguments {
     /// Leave the training time out of the file, so that the same command writes the same bytes.
     #[arg(long)]
     reproducible: bool,
+    /// Print the figures of the run as a JSON object.
+    #[arg(long)]
+    pub json: bool,
     /// Folder for the result and for metrics.jsonl, which has a line for each validation.
     #[arg(long, value_name = "DIR", required_unless_present_any = ["print_config", "config"])]
     pub out: Option<PathBuf>,

@@ -6,11 +6,12 @@ use std::{sync::atomic::AtomicBool, time::Instant};
 
 use anyhow::{Context, Result};
 use headtail_train::{FitConfig, Fitted, Progress, TrainingLight, Viewpoints, build_target, fit};
-use indicatif::ProgressBar;
 
 pub use arguments::Arguments;
 
+use crate::terminal::{self, out, say, warning};
 use crate::{
+    output::OutputFolder,
     progress,
     run::{self, Surroundings},
 };
@@ -18,17 +19,32 @@ use crate::{
 /// Trains, exports and measures.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
+    if arguments.json {
+        terminal::only_data();
+    }
     let described = arguments.table()?;
     let config = arguments.config(&described)?;
     if arguments.print_config {
         let text = if described.has_env() { described.with_fit(config)?.to_toml()? } else { config.to_toml()? };
-        print!("{text}");
+        out!("{}", text.trim_end());
         return Ok(());
     }
     let described = described.with_fit(config)?;
     let out = arguments.out.clone().or_else(|| described.out.clone());
     let out = out.context("give the folder of the results, by --out or as `out` of the run's table")?;
     let stop = progress::stop_flag()?;
+    let resumes = described.checkpoints.as_ref().is_some_and(|checkpoints| checkpoints.resume);
+    let results: &[&str] = if resumes { &[] } else { &run::RESULTS };
+    let output = OutputFolder::take(&out, results)?;
+    let checkpoints = described.checkpoints.as_ref().map(|checkpoints| &checkpoints.folder);
+    let others = [arguments.pictures.as_ref(), arguments.tensorboard.as_ref(), checkpoints];
+    let others =
+        others.into_iter().flatten().filter(|folder| **folder != out).map(|folder| OutputFolder::share(folder));
+    let _others = others.collect::<Result<Vec<_>>>()?;
+    output.begin(&[])?;
+    for name in run::RESULTS {
+        output.file(name)?;
+    }
     let bar = TrainingBar::new(described.fit.steps);
     let around = Surroundings {
         references: out.join("references"),
@@ -43,7 +59,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     bar.0.finish_and_clear();
     let (summary, before, after) = (&finished.summary, finished.summary.initial, finished.summary.divergence);
     let untrained = if described.fit.naive || described.fit.head.share { "untrained" } else { "tail alone" };
-    println!(
+    say!(
         "KL {:.4} nats ({untrained} {:.4}), relative variance {:.4} ({untrained} {:.3}), {} steps{}",
         after.kl,
         before.kl,
@@ -53,24 +69,27 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         if summary.interrupted { " (interrupted: the learning rate had not come down)" } else { "" },
     );
     if summary.fell_back {
-        eprintln!("warning: training did not lower the variance; the untrained head is kept");
+        warning!("training did not lower the variance; the untrained head is kept");
     }
     for (name, value) in finished.measures.iter().filter(|(name, _)| name.contains(':') || *name == "ns_per_sample") {
-        println!("{name} {value:.4e}");
+        say!("{name} {value:.4e}");
+    }
+    if arguments.json {
+        terminal::print_json(&finished.measures)?;
     }
     let seconds = start.elapsed().as_secs_f64();
     match finished.sampler {
-        None => println!("trained for {seconds:.1} s; nothing was exported"),
+        None => say!("trained for {seconds:.1} s; nothing was exported"),
         Some(spec) => {
-            println!("{} written after {seconds:.1} s", out.join(run::SAMPLER).display());
-            println!("render it with --sampler {spec}");
+            say!("{} written after {seconds:.1} s", out.join(run::SAMPLER).display());
+            say!("render it with --sampler {spec}");
         }
     }
     Ok(())
 }
 
 /// A progress bar of a training.
-struct TrainingBar(ProgressBar);
+struct TrainingBar(progress::Bar);
 
 impl TrainingBar {
     fn new(steps: usize) -> Self {

@@ -20,11 +20,13 @@ use headtail_render::{
 };
 use headtail_train::Material;
 
-use crate::arguments::{Triple, make_folder, open_environment};
+use crate::arguments::{Triple, open_environment};
+use crate::output::OutputFile;
 use crate::report::{
     chart::{Panel, Scale, Sides, densities},
     vector::Chart,
 };
+use crate::terminal::{self, out};
 
 /// Draw target, intermediate and final density of an exported sampler side by side, on a log scale.
 #[derive(Args)]
@@ -60,6 +62,9 @@ pub struct Arguments {
     /// The surface: lambert, or ggx:alpha=A. Default: lambert; a head for glossy surfaces needs to be told.
     #[arg(long, value_name = "MATERIAL")]
     material: Option<Material>,
+    /// Print the figures as a JSON object.
+    #[arg(long, conflicts_with_all = ["tail", "visibility"])]
+    json: bool,
     /// SVG file to write.
     #[arg(long, value_name = "FILE.svg")]
     out: PathBuf,
@@ -85,17 +90,18 @@ struct Figures {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let is_svg = arguments.out.extension().is_some_and(|extension| extension == "svg");
     ensure!(is_svg, "--out {}: the picture is a drawing; name a .svg file", arguments.out.display());
+    let _output = OutputFile::take(&arguments.out, |_| true)?;
     if let (true, Some(map)) = (arguments.tail, &arguments.env) {
         let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
         let (picture, table) = tails::inspect(&*open_environment(map)?, file.as_ref())?;
         write(arguments, &picture)?;
-        println!("{table}{} written", arguments.out.display());
+        out!("{table}{} written", arguments.out.display());
         return Ok(());
     }
     if let (true, Some(map), Some(file)) = (arguments.visibility, &arguments.env, &arguments.file) {
         let (picture, said) = visibility::inspect(&arguments.scene, file, map)?;
         write(arguments, &picture)?;
-        println!("{said}\n{} written", arguments.out.display());
+        out!("{said}\n{} written", arguments.out.display());
         return Ok(());
     }
     // The parser of arguments asks for it.
@@ -122,7 +128,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         facts += &format!(", {:.0} % of samples from the head", 100.0 * share);
     }
     write(arguments, &densities("densities", &[title.clone(), facts.clone()], &panels, panels.len())?)?;
-    println!("{title}\n{facts}\n{} written", arguments.out.display());
+    if arguments.json {
+        terminal::print_json(&serde_json::json!({
+            "title": title,
+            "kl": figures.kl,
+            "relative_variance": figures.relative_variance,
+            "integral": figures.integral,
+            "share": figures.share,
+            "picture": arguments.out.display().to_string(),
+        }))?;
+    } else {
+        out!("{title}\n{facts}\n{} written", arguments.out.display());
+    }
     Ok(())
 }
 
@@ -132,9 +149,6 @@ pub fn tail_picture(environment: &headtail_render::environment::Environment) -> 
 }
 
 fn write(arguments: &Arguments, picture: &Chart) -> Result<()> {
-    if let Some(folder) = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        make_folder(folder)?;
-    }
     let drawing = picture.widest().context("there is nothing to draw")?;
     Ok(file::replace(&arguments.out, drawing.file().as_bytes())?)
 }

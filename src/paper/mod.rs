@@ -27,9 +27,11 @@ use headtail_render::file;
 use maud::{Markup, PreEscaped, html};
 
 use self::{data::Data, effort::Effort, heads::Heads};
+use crate::terminal::{self, note, say};
 use crate::{
     arguments::make_folder,
     compare::machine,
+    output::OutputFolder,
     progress,
     report::{number::duration, shell},
 };
@@ -115,7 +117,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
     let start = Instant::now();
-    make_folder(&arguments.out)?;
+    let _output = OutputFolder::share(&arguments.out)?;
     let folder = arguments.out.join("sections");
     make_folder(&folder)?;
     let data = Data::open(arguments.data.as_deref(), arguments.quick)?;
@@ -142,7 +144,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         workshop.check()?;
     }
     bar.finish_and_clear();
-    println!(
+    say!(
         "{} of {} sections in {}; the page to open is {}",
         page.made.len(),
         SECTIONS.len(),
@@ -182,7 +184,7 @@ impl Page {
         let seconds = duration(start.elapsed().as_secs_f64());
         let html = format!("{html}<p class=\"note\">Made in {seconds}.</p>\n");
         file::replace(&self.path(section.name), (self.stamp() + &html).as_bytes())?;
-        eprintln!("{}: {seconds}", section.name);
+        note!("{}: {seconds}", section.name);
         Ok(html)
     }
 
@@ -199,7 +201,7 @@ impl Page {
             title: "The paper, figure by figure".into(),
             heading: html! { "The paper, figure by figure" },
             facts: vec![workshop.data.words(), machine(), format!("headtail {version}")],
-            command: &std::env::args().collect::<Vec<_>>().join(" "),
+            command: &terminal::command(),
             version,
             style: figure::STYLE,
             script: "",

@@ -99,7 +99,7 @@ impl State {
 }
 
 /// One run of a sampler at a budget, or the mean of its runs.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Row {
     /// The name of the scene.
     pub scene: String,
@@ -239,7 +239,7 @@ pub fn write_overview(page: &Path, folders: &[std::path::PathBuf]) -> Result<()>
     let mut scenes = Vec::new();
     for folder in folders {
         let path = folder.join("results.csv");
-        let bytes = std::fs::read(&path).with_context(|| format!("{}", path.display()))?;
+        let bytes = file::read(&path, 1 << 30).with_context(|| format!("{}", path.display()))?;
         scenes.push(csv::decode(&bytes).with_context(|| format!("{}", path.display()))?);
     }
     file::replace(page, overview::page(&scenes)?.as_bytes())?;

@@ -5,5 +5,5 @@ mod perform;
 mod table;
 
 pub use measure::Measures;
-pub use perform::{Finished, METRICS, SAMPLER, Surroundings, perform};
+pub use perform::{Finished, METRICS, RESULTS, SAMPLER, Surroundings, perform};
 pub use table::{Checkpoints, Picture, RunConfig, RunTable, one_line};

@@ -16,6 +16,7 @@ use super::{
     measure::{self, Measures},
     table::{Picture, RunConfig},
 };
+use crate::terminal::{note, say, warning};
 use crate::{
     arguments::{make_folder, open_environment},
     progress,
@@ -33,6 +34,9 @@ pub const SAMPLER: &str = "sampler.safetensors";
 const MEASURES: &str = "measures.json";
 /// A line for each validation.
 pub const METRICS: &str = "metrics.jsonl";
+
+/// The files of a run.
+pub const RESULTS: [&str; 4] = [SAMPLER, MEASURES, METRICS, RESOLVED];
 
 /// Conditions of pictures of densities.
 const PICTURES: u64 = 4;
@@ -95,7 +99,7 @@ pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finish
         bail!(progress::Interrupted::new(format!("while the flow tail was fitted; nothing was written{but}")));
     }
     if config.compact_emitters && light.luminance == environment.luminance() {
-        eprintln!("note: {} has no compact emitters; the head serves all of its light", run.env);
+        note!("{} has no compact emitters; the head serves all of its light", run.env);
     }
     let target = build_target(config, &light.tail, viewpoints);
     let pause = AtomicBool::new(false);
@@ -110,7 +114,7 @@ pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finish
         }
         Ok(())
     };
-    let warn = &mut |error: &headtail_train::Error| eprintln!("warning: {error}; the checkpoint before it is used");
+    let warn = &mut |error: &headtail_train::Error| warning!("{error}; the checkpoint before it is used");
     let around = Run { progress: &mut show, interrupt: &pause, checkpoints: checkpoints.as_ref(), warn };
     let fitted = fit_with(config, &*target, around)?;
     if let Some(folder) = pictures {
@@ -196,12 +200,12 @@ fn fit_light(
         progress: &mut show,
         interrupt: stop,
         checkpoints: checkpoints.as_ref(),
-        warn: &mut |error| eprintln!("warning: {error}; the checkpoint before it is used"),
+        warn: &mut |error| warning!("{error}; the checkpoint before it is used"),
     };
     let (light, summary) = TrainingLight::fit(&run.fit, environment, around)?;
     bar.finish_and_clear();
     if let Some(FlowSummary { steps, kl, table_kl, initial_kl, repair, seconds, .. }) = summary {
-        println!(
+        say!(
             "flow tail: KL(light || flow) {kl:.4} nats (uniform {initial_kl:.3}), its table {table_kl:.4}, {steps} steps, {seconds:.1} s; \
              {} cells repaired",
             repair.cells

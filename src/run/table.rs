@@ -286,7 +286,7 @@ impl RunTable {
     /// If it cannot be read, or as [`Self::new`].
     pub fn open(path: &std::path::Path) -> Result<Self> {
         let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
+        let text = headtail_render::file::read_text(path).with_context(|| name.clone())?;
         Self::new(&name, text.parse().map_err(|error| anyhow!("{name}: {}", one_line(&error)))?)
     }
 

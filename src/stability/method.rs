@@ -16,6 +16,7 @@ use headtail_render::{
     },
     statistics::{Bench, Effort, Figures},
     tail::TailKind,
+    tile::ShadingPoint,
 };
 use headtail_train::{FitConfig, Run, TrainingLight, Viewpoints, build_target, fit, native_head};
 
@@ -78,19 +79,28 @@ pub struct Laboratory<'a> {
     config: FitConfig,
     rows: Vec<Row>,
     pictures: Pictures,
+    /// The point that they are of.
+    pictured: ShadingPoint,
+    stop: &'a AtomicBool,
     /// Of the whole map, and without its compact emitters.
     lights: [OnceCell<TrainingLight>; 2],
 }
 
 impl<'a> Laboratory<'a> {
-    /// Measures every method in a regime.
-    pub fn run(regime: &'a Regime, config: FitConfig, effort: Effort) -> Result<(Vec<Row>, Pictures)> {
+    /// Measures every method in a regime. What comes after the stop flag is set is worthless.
+    pub fn run(
+        regime: &'a Regime,
+        config: FitConfig,
+        effort: Effort,
+        stop: &'a AtomicBool,
+    ) -> Result<(Vec<Row>, Pictures)> {
         let light = EnvironmentLight::new(regime.environment.clone(), TailKind::Hierarchical)?;
         let bench = Bench::new(&regime.name, &light, effort, |index| regime.shading_point(index));
         let brightest = bench.brightest().filter(|_| bench.lit() > 1);
         let brightest = brightest.with_context(|| format!("{}: no shading point sees light", regime.name))?;
-        let pictures = Pictures::new(brightest, &regime.environment);
-        let mut laboratory = Self { regime, bench, config, rows: Vec::new(), pictures, lights: Default::default() };
+        let pictures = Pictures::new(&brightest, &regime.environment);
+        let (rows, pictured) = (Vec::new(), brightest);
+        let mut laboratory = Self { regime, bench, config, rows, pictures, pictured, stop, lights: Default::default() };
         laboratory.add(MIS, &OneSampleMis::new(EmitterSampler::new(light.clone()), BrdfSampler), 0, "");
         laboratory.add(PATCHES, &OneSampleMis::new(PatchSampler::new(light, Detail::Leaves)?, BrdfSampler), 0, "");
         laboratory.heads();
@@ -148,7 +158,7 @@ impl<'a> Laboratory<'a> {
 
     fn add(&mut self, method: &'static str, sampler: &dyn Sampler, skipped: usize, note: &str) {
         let figures = self.bench.measure(sampler);
-        self.pictures.add(method, sampler);
+        self.pictures.add(method, sampler, &self.pictured);
         let regime = self.regime.name.clone();
         self.rows.push(Row { regime, method, outcome: Ok(figures), skipped, note: note.to_owned() });
     }
@@ -164,8 +174,7 @@ impl<'a> Laboratory<'a> {
         if let Some(light) = kept.get() {
             return Ok(light.clone());
         }
-        let run =
-            Run { progress: &mut |_| Ok(()), interrupt: &AtomicBool::new(false), checkpoints: None, warn: &mut |_| {} };
+        let run = Run { progress: &mut |_| Ok(()), interrupt: self.stop, checkpoints: None, warn: &mut |_| {} };
         let (light, _) = TrainingLight::fit(config, &self.regime.environment, run)?;
         Ok(kept.get_or_init(|| light).clone())
     }
@@ -174,7 +183,7 @@ impl<'a> Laboratory<'a> {
         let environment: &Arc<Environment> = &self.regime.environment;
         let source = self.light(config)?;
         let target = build_target(config, &source.tail, Viewpoints::Sphere);
-        let fitted = fit(config, &*target, &mut |_| {}, &AtomicBool::new(false))?;
+        let fitted = fit(config, &*target, &mut |_| {}, self.stop)?;
         let mut head = native_head(&fitted.head)?;
         if self.regime.change == Change::HalfWeights {
             head = with_half_weights(&head)?;

@@ -1,5 +1,6 @@
 //! `headtail stability`: samplers in the regimes in which importance sampling is known to fail.
 
+mod kept;
 mod method;
 mod page;
 mod picture;
@@ -13,8 +14,12 @@ use clap::Args;
 use headtail_render::{file, statistics::Effort};
 use headtail_train::{Backend, GradientForm};
 
-use crate::{arguments::make_folder, backends::parse, compare::machine, progress};
-use method::{DEFAULT, Laboratory};
+use crate::terminal::{self, out};
+use crate::{backends::parse, compare::machine, output::OutputFolder, progress};
+use kept::Kept;
+use method::{DEFAULT, Laboratory, Row};
+use picture::Pictures;
+use regime::Regime;
 
 /// Train and measure every sampler in the regimes in which importance sampling is known to fail, and write DIR/stability.csv,
 /// DIR/stability.html and DIR/regimes.svg.
@@ -23,7 +28,7 @@ use method::{DEFAULT, Laboratory};
   headtail stability --out out/stability --quick
   headtail stability --maps maps --out out/stability
 
---quick takes about two minutes on two cores, the whole suite about ten. Regimes of real maps need spiaggia_di_mondello_1k.hdr \
+Whatever ends the program, the same command goes on with the regimes that are missing. --quick takes about two minutes on two cores, the whole suite about ten. Regimes of real maps need spiaggia_di_mondello_1k.hdr \
 and noon_grass_1k.hdr (from polyhaven.com) in the folder of --maps; all others are made by code.")]
 pub struct Arguments {
     /// Folder for the results.
@@ -48,8 +53,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(folder) = &arguments.maps {
         ensure!(folder.is_dir(), "--maps: {}: there is no such folder", folder.display());
     }
-    make_folder(&arguments.out)?;
     let stop = progress::stop_flag()?;
+    let output = OutputFolder::take(&arguments.out, &["stability.csv"])?;
     let effort = if arguments.quick {
         Effort { conditions: 10, strata: (72, 40), draws: 2_000 }
     } else {
@@ -60,36 +65,49 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     regimes.retain(|regime| wanted(&regime.name));
     missing.retain(|(name, _)| wanted(name));
     ensure!(!regimes.is_empty(), "--only: no regime that can be run has such a name");
-    let bar = progress::bar(regimes.len() as u64, "regimes");
+    output.begin(&[])?;
+    let kept = Kept::open(arguments.out.join("regimes"))?;
+    let (command, machine) = (terminal::command(), machine());
+    let (csv, html) = (output.file("stability.csv")?, output.file("stability.html")?);
+    let write = |regimes: &[(Regime, Pictures)], rows: &[Row]| -> Result<()> {
+        let page = page::Page { regimes, rows, missing: &missing, command: &command, machine: &machine };
+        file::replace(&csv, &table::encode(rows, &missing, &machine, &command)?)?;
+        file::replace(&html, page.encode()?.as_bytes())?;
+        page.chart().write(&arguments.out)
+    };
+    let (count, bar) = (regimes.len(), progress::bar(regimes.len() as u64, "regimes"));
     let (mut rows, mut pictured) = (Vec::new(), Vec::new());
     for regime in regimes {
-        if stop.load(Ordering::Relaxed) {
-            bail!(progress::Interrupted::new("nothing was written"));
-        }
-        bar.set_message(regime.name.clone());
+        bar.set_message(&regime.name);
         let mut config = regime.config(arguments.quick);
         if let Some(backend) = arguments.backend {
             (config.backend, config.gradient) = (backend, GradientForm::Injected);
         }
-        let (own, pictures) = Laboratory::run(&regime, config, effort)?;
+        let (own, pictures) = match kept.read(&regime, &config, effort) {
+            Some(known) => known,
+            None => {
+                let (own, pictures) = Laboratory::run(&regime, config.clone(), effort, &stop)?;
+                if stop.load(Ordering::Relaxed) {
+                    let done = format!("{} of {count} regimes are done; the same command goes on", pictured.len());
+                    bail!(progress::Interrupted::new(done));
+                }
+                let pictures = kept.write(&regime, &config, effort, &own, pictures)?;
+                (own, pictures)
+            }
+        };
         rows.extend(own);
         pictured.push((regime, pictures));
+        write(&pictured, &rows)?;
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let (command, machine) = (std::env::args().collect::<Vec<_>>().join(" "), machine());
-    let page = page::Page { regimes: &pictured, rows: &rows, missing: &missing, command: &command, machine: &machine };
-    let (csv, html) = (arguments.out.join("stability.csv"), arguments.out.join("stability.html"));
-    file::replace(&csv, &table::encode(&rows, &missing, &machine, &command)?)?;
-    file::replace(&html, page.encode()?.as_bytes())?;
-    page.chart().write(&arguments.out)?;
     let worse = rows.iter().filter(|row| row.method == DEFAULT && !page::is_no_worse(&rows, row));
     for row in worse {
-        println!("{}: {DEFAULT} is worse than one-sample MIS, or stopped", row.regime);
+        out!("{}: {DEFAULT} is worse than one-sample MIS, or stopped", row.regime);
     }
     for (regime, file) in &missing {
-        println!("{regime}: not run; give --maps DIR with {file}");
+        out!("{regime}: not run; give --maps DIR with {file}");
     }
-    println!("{} and {} written", csv.display(), html.display());
+    out!("{} and {} written", csv.display(), html.display());
     Ok(())
 }

@@ -12,6 +12,7 @@ use headtail_render::{
     sampler::{AtPoint, Sampler},
     tile::ShadingPoint,
 };
+use serde::{Deserialize, Serialize};
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 80;
@@ -19,15 +20,15 @@ const HEIGHT: usize = 80;
 const DECADES: f64 = 6.0;
 
 /// Densities over solid angle at one shading point, as lat-long pictures.
+#[derive(Serialize, Deserialize)]
 pub struct Pictures {
-    at: ShadingPoint,
-    /// The target first.
-    densities: Vec<(&'static str, Vec<f32>)>,
+    /// Names and densities, the target first.
+    densities: Vec<(String, Vec<f32>)>,
 }
 
 impl Pictures {
     /// Of the target.
-    pub fn new(at: ShadingPoint, environment: &Arc<Environment>) -> Self {
+    pub fn new(at: &ShadingPoint, environment: &Arc<Environment>) -> Self {
         let directions = each_pixel();
         let reflected = at.one().brdf_cosines(&directions).into_iter().zip(directions);
         let target: Vec<f64> = reflected.map(|(f, wi)| f64::from(luminance(f * environment.radiance(wi)))).collect();
@@ -36,21 +37,24 @@ impl Pictures {
         let pixel = 2.0 * std::f64::consts::PI.powi(2) / (WIDTH * HEIGHT) as f64;
         let total: f64 = target.iter().enumerate().map(|(k, f)| f * solid_angle(k) * pixel).sum();
         let target = target.into_iter().map(|f| (f / total.max(f64::MIN_POSITIVE)) as f32).collect();
-        Self { at, densities: vec![("target", target)] }
+        Self { densities: vec![("target".to_owned(), target)] }
     }
 
-    /// Adds a sampler's density.
-    pub fn add(&mut self, method: &'static str, sampler: &dyn Sampler) {
-        let pdfs = AtPoint::new(sampler, &self.at).pdf_many(&each_pixel());
-        self.densities.push((method, pdfs));
+    /// Adds a sampler's density at the same point.
+    pub fn add(&mut self, method: &str, sampler: &dyn Sampler, at: &ShadingPoint) {
+        self.densities.push((method.to_owned(), AtPoint::new(sampler, at).pdf_many(&each_pixel())));
     }
 
     /// Names and `data:` addresses, all on the target's scale.
-    pub fn encode(&self) -> Result<Vec<(&'static str, String)>> {
-        let top = self.densities[0].1.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
+    pub fn encode(&self) -> Result<Vec<(&str, String)>> {
+        let target = self.densities.first().map_or(&[][..], |(_, target)| target);
+        let top = target.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
         let scale = Scale { top: f64::from(top), decades: DECADES };
-        let picture = |(name, values): &(&'static str, Vec<f32>)| Ok((*name, data_address(&scale.png(values, WIDTH)?)));
-        self.densities.iter().map(picture).collect()
+        let mut encoded = Vec::new();
+        for (name, values) in &self.densities {
+            encoded.push((&**name, data_address(&scale.png(values, WIDTH)?)));
+        }
+        Ok(encoded)
     }
 }
 

@@ -6,6 +6,7 @@ use anyhow::Result;
 use clap::{Args, Subcommand};
 
 use super::{Sweep, collect, folder::SweepFolder, local, report, retry, slurm, status, worker};
+use crate::terminal::{out, say};
 use crate::{arguments::make_folder, progress};
 
 /// Run a space of settings: every trial once, resumed where it was stopped.
@@ -131,27 +132,25 @@ fn written(output: &Output, name: &str, make: impl Fn(&Sweep) -> Result<String>)
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     folder.map_or(Ok(()), make_folder)?;
     headtail_render::file::replace(&file, make(&sweep)?.as_bytes())?;
-    println!("{} written", file.display());
+    say!("{} written", file.display());
     Ok(())
 }
 
 fn print_plan(arguments: &Plan) -> Result<()> {
-    use std::io::Write;
     let sweep = arguments.place.open()?;
     let shown = if arguments.all { usize::MAX } else { 20 };
-    let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     let (trials, configurations) = (&sweep.plan.trials, sweep.plan.configurations.len());
-    writeln!(out, "{} trials of {configurations} configurations", trials.len())?;
+    out!("{} trials of {configurations} configurations", trials.len());
     if sweep.wants_suggestions() {
-        writeln!(out, "adaptive search makes {} configurations as it goes", sweep.space.search.n)?;
+        out!("adaptive search makes {} configurations as it goes", sweep.space.search.n);
     }
     for trial in trials.iter().take(shown) {
-        writeln!(out, "{}  {}", trial.id, super::plan::text(&trial.assignment))?;
+        out!("{}  {}", trial.id, super::plan::text(&trial.assignment));
     }
     if trials.len() > shown {
-        writeln!(out, "... and {} more (--all)", trials.len() - shown)?;
+        out!("... and {} more (--all)", trials.len() - shown);
     }
-    Ok(out.flush()?)
+    Ok(())
 }
 
 fn work(arguments: &Work) -> Result<()> {

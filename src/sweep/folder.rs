@@ -1,11 +1,13 @@
 //! The folder of a sweep: its journals, and a folder for each trial with a lock.
 
 use std::{
-    fs::{self, File, OpenOptions, TryLockError},
+    fs::{self, File, TryLockError},
     path::{Path, PathBuf},
 };
 
 use anyhow::{Context, Result};
+
+use crate::output;
 
 /// The folder of a sweep.
 #[derive(Clone, Debug)]
@@ -49,7 +51,7 @@ impl SweepFolder {
     /// The right to work on a trial, if nobody has it. The system takes it back from a process that is killed.
     ///
     /// # Errors
-    /// If the trial's folder cannot be made, or its file system has no locks.
+    /// If the trial's folder cannot be made.
     pub fn lock(&self, id: &str) -> Result<Option<Lock>> {
         try_lock(&self.trial(id).join("lock"))
     }
@@ -70,16 +72,9 @@ impl SweepFolder {
 }
 
 fn try_lock(path: &Path) -> Result<Option<Lock>> {
-    let open = || {
-        fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-        OpenOptions::new().create(true).truncate(false).write(true).open(path)
-    };
-    let file = open().with_context(|| path.display().to_string())?;
-    match file.try_lock() {
-        Ok(()) => Ok(Some(Lock(file))),
-        Err(TryLockError::WouldBlock) => Ok(None),
-        Err(TryLockError::Error(error)) => Err(error).with_context(|| path.display().to_string()),
-    }
+    let made = fs::create_dir_all(path.parent().unwrap_or(Path::new(".")));
+    let file = made.and_then(|()| output::lock_file(path)).with_context(|| path.display().to_string())?;
+    Ok(file.map(Lock))
 }
 
 #[cfg(test)]

@@ -23,6 +23,7 @@ use super::{
     jobs,
     worker::Tick,
 };
+use crate::terminal::{note, say};
 use crate::{arguments::make_folder, progress};
 
 /// Work off what is missing, in several processes.
@@ -171,7 +172,7 @@ impl<'a> Crew<'a> {
             "a worker ended with {status}; its messages are in {}",
             self.sweep.folder.logs().display()
         );
-        self.all.suspend(|| eprintln!("note: a worker was ended by {status}; another takes its place"));
+        self.all.suspend(|| note!("a worker was ended by {status}; another takes its place"));
         self.start()
     }
 
@@ -222,7 +223,7 @@ impl<'a> Crew<'a> {
         );
         let open = jobs::jobs(&self.sweep.space, plan, ledger).len();
         ensure!(open == 0, "{open} trials are left to another sweep that works in this folder");
-        println!("{done} of {all} trials are done in {}", self.sweep.folder.path().display());
+        say!("{done} of {all} trials are done in {}", self.sweep.folder.path().display());
         Ok(())
     }
 }

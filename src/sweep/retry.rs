@@ -7,6 +7,8 @@ use super::{
     journal::{Event, Journal},
 };
 
+use crate::terminal::say;
+
 /// Writes down that every failed trial may be tried again.
 pub fn run(sweep: &Sweep) -> Result<()> {
     let has_failed = |id: &str| sweep.ledger.record(id).is_some_and(|record| record.failure().is_some());
@@ -16,6 +18,6 @@ pub fn run(sweep: &Sweep) -> Result<()> {
         let mut journal = Journal::create(&sweep.folder.journals())?;
         failed.iter().try_for_each(|id| journal.add(Event::Retry { trial: (*id).to_owned() }))?;
     }
-    println!("{} trials will be tried again by the next run", failed.len());
+    say!("{} trials will be tried again by the next run", failed.len());
     Ok(())
 }

@@ -21,6 +21,7 @@ use super::{
     jobs,
     worker::{self, Manner},
 };
+use crate::terminal::{note, out};
 use crate::{arguments::make_folder, progress};
 
 /// Send one array job to Slurm, print its number and return.
@@ -67,7 +68,7 @@ pub fn submit(arguments: &Arguments) -> Result<()> {
     let script = sweep.folder.path().join(SCRIPT);
     headtail_render::file::replace(&script, text(arguments, &sweep, tasks)?.as_bytes())?;
     if arguments.dry_run {
-        println!("{} written", script.display());
+        out!("{} written", script.display());
         return Ok(());
     }
     let output = Command::new("sbatch").arg("--parsable").arg(&script).output();
@@ -78,7 +79,7 @@ pub fn submit(arguments: &Arguments) -> Result<()> {
     let job = answer.trim().split(';').next().unwrap_or_default().to_owned();
     let mut list = OpenOptions::new().create(true).append(true).open(sweep.folder.path().join(SENT))?;
     list.write_all((serde_json::to_string(&Sent { job: job.clone(), tasks })? + "\n").as_bytes())?;
-    println!("{job}");
+    out!("{job}");
     Ok(())
 }
 
@@ -103,8 +104,8 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
         "--signal=B:USR1@120".into(),
         format!("--output={}", absolute(&log)?),
     ];
-    let file =
-        fs::read_to_string(&arguments.place.space).with_context(|| arguments.place.space.display().to_string())?;
+    let file = headtail_render::file::read_text(&arguments.place.space)
+        .with_context(|| arguments.place.space.display().to_string())?;
     let lines = file.lines().filter_map(|line| line.strip_prefix("#SBATCH ")).map(|line| line.trim().to_owned());
     // Of an option that is given twice, the last one counts.
     for option in own.into_iter().chain(lines).chain(arguments.sbatch.iter().cloned()) {
@@ -139,11 +140,11 @@ pub fn task(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result
         // A job that is being cancelled cannot be queued again, and should not.
         let output = Command::new("scontrol").args(["requeue", &job]).output();
         match output {
-            Ok(output) if output.status.success() => eprintln!("note: job {job} is queued again"),
+            Ok(output) if output.status.success() => note!("job {job} is queued again"),
             Ok(Output { stderr, .. }) => {
-                eprintln!("note: job {job} is not queued again: {}", String::from_utf8_lossy(&stderr).trim());
+                note!("job {job} is not queued again: {}", String::from_utf8_lossy(&stderr).trim());
             }
-            Err(error) => eprintln!("note: job {job} is not queued again: scontrol: {error}"),
+            Err(error) => note!("job {job} is not queued again: scontrol: {error}"),
         }
     }
     ended?;
@@ -174,10 +175,10 @@ pub fn print_status(sweep: &Sweep) -> Result<()> {
         &["--noheader", "--allocations", "--parsable2", "--jobs", &jobs, "--format", "JobID,State,ExitCode"],
     );
     match (&queue, &accounts) {
-        (None, None) => println!("Slurm: jobs {jobs} were sent; neither squeue nor sacct says anything of them here"),
+        (None, None) => out!("Slurm: jobs {jobs} were sent; neither squeue nor sacct says anything of them here"),
         _ => {
-            queue.iter().flat_map(|text| text.lines()).for_each(|line| println!("squeue: {line}"));
-            accounts.iter().flat_map(|text| text.lines()).for_each(|line| println!("sacct: {line}"));
+            queue.iter().flat_map(|text| text.lines()).for_each(|line| out!("squeue: {line}"));
+            accounts.iter().flat_map(|text| text.lines()).for_each(|line| out!("sacct: {line}"));
         }
     }
     Ok(())

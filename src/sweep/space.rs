@@ -184,7 +184,7 @@ impl Space {
     /// # Errors
     /// One sentence that names the file and the key.
     pub fn open(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+        let text = headtail_render::file::read_text(path).with_context(|| path.display().to_string())?;
         Self::parse(&text).with_context(|| path.display().to_string())
     }
 

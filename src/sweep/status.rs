@@ -6,6 +6,7 @@ use anyhow::Result;
 
 use super::{Sweep, journal::Record, slurm};
 use crate::report::number::duration;
+use crate::terminal::out;
 
 /// Where a trial is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -70,11 +71,11 @@ pub fn run(sweep: &Sweep) -> Result<()> {
     let words: Vec<String> = counts.iter().map(|(state, count)| format!("{count} {state}")).collect();
     let seconds: f64 =
         sweep.plan.trials.iter().filter_map(|trial| sweep.ledger.record(&trial.id)).map(|record| record.seconds).sum();
-    println!("{} trials: {}; {} of work", sweep.plan.trials.len(), words.join(", "), duration(seconds));
+    out!("{} trials: {}; {} of work", sweep.plan.trials.len(), words.join(", "), duration(seconds));
     const SHOWN: usize = 20;
-    failures.iter().take(SHOWN).for_each(|line| println!("failed: {line}"));
+    failures.iter().take(SHOWN).for_each(|line| out!("failed: {line}"));
     if failures.len() > SHOWN {
-        println!("... and {} more that failed", failures.len() - SHOWN);
+        out!("... and {} more that failed", failures.len() - SHOWN);
     }
     slurm::print_status(sweep)
 }

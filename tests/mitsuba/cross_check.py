@@ -139,7 +139,7 @@ class Headtail:
         self.command = [
             options.headtail.resolve(), "render", "--scene", folder / "scene.glb", "--env", map_file, "--material", options.wrong_material or options.material,
             f"--look-from={triple(origin)}", f"--look-at={triple(target)}", "--fov", fov,
-            "--width", options.width, "--height", height, "--out", self.out,
+            "--width", options.width, "--height", height, "--out", self.out, "--force",
         ]  # fmt: skip
         self.command = [str(part) for part in self.command]
         self.sampler = options.sampler

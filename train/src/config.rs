@@ -113,6 +113,22 @@ impl FitConfig {
         Objective { loss: self.loss, entropic: self.entropic }
     }
 
+    /// Checks that a step's batch and the validation set fit into memory.
+    ///
+    /// # Errors
+    /// With the keys that they come from, what they take and what there is.
+    pub fn check_memory(&self) -> Result<()> {
+        for (shape, keys) in [
+            (self.batch_shape(), "conditions, strata and brdf_samples"),
+            (self.validation_shape(), "validation_conditions and validation_strata"),
+        ] {
+            let points = shape.conditions as u64 * shape.samples() as u64;
+            let what = || format!("{keys}: {} conditions of {} points", shape.conditions, shape.samples());
+            headtail_render::memory::require(BYTES_PER_POINT * points, what)?;
+        }
+        Ok(())
+    }
+
     /// Checks every field.
     ///
     /// # Errors
@@ -149,6 +165,9 @@ impl FitConfig {
         within("clip_norm", self.clip_norm, f64::MIN_POSITIVE..=f64::MAX, "positive and finite")
     }
 }
+
+/// What a point of a batch takes at least: its place in two squares, target, densities and gradient, in f32.
+const BYTES_PER_POINT: u64 = 48;
 
 /// The name of one of several values, as files have it.
 pub(crate) fn name_of<T: Serialize>(value: T) -> String {

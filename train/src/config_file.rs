@@ -28,7 +28,7 @@ impl ConfigBuilder {
     /// [`Error::ConfigFile`] names the file, and the key that is unknown or has a wrong value.
     pub fn file(&mut self, path: &Path) -> Result<()> {
         let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|error| refuse(&name, &error.to_string()))?;
+        let text = headtail_render::file::read_text(path).map_err(|error| refuse(&name, &error.to_string()))?;
         self.overlay(&name, &text)
     }
 

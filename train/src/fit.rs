@@ -109,6 +109,7 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
     let Run { progress, interrupt, checkpoints, warn } = run;
     config.validate()?;
     check_target(config, target)?;
+    config.check_memory()?;
     let device = config.backend.device()?;
     let blank = Head::new(config.head, config.seed, &device)?;
     let mut state = TrainingState::new(config, blank.flat_weights());

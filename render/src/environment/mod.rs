@@ -20,7 +20,7 @@ use crate::{
     error::{Error, Result},
     image::{Image, read_radiance},
     large::Large,
-    latlong,
+    latlong, memory,
     simd::{LANES, Lanes},
 };
 
@@ -94,9 +94,15 @@ impl Environment {
         if width.checked_mul(height.max(2)).is_none_or(|texels| i32::try_from(texels).is_err()) {
             return Err(Error::argument("environment map", "has 2^31 texels or more"));
         }
+        memory::require(pixels.len() as u64 * BYTES_PER_TEXEL, || format!("a map of {width} x {height} pixels"))?;
         let repairs = repair(&mut pixels);
         if pixels.iter().flatten().all(|&value| value == 0.0) {
-            return Err(Error::argument("environment map", "is black everywhere: there is no light to sample"));
+            let found = if repairs.is_empty() {
+                "is black everywhere".to_owned()
+            } else {
+                format!("has no usable value ({})", repairs.join("; "))
+            };
+            return Err(Error::argument("environment map", format!("{found}: there is no light to sample")));
         }
         if height == 1 {
             pixels.extend_from_within(..);
@@ -239,6 +245,9 @@ impl Texels {
         Vec3A::from_vec4((top + (bottom - top) * stencil.down).max(Vec4::ZERO))
     }
 }
+
+/// What a map takes while it is opened, besides its image: texels, running sums, and the tables of a hierarchical tail.
+const BYTES_PER_TEXEL: u64 = 72;
 
 /// Replaces values without meaning; one sentence for each kind found.
 fn repair(pixels: &mut [[f32; 3]]) -> Vec<String> {

@@ -6,6 +6,7 @@
 //! `[polar, azimuth, rows, columns]`. The metadata has one entry, `headtail`, which holds a JSON object, [`Description`]. A reader
 //! refuses fields and tensors that it does not know.
 
+mod check;
 mod flat;
 mod read;
 mod write;

@@ -1,6 +1,6 @@
 //! Reading an exported sampler; nothing in the file is trusted.
 
-use std::{fs, path::Path, sync::Arc};
+use std::{path::Path, sync::Arc};
 
 use glam::Vec2;
 use safetensors::{SafeTensors, tensor::Dtype};
@@ -9,6 +9,7 @@ use super::{Description, ExportedSampler, FORMAT_VERSION, Intermediate, Intermed
 use crate::{
     bake::{BakedTable, CellGrid, NormalGrid},
     error::{Error, Result},
+    file,
     head::{Head, Linear},
     tail::{Tail, TailKind, WarpMap},
 };
@@ -25,11 +26,7 @@ impl ExportedSampler {
     /// One sentence that names the file and the field: the file is not of this format, is damaged, or holds a field, a tensor
     /// or a version that this reader does not know.
     pub fn read(path: &Path) -> Result<Self> {
-        let size = fs::metadata(path).map_err(|error| Error::io(path, error))?.len();
-        if size > LARGEST_FILE {
-            return Err(Error::invalid(path, "size", format!("{size} bytes; at most {LARGEST_FILE} are read")));
-        }
-        let bytes = fs::read(path).map_err(|error| Error::io(path, error))?;
+        let bytes = file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))?;
         let reason = |error: safetensors::SafeTensorError| {
             Error::invalid(path, "header", format!("this is no sampler written by headtail ({error})"))
         };
@@ -39,7 +36,9 @@ impl ExportedSampler {
             Error::invalid(path, "metadata 'headtail'", "is missing: this is no sampler written by headtail")
         })?;
         let description = describe(path, text)?;
-        Tensors { path, tensors, used: Vec::new() }.assemble(description)
+        let sampler = Tensors { path, tensors, used: Vec::new() }.assemble(description)?;
+        sampler.intermediate.check().map_err(|reason| Error::invalid(path, "weights", reason))?;
+        Ok(sampler)
     }
 }
 

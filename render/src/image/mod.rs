@@ -1,5 +1,6 @@
 //! Linear RGB images: reading radiance maps, writing results.
 
+mod attributes;
 mod compressed;
 mod dwa;
 mod layered;
@@ -11,14 +12,14 @@ mod size;
 mod without_panic;
 mod write;
 
+pub use attributes::{text_attribute, text_attributes};
 pub(crate) use compressed::decode_compressed;
 pub use layered::{Channel, encode_layered_exr};
 pub use photograph::{Photograph, srgb_code};
-pub(crate) use read::open_regular;
 pub use read::read_radiance;
 pub use size::MAX_PIXELS;
 pub(crate) use without_panic::without_panic;
-pub use write::{Attribute, AttributeValue, encode_exr, encode_png, encode_png_rgb8, write_exr, write_png};
+pub use write::{Attribute, AttributeValue, encode_exr, encode_png, encode_png_rgb8, latin_1, write_exr, write_png};
 
 use glam::Vec3A;
 

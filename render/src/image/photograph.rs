@@ -5,10 +5,11 @@ use std::{io::Read, path::Path};
 use glam::{Vec2, Vec3A};
 use image::{DynamicImage, ImageDecoder};
 
-use super::{Image, MAX_PIXELS, compressed::decode_compressed, read::open_regular, read_radiance};
+use super::{Image, MAX_PIXELS, compressed::decode_compressed, read_radiance};
 use crate::{
     color::{srgb_decode, srgb_encode},
     error::{Error, Result},
+    file::open_regular,
 };
 
 /// The largest PNG or JPEG file that is read, in bytes.

@@ -1,11 +1,11 @@
 //! Reading radiance maps, whatever the file is called: the first bytes tell the format.
 
-use std::fs::{File, Metadata};
 use std::io::{Read, Seek};
 use std::path::Path;
 
 use super::{Image, openexr, radiance, without_panic};
 use crate::error::{Error, Result};
+use crate::file::open_regular;
 
 /// Reads a Radiance (.hdr) or OpenEXR (.exr) file as linear RGB.
 ///
@@ -32,26 +32,6 @@ pub fn read_radiance(path: &Path) -> Result<Image> {
     } else {
         Err(Error::invalid(path, "first bytes", "neither a Radiance (.hdr) nor an OpenEXR (.exr) file"))
     }
-}
-
-/// Opens a file to read, and tells its size in bytes.
-///
-/// # Errors
-/// The file cannot be opened, or `path` is no regular file: a pipe would be waited for, and a device may have no end.
-pub(crate) fn open_regular(path: &Path) -> std::io::Result<(File, u64)> {
-    let check = |metadata: Metadata| {
-        let kind = metadata.file_type();
-        match (kind.is_file(), kind.is_dir()) {
-            (true, _) => Ok(metadata.len()),
-            (_, true) => Err(std::io::Error::other("it is a folder, not a file")),
-            _ => Err(std::io::Error::other("it is a pipe or a device, not a regular file")),
-        }
-    };
-    // Before it is opened, since opening a pipe waits for its other end; and after, since names can change what they stand for.
-    check(std::fs::metadata(path)?)?;
-    let file = File::open(path)?;
-    let size = check(file.metadata()?)?;
-    Ok((file, size))
 }
 
 /// Turns a panic of a decoder into an error.

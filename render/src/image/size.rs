@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::memory;
 
 /// The largest number of pixels that is read, 2^27: a map of 16384 x 8192, or 1.6 GB in memory.
 pub const MAX_PIXELS: usize = 1 << 27;
@@ -10,7 +11,10 @@ pub const MAX_PIXELS: usize = 1 << 27;
 /// Refuses sizes that are not worth an allocation.
 pub(super) fn check_size(path: &Path, field: &str, width: usize, height: usize) -> Result<()> {
     match width.checked_mul(height) {
-        Some(1..=MAX_PIXELS) => Ok(()),
+        Some(pixels @ 1..=MAX_PIXELS) => {
+            let needed = memory::require(12 * pixels as u64, || format!("an image of {width} x {height} pixels"));
+            needed.map_err(|error| Error::invalid(path, field, error.to_string()))
+        }
         _ => {
             let reason = format!("{width} x {height} pixels; between 1 and {MAX_PIXELS} can be read");
             Err(Error::invalid(path, field, reason))

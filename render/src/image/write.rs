@@ -36,7 +36,7 @@ impl Attribute {
 /// The value of an [`Attribute`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum AttributeValue {
-    /// A text of Latin-1 characters (OpenEXR has no other); 64-bit integers go here.
+    /// A text of Latin-1 characters (OpenEXR has no other, see [`latin_1`]); 64-bit integers go here.
     Text(String),
     /// A 32-bit integer.
     I32(i32),
@@ -44,6 +44,11 @@ pub enum AttributeValue {
     F32(f32),
     /// A 64-bit float.
     F64(f64),
+}
+
+/// A text in OpenEXR's characters: others are escaped as Rust does it, `\u{1f600}`.
+pub fn latin_1(text: &str) -> String {
+    text.chars().map(|c| if u32::from(c) < 256 { c.to_string() } else { c.escape_unicode().to_string() }).collect()
 }
 
 impl From<&str> for AttributeValue {

@@ -7,7 +7,7 @@ use std::{
 
 use super::{
     render::{Budget, Film, Pass},
-    view::View,
+    view::{Part, View},
 };
 use crate::{
     estimator::{LearnedVisibility, Learner, Setting},
@@ -23,11 +23,11 @@ const PARTS: u32 = 32;
 const BLOCK: u32 = 16;
 
 /// What estimators that learn are told of a view.
-pub(super) fn setting(view: &View<'_>) -> Setting {
+pub(super) fn setting(view: &View<'_>, part: Part) -> Setting {
     Setting {
         eye: view.camera.look_from(),
         pixel: view.camera.pixel_angle(view.height),
-        pixels: view.width * view.height,
+        pixels: part.width * part.height,
     }
 }
 
@@ -57,8 +57,14 @@ impl Lesson {
     }
 }
 
-/// Learns for a picture, in a part of its budget.
-pub(super) fn learn_before(view: &View<'_>, learner: &mut dyn Learner, budget: Budget, seed: u64, stop: &AtomicBool) {
+/// Learns for a part of a picture, in a part of its budget.
+pub(super) fn learn_before(
+    view: (&View<'_>, Part),
+    learner: &mut dyn Learner,
+    budget: Budget,
+    seed: u64,
+    stop: &AtomicBool,
+) {
     let show = |_: f64| {};
     match budget {
         Budget::Spp(spp) => learn(view, learner, Lesson::before(spp, 0), seed, stop, &show),
@@ -77,7 +83,7 @@ pub(super) fn learn_before(view: &View<'_>, learner: &mut dyn Learner, budget: B
 }
 
 fn learn(
-    view: &View<'_>,
+    (view, part): (&View<'_>, Part),
     learner: &mut dyn Learner,
     lesson: Lesson,
     seed: u64,
@@ -85,7 +91,7 @@ fn learn(
     progress: &dyn Fn(f64),
 ) {
     let points = Points::new(PointSet::Independent, seed);
-    let mut film = Film::of(view.width, view.height, |key| lesson.has(key));
+    let mut film = Film::of(part, |key| lesson.has(key));
     for sample in 0..lesson.samples {
         let first = FIRST_SAMPLE + lesson.first + sample;
         film.add(view, &Pass { estimator: &*learner, learner: Some(&*learner), points, samples: (first, first + 1) });
@@ -118,11 +124,11 @@ pub fn learn_visibility(
 ) -> SceneVisibility {
     assert!((1..FIRST_SAMPLE).contains(&samples), "1 to 2^31 samples");
     view.scene.prepare_materials();
-    let mut session = estimator.session(setting(&view));
+    let mut session = estimator.session(setting(&view, view.whole()));
     if let Some(before) = before {
         session = session.resuming(before);
     }
-    learn(&view, &mut session, Lesson { first: 0, samples, pixels: BLOCK }, seed, stop, progress);
+    learn((&view, view.whole()), &mut session, Lesson { first: 0, samples, pixels: BLOCK }, seed, stop, progress);
     session.into_visibility(view.scene.geometry_hash())
 }
 

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::{
     learn::{learn_before, setting},
-    view::View,
+    view::{Part, View},
     wavefront::{Estimate, Pixel, TilePixels, Workspace},
 };
 use crate::{
@@ -75,6 +75,17 @@ impl Rendering {
         let add = |(a, b): (&[f32; 3], &[f32; 3])| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
         Image { pixels: self.surfaces.pixels.iter().zip(&self.background.pixels).map(add).collect(), ..self.surfaces }
     }
+
+    /// The picture under a map that is so many times as bright, per channel: all light comes from the map.
+    #[must_use]
+    pub fn lit_by(mut self, factors: Vec3A) -> Self {
+        for pixel in self.surfaces.pixels.iter_mut().chain(&mut self.background.pixels) {
+            *pixel = (Vec3A::from_array(*pixel) * factors).to_array();
+        }
+        // A bound: the brightest contribution need not have been of the brightest channel.
+        self.max_weight *= factors.max_element();
+        self
+    }
 }
 
 /// Renders until the budget is spent or `stop` is set; an interrupted image holds the passes that were finished (at least one).
@@ -93,16 +104,39 @@ pub fn render(
     stop: &AtomicBool,
     progress: &dyn Fn(f64),
 ) -> Rendering {
+    render_part(view, view.whole(), estimator, budget, points, stop, progress)
+}
+
+/// [`render`] of a part of the image: at equal samples its pixels are those of the whole, bit for bit, but of an estimator that learns, to which
+/// the others would have told something.
+///
+/// # Panics
+/// As [`render`], and if the part is not inside of the image.
+pub fn render_part(
+    view: View<'_>,
+    part: Part,
+    estimator: &dyn Estimator,
+    budget: Budget,
+    points: Points,
+    stop: &AtomicBool,
+    progress: &dyn Fn(f64),
+) -> Rendering {
+    assert!(
+        part.left + part.width <= view.width && part.top + part.height <= view.height,
+        "{part:?} of {} x {}",
+        view.width,
+        view.height
+    );
     assert!(view.width.max(view.height) <= MAX_SIDE, "an image of more than {MAX_SIDE} pixels along a side");
     view.scene.prepare_materials();
     let start = Instant::now();
     // Without a sample there is no mean: 0 / 0 would be black with NaN, and the share of the budget never reach 1.
     let budget = if budget == Budget::Spp(0) { Budget::Spp(1) } else { budget };
     let pass = if matches!(budget, Budget::Spp(_)) { PASS } else { SHORT_PASS };
-    let mut film = Film::new(view.width, view.height);
-    let mut learner = estimator.learner(setting(&view));
+    let mut film = Film::new(part);
+    let mut learner = estimator.learner(setting(&view, part));
     if let Some(learner) = &mut learner {
-        learn_before(&view, &mut **learner, budget, points.seed(), stop);
+        learn_before((&view, part), &mut **learner, budget, points.seed(), stop);
     }
     let estimator = learner.as_ref().map_or(estimator, |learner| &**learner as &dyn Estimator);
     let mut spp = 0;
@@ -140,8 +174,7 @@ pub(super) struct Pass<'a> {
 
 /// The sums of all pixels, tile after tile: each sum is made in the order of the samples, so that it does not depend on passes.
 pub(super) struct Film {
-    width: usize,
-    height: usize,
+    part: Part,
     places: Vec<(u16, u16)>,
     sums: Vec<Pixel>,
     /// How many pixels each tile has.
@@ -149,18 +182,19 @@ pub(super) struct Film {
 }
 
 impl Film {
-    pub fn new(width: usize, height: usize) -> Self {
-        Self::of(width, height, |_| true)
+    pub fn new(part: Part) -> Self {
+        Self::of(part, |_| true)
     }
 
     /// A film of some pixels alone, by their keys.
-    pub fn of(width: usize, height: usize, has: impl Fn(u32) -> bool) -> Self {
-        let mut film =
-            Self { width, height, places: Vec::with_capacity(width * height), sums: Vec::new(), tiles: Vec::new() };
-        for top in (0..height).step_by(TILE) {
-            for left in (0..width).step_by(TILE) {
+    pub fn of(part: Part, has: impl Fn(u32) -> bool) -> Self {
+        let places = Vec::with_capacity(part.width * part.height);
+        let mut film = Self { part, places, sums: Vec::new(), tiles: Vec::new() };
+        for top in (part.top..part.top + part.height).step_by(TILE) {
+            for left in (part.left..part.left + part.width).step_by(TILE) {
                 let before = film.places.len();
-                let (right, bottom) = ((left + TILE).min(width), (top + TILE).min(height));
+                let (right, bottom) =
+                    ((left + TILE).min(part.left + part.width), (top + TILE).min(part.top + part.height));
                 for (y, x) in squares(top..bottom, left..right) {
                     let place = (x as u16, y as u16);
                     if has(morton(place.0, place.1)) {
@@ -199,13 +233,14 @@ impl Film {
     }
 
     fn resolve(&self, points: PointSet, spp: u32, seconds: f64) -> Rendering {
-        let mut pixels = vec![Pixel::default(); self.width * self.height];
+        let Part { left, top, width, height } = self.part;
+        let mut pixels = vec![Pixel::default(); width * height];
         for (&(x, y), sum) in self.places.iter().zip(&self.sums) {
-            pixels[usize::from(y) * self.width + usize::from(x)] = *sum;
+            pixels[(usize::from(y) - top) * width + usize::from(x) - left] = *sum;
         }
         let image = |of: fn(&Pixel) -> DVec3| Image {
-            width: self.width,
-            height: self.height,
+            width,
+            height,
             pixels: pixels.iter().map(|pixel| Vec3A::from((of(pixel) / f64::from(spp)).as_vec3()).to_array()).collect(),
         };
         let (estimates, rays) = pixels.iter().fold((0, 0), |(e, r), pixel| (e + pixel.estimates, r + pixel.rays));

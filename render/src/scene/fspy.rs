@@ -12,7 +12,8 @@ use serde::Deserialize;
 use super::Camera;
 use crate::{
     error::{Error, Result},
-    image::{Photograph, open_regular},
+    file::open_regular,
+    image::Photograph,
 };
 
 /// The first bytes of every file.

@@ -1,5 +1,6 @@
 //! What one sampler does over many shading points, in figures: divergences from the product, weights, bias, time.
 
+use serde::{Deserialize, Serialize};
 use std::{sync::Arc, time::Instant};
 
 use glam::{Vec2, Vec3A};
@@ -37,7 +38,7 @@ pub struct Effort {
 }
 
 /// Means over shading points that see light, for one sampler.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Figures {
     /// KL(target || sampler) in nats.
     pub kl: f64,

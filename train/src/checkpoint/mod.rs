@@ -81,7 +81,7 @@ struct KeptManifest {
 impl CheckpointFolder {
     /// Makes the folder, and finds what to go on from: `None` without `resume`, or where nothing is saved yet.
     ///
-    /// Checkpoints that are damaged are set aside under the name `refused-step-...`, told to `warn`, and the one before is taken.
+    /// A run with more steps than the checkpoint's goes on from it, too. Checkpoints that are damaged are set aside under the name `refused-step-...`, told to `warn`, and the one before is taken.
     ///
     /// # Errors
     /// If the folder cannot be made or read, a checkpoint belongs to other settings, another target or another version, or
@@ -150,7 +150,9 @@ impl CheckpointFolder {
             let reason = format!("was written by version {}, this is {version}", manifest.program_version);
             return Err(refuse(path, &format!("{reason}: it would not go on to the same bits")));
         }
-        if let Some(key) = first_difference(&manifest.config, config) {
+        // A run may be extended: the learning rate goes on as that of the longer run has it at this step.
+        let saved = FitConfig { steps: manifest.config.steps.max(config.steps), ..manifest.config.clone() };
+        if let Some(key) = first_difference(&saved, config) {
             return Err(refuse(path, &format!("was made with another `{key}`; its settings are in {MANIFEST}")));
         }
         if manifest.target != self.target {

@@ -1,6 +1,6 @@
 //! Reading checkpoints; nothing in them is trusted before its checksum.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use safetensors::{Dtype, SafeTensors};
 
@@ -20,11 +20,7 @@ const MAX_BYTES: u64 = 1 << 32;
 pub(super) fn read(path: &Path, weights: usize) -> Result<(Manifest, SavedRun)> {
     let load = |name: &str| {
         let file = path.join(name);
-        let length = fs::metadata(&file).map_err(|error| failed(&file, &error))?.len();
-        if length > MAX_BYTES {
-            return Err(refuse(&file, "is too large for a checkpoint"));
-        }
-        fs::read(&file).map_err(|error| failed(&file, &error))
+        headtail_render::file::read(&file, MAX_BYTES).map_err(|error| failed(&file, &error))
     };
     let checksums = load(CHECKSUMS)?;
     let [manifest, state] = [MANIFEST, STATE].map(|name| {

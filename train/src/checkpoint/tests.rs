@@ -116,6 +116,10 @@ fn a_checkpoint_of_another_run_is_an_error() {
     let here = folder(&temporary, true);
     let config = FitConfig::default();
     here.save(&config, &run(10)).unwrap();
+    // A longer run goes on from it, a shorter one does not.
+    let of_steps = |steps| resume(&here, &FitConfig { steps, ..config.clone() });
+    assert_eq!(of_steps(config.steps + 1).0.unwrap(), Some(run(10)));
+    assert!(of_steps(config.steps - 1).0.unwrap_err().to_string().contains("`steps`"));
     for (key, other) in [
         ("learning_rate", FitConfig { learning_rate: 1e-3, ..config.clone() }),
         ("head.bins", FitConfig { head: headtail_model::HeadConfig { bins: 5, ..config.head }, ..config }),

@@ -14,7 +14,7 @@ use gltf::{
 use super::uri;
 use crate::{
     error::{Error, Result},
-    image::open_regular,
+    file::open_regular,
 };
 
 /// The most bytes that the file and all files it names may have together.

@@ -1,0 +1,48 @@
+//! What the header of an OpenEXR file says besides its pixels.
+
+use std::io::BufReader;
+use std::path::Path;
+
+use exr::meta::MetaData;
+use exr::meta::attribute::AttributeValue;
+
+use super::without_panic;
+use crate::error::{Error, Result};
+use crate::file::open_regular;
+
+/// The text attributes of an OpenEXR file's first layer, sorted by name; those that readers of pixels know themselves are left out.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read, [`Error::Invalid`] if it has no valid header.
+pub fn text_attributes(path: &Path) -> Result<Vec<(String, String)>> {
+    let (file, _) = open_regular(path).map_err(|source| Error::io(path, source))?;
+    let read = || MetaData::read_from_buffered(BufReader::new(file), false);
+    let invalid = |reason: String| Error::invalid(path, "header", reason);
+    let meta = without_panic(read).ok_or_else(|| invalid("it is damaged".into()))?;
+    let meta = meta.map_err(|error| invalid(error.to_string()))?;
+    let header = meta.headers.first().ok_or_else(|| invalid("there is no layer".into()))?;
+    let own = header.own_attributes.other.iter().chain(&header.shared_attributes.other);
+    let mut found: Vec<(String, String)> =
+        own.filter_map(|(name, value)| Some((name.to_string(), text(value)?))).collect();
+    found.sort();
+    found.dedup();
+    Ok(found)
+}
+
+/// One of [`text_attributes`]; `None` where it is missing.
+///
+/// # Errors
+/// As [`text_attributes`].
+pub fn text_attribute(path: &Path, name: &str) -> Result<Option<String>> {
+    Ok(text_attributes(path)?.into_iter().find(|(found, _)| found == name).map(|(_, value)| value))
+}
+
+fn text(value: &AttributeValue) -> Option<String> {
+    match value {
+        AttributeValue::Text(text) => Some(text.to_string()),
+        AttributeValue::I32(number) => Some(number.to_string()),
+        AttributeValue::F32(number) => Some(number.to_string()),
+        AttributeValue::F64(number) => Some(number.to_string()),
+        _ => None,
+    }
+}

@@ -1,0 +1,159 @@
+//! `headtail info`: what a file is.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use clap::Args;
+use headtail_render::{
+    environment::Environment,
+    export::{ExportedSampler, Intermediate},
+    file::read_text,
+    image::{read_radiance, text_attributes},
+    scene::{FspyProject, Scene, UpAxis},
+    spec::SamplerSpec,
+};
+use serde_json::{Map, Value, json};
+
+use crate::terminal::{out, print_json};
+
+/// Say what a file is: a sampler, a map or picture, a scene, a checkpoint, a project of fSpy, or a folder of results.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail info out/room/sampler.safetensors
+  headtail info room.hdr --json
+  headtail info out/temple.exr")]
+pub struct Arguments {
+    /// The file, or the folder of a checkpoint.
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Print a JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Names and values, in the order in which they are shown.
+type Facts = Vec<(String, Value)>;
+
+/// Reads the file and prints what it is.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let facts = facts(&arguments.file)?;
+    if arguments.json {
+        return print_json(&facts.into_iter().collect::<Map<String, Value>>());
+    }
+    let width = facts.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+    for (name, value) in &facts {
+        let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        out!("{name:width$}  {}", text.trim_end().replace('\n', &format!("\n{:width$}  ", "")));
+    }
+    Ok(())
+}
+
+fn facts(path: &Path) -> Result<Facts> {
+    if path.is_dir() {
+        return checkpoint(path);
+    }
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
+    match &*extension {
+        "glb" | "gltf" => scene(path),
+        "fspy" => project(path),
+        "hdr" | "exr" | "pic" | "rgbe" => picture(path),
+        _ => {
+            // Named otherwise; a sampler's own words are the best where it is none of all.
+            if let Ok(facts) = picture(path) {
+                return Ok(facts);
+            }
+            sampler(path)
+        }
+    }
+}
+
+fn fact(name: &str, value: impl Into<Value>) -> (String, Value) {
+    (name.to_owned(), value.into())
+}
+
+fn sampler(path: &Path) -> Result<Facts> {
+    let exported = ExportedSampler::read(path)?;
+    let kind = match &exported.intermediate {
+        Intermediate::Head(_) => "a trained head",
+        Intermediate::Bake(_) => "a table of a trained head",
+        Intermediate::DirectBake(_) => "a table of light x cosine",
+    };
+    let spec = SamplerSpec::of_exported(&exported, path.to_owned());
+    let mut facts = vec![fact("file", kind), fact("render with", format!("--sampler {spec}"))];
+    if let Intermediate::Head(head) = &exported.intermediate {
+        let layers = head.layers();
+        let weights: usize = layers.iter().map(|(_, layer)| (layer.inputs() + 1) * layer.outputs()).sum();
+        facts.push(fact("condition", serde_json::to_value(head.condition())?));
+        facts.push(fact("layers", layers.len()));
+        facts.push(fact("weights", weights));
+        facts.push(fact("learned share", head.has_selection()));
+    }
+    let (width, height, _) = &exported.luminance;
+    facts.push(fact("tail", exported.tail.kind().name()));
+    facts.push(fact("environment", format!("{} ({width} x {height})", exported.environment)));
+    facts.push(fact("environment hash", exported.environment_hash.clone()));
+    facts.push(fact("compact emitters", exported.compact_emitters));
+    if let Some(training) = &exported.training {
+        facts.push(fact("training", serde_json::to_value(training)?));
+    }
+    facts.extend(exported.run.map(|run| fact("settings", run)));
+    Ok(facts)
+}
+
+fn picture(path: &Path) -> Result<Facts> {
+    let image = read_radiance(path)?;
+    let attributes = text_attributes(path).unwrap_or_default();
+    let mut facts = vec![fact("file", "a linear picture"), fact("size", format!("{} x {}", image.width, image.height))];
+    let finite = image.pixels.iter().flatten().filter(|value| value.is_finite());
+    let (least, most) = finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), &value| (a.min(value), b.max(value)));
+    facts.push(fact("values", format!("{least} to {most}")));
+    if attributes.is_empty() && image.width == 2 * image.height {
+        facts[0].1 = "a lat-long map or a picture of 2 : 1".into();
+        let name = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+        let environment = Environment::from_image(&name, image)?;
+        facts.push(fact("hash", environment.hash()));
+        facts.extend(environment.repairs().iter().map(|repair| fact("repaired", repair.clone())));
+    }
+    facts.extend(attributes.into_iter().map(|(name, value)| (name, value.into())));
+    Ok(facts)
+}
+
+fn scene(path: &Path) -> Result<Facts> {
+    let scene = Scene::load(path)?;
+    let [x, y, z] = scene.bounds().extent().to_array();
+    let names: Vec<&str> = scene.mesh_names().into_iter().collect();
+    Ok(vec![
+        fact("file", "a glTF 2.0 scene"),
+        fact("triangles", scene.triangle_count()),
+        fact("size in metres", format!("{x} x {y} x {z}")),
+        fact("surfaces", if scene.is_diffuse() { "diffuse" } else { "diffuse and glossy" }),
+        fact("meshes", json!(names)),
+        fact("hash", scene.content_hash()),
+    ])
+}
+
+fn project(path: &Path) -> Result<Facts> {
+    let project = FspyProject::read(path, UpAxis::Z)?;
+    let [x, y, z] = project.camera.look_from().to_array();
+    Ok(vec![
+        fact("file", "a project of fSpy"),
+        fact("size", format!("{} x {}", project.width, project.height)),
+        fact("camera at", format!("{x}, {y}, {z}")),
+        fact("vertical field of view", project.camera.vertical_fov()),
+        fact("picture", format!("{} bytes", project.image.len())),
+    ])
+}
+
+fn checkpoint(path: &Path) -> Result<Facts> {
+    let manifest = path.join("manifest.json");
+    if !manifest.exists() {
+        bail!("{}: the folder is no checkpoint: it has no manifest.json", path.display());
+    }
+    let text = read_text(&manifest).map_err(|error| anyhow::anyhow!("{}: {error}", manifest.display()))?;
+    let value: Value =
+        serde_json::from_str(&text).map_err(|error| anyhow::anyhow!("{}: {error}", manifest.display()))?;
+    let Value::Object(fields) = value else { bail!("{}: it is no JSON object", manifest.display()) };
+    let mut facts = vec![fact("file", "a checkpoint of a training")];
+    facts.extend(fields);
+    Ok(facts)
+}

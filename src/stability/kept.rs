@@ -1,0 +1,107 @@
+//! Regimes that are done, each in a file: an interrupted suite goes on with those that are missing.
+
+use std::{fs, path::PathBuf};
+
+use anyhow::Result;
+use headtail_render::{
+    file,
+    statistics::{Effort, Figures},
+};
+use headtail_train::FitConfig;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    method::{METHODS, Row},
+    picture::Pictures,
+    regime::Regime,
+};
+use crate::arguments::make_folder;
+
+/// The folder of the files.
+pub struct Kept(PathBuf);
+
+/// The content of a file. TOML, since JSON has no numbers that are infinite.
+#[derive(Serialize, Deserialize)]
+struct Record {
+    /// What it depends on.
+    key: String,
+    rows: Vec<KeptRow>,
+    pictures: Pictures,
+}
+
+#[derive(Serialize, Deserialize)]
+struct KeptRow {
+    method: String,
+    figures: Option<Figures>,
+    /// Why there are no figures.
+    stopped: Option<String>,
+    skipped: usize,
+    note: String,
+}
+
+impl Kept {
+    /// The files in a folder, which is made if it is missing.
+    ///
+    /// # Errors
+    /// If it cannot be made.
+    pub fn open(folder: PathBuf) -> Result<Self> {
+        make_folder(&folder)?;
+        Ok(Self(folder))
+    }
+
+    /// What was measured of a regime with the same settings; `None` also where the file is damaged.
+    pub fn read(&self, regime: &Regime, config: &FitConfig, effort: Effort) -> Option<(Vec<Row>, Pictures)> {
+        let record: Record = toml::from_str(&fs::read_to_string(self.path(regime)).ok()?).ok()?;
+        let row = |kept: KeptRow| {
+            Some(Row {
+                regime: regime.name.clone(),
+                method: METHODS.iter().find(|method| method.0 == kept.method)?.0,
+                outcome: kept.figures.ok_or(kept.stopped.unwrap_or_default()),
+                skipped: kept.skipped,
+                note: kept.note,
+            })
+        };
+        let rows: Option<Vec<Row>> = record.rows.into_iter().map(row).collect();
+        (record.key == key(regime, config, effort)).then_some((rows?, record.pictures))
+    }
+
+    /// Keeps what was measured of a regime.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write(
+        &self,
+        regime: &Regime,
+        config: &FitConfig,
+        effort: Effort,
+        rows: &[Row],
+        pictures: Pictures,
+    ) -> Result<Pictures> {
+        let kept = |row: &Row| KeptRow {
+            method: row.method.to_owned(),
+            figures: row.outcome.clone().ok(),
+            stopped: row.outcome.clone().err(),
+            skipped: row.skipped,
+            note: row.note.clone(),
+        };
+        let record = Record { key: key(regime, config, effort), rows: rows.iter().map(kept).collect(), pictures };
+        file::replace(&self.path(regime), toml::to_string(&record)?.as_bytes())?;
+        Ok(record.pictures)
+    }
+
+    fn path(&self, regime: &Regime) -> PathBuf {
+        let name: String = regime.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+        self.0.join(name + ".toml")
+    }
+}
+
+/// All that the figures of a regime depend on.
+fn key(regime: &Regime, config: &FitConfig, effort: Effort) -> String {
+    let settings = serde_json::to_string(config).unwrap_or_default();
+    let (version, map) = (env!("CARGO_PKG_VERSION"), regime.environment.hash());
+    let content = format!(
+        "{version} {} {map} {:?} {:?} {:?} {effort:?} {settings}",
+        regime.name, regime.material, regime.directions, regime.change
+    );
+    blake3::hash(content.as_bytes()).to_hex().to_string()
+}

@@ -1,0 +1,308 @@
+//! Nothing that was computed is lost: not by closed or full outputs, not by another comparison, not by an output that cannot be written.
+
+use std::{
+    fs::{self, OpenOptions},
+    path::Path,
+    process::{Output, Stdio},
+};
+
+use super::{SMALL, command, folder, names, succeed, text};
+
+/// Runs a command whose standard output nobody reads: the reading end is closed before the program starts.
+fn unread(folder: &Path, arguments: &str) -> Output {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let child = command(folder, arguments).stdout(writer).stderr(Stdio::piped()).spawn().unwrap();
+    child.wait_with_output().unwrap()
+}
+
+#[test]
+fn closed_outputs_lose_nothing() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, "bake --direct --env overcast --normals 4x6 --cells 4x4 --out table");
+    let view = format!("--scene sphere --env overcast {SMALL}");
+    for (arguments, results) in [
+        ("fit --env overcast --material lambert --steps 2 --set conditions=4 --out fit".to_owned(), "fit/sampler.safetensors"),
+        ("fit --env overcast --material lambert --steps 2 --tail flow --set flow.steps=4 --set flow.cells=16 --out flow".into(), "flow/sampler.safetensors"),
+        ("bake --direct --env overcast --normals 4x6 --cells 4x4 --out bake/table".into(), "bake/table"),
+        (format!("render {view} --sampler mis --spp 1 --timings --out render.exr"), "render.png"),
+        (format!("compare {view} --samplers mis --runs 1 --spp 1 --reference-spp 1 --out compare"), "compare/report.html"),
+        ("chart compare --out chart.html".into(), "chart.html"),
+        ("inspect table --out inspect.png".into(), "inspect.png"),
+        ("export table --target wgsl --out shader".into(), "shader/layout.json"),
+        ("view --env overcast --width 16 --height 16 --out view.exr".into(), "view.fspy"),
+        ("scenes --out scenes --spp 1 --width 16".into(), "scenes/temple.png"),
+        ("stability --quick --only constant --out suite".into(), "suite/stability.html"),
+        ("backends --steps 1 --conditions 4 --samples 16 --backend flex".into(), "."),
+        ("composite --photo view.exr --camera view.fspy --env overcast --scene sphere --spp 1 --out both".into(), "both/composite.html"),
+    ] {
+        let output = unread(path, &arguments);
+        let said = text(&output.stderr);
+        assert!(output.status.success() && !said.contains("panicked"), "{arguments}: {}: {said}", output.status);
+        assert!(path.join(results).exists(), "{arguments}");
+    }
+    // A reader that takes one line and goes.
+    let script = format!("{} scenes | head -n 1", env!("CARGO_BIN_EXE_headtail"));
+    let output = std::process::Command::new("bash").args(["-o", "pipefail", "-c", &script]).output().unwrap();
+    assert!(output.status.success() && text(&output.stderr).is_empty(), "{}", text(&output.stderr));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_output_is_said_when_all_is_written() {
+    let here = folder();
+    let path = here.path();
+    let arguments = "fit --env overcast --material lambert --steps 2 --set conditions=4 --out fit";
+    let full = OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let child = command(path, arguments).stdout(full).stderr(Stdio::piped()).spawn().unwrap();
+    let output = child.wait_with_output().unwrap();
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("standard output is incomplete") && said.contains("No space left"), "{said}");
+    assert_eq!(names(&path.join("fit")), ["measures.json", "metrics.jsonl", "resolved.toml", "sampler.safetensors"]);
+    // Nobody can be told, and nothing is lost.
+    let full = || OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let mut process = command(path, &arguments.replace("--out fit", "--out again"));
+    assert!(process.stdout(full()).stderr(full()).status().unwrap().code() == Some(1));
+    assert!(path.join("again/sampler.safetensors").exists());
+}
+
+#[test]
+fn quiet_verbose_and_log() {
+    let here = folder();
+    let path = here.path();
+    let render = format!("render --scene sphere --env overcast --sampler mis --spp 1 {SMALL} --out a.exr");
+    assert_eq!(succeed(path, &format!("{render} --quiet --log log")), "");
+    let log = fs::read_to_string(path.join("log")).unwrap();
+    assert!(
+        log.contains("headtail render --scene sphere")
+            && log.contains("1 spp of sobol")
+            && log.contains(" pixels, hash "),
+        "{log}"
+    );
+    let output = command(path, &format!("-v {render}")).output().unwrap();
+    assert!(text(&output.stderr).starts_with("detail: overcast: "), "{}", text(&output.stderr));
+    // Data is not silenced.
+    assert!(succeed(path, "scenes -q").contains("temple"));
+}
+
+/// The sentence of a command that does not replace what others have made.
+fn refused(folder: &Path, arguments: &str) -> String {
+    let output = command(folder, arguments).output().unwrap();
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{arguments}: {said}");
+    said
+}
+
+#[test]
+fn results_of_another_command_stay() {
+    let here = folder();
+    let path = here.path();
+    let compare = |samplers: &str| {
+        format!(
+            "compare --scene sphere --env overcast {SMALL} --samplers {samplers} --runs 1 --spp 1 --reference-spp 1 --out c"
+        )
+    };
+    assert!(command(path, &compare("mis,ris:2")).output().unwrap().status.success());
+    let bytes = |name: &str| fs::read(path.join(name)).unwrap();
+    let table = bytes("c/results.csv");
+    assert!(refused(path, &compare("mis,ris:4")).contains("results.csv of another command"));
+    assert_eq!(bytes("c/results.csv"), table);
+    // The same command, and one that may: nothing of the first is left.
+    assert!(command(path, &compare("mis,ris:2")).output().unwrap().status.success());
+    succeed(path, &compare("mis,ris:4"));
+    assert!(!path.join("c/ris-2_1spp.exr").exists() && path.join("c/ris-4_1spp.exr").exists());
+
+    let render =
+        |spp: u32| format!("render --scene sphere --env overcast --sampler mis --spp {spp} {SMALL} --out a.exr");
+    for (spp, is_done) in [(1, true), (1, true), (2, false)] {
+        assert_eq!(command(path, &render(spp)).output().unwrap().status.success(), is_done);
+    }
+    let bake = |cells: &str| format!("bake --direct --env overcast --normals 4x6 --cells {cells} --out table");
+    for (cells, is_done) in [("4x4", true), ("4x4", true), ("4x5", false)] {
+        assert_eq!(command(path, &bake(cells)).output().unwrap().status.success(), is_done);
+    }
+    let fit = |seed: u32| {
+        format!("fit --env overcast --material lambert --steps 2 --set conditions=4 --seed {seed} --out fit")
+    };
+    for (seed, is_done) in [(1, true), (1, true), (2, false)] {
+        assert_eq!(command(path, &fit(seed)).output().unwrap().status.success(), is_done);
+    }
+    assert!(
+        refused(path, "fit --env overcast --material lambert --steps 2 --out c/fit --pictures a.exr").contains("a.exr")
+    );
+}
+
+#[test]
+fn samplers_never_share_a_file() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, "bake --direct --env overcast --normals 4x6 --cells 4x4 --out D");
+    let compare =
+        format!("compare --scene sphere --env overcast {SMALL} --runs 1 --spp 1 --reference-spp 1 --out c --samplers");
+    succeed(path, &format!("{compare} ris:2:direct:D,ris:8:direct:D"));
+    let pictures: Vec<String> = names(&path.join("c")).into_iter().filter(|name| name.ends_with("_1spp.exr")).collect();
+    assert_eq!(pictures, ["ris-2-direct-D_1spp.exr", "ris-8-direct-D_1spp.exr"]);
+    assert!(
+        refused(path, &format!("{compare} mis,brdf,mis").replace("--out c", "--out d")).contains("mis is given twice")
+    );
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn outputs_are_found_wrong_before_the_work() {
+    use std::os::unix::fs::{FileTypeExt, symlink};
+    let here = folder();
+    let path = here.path();
+    fs::write(path.join("file"), "in the way").unwrap();
+    // Each would take minutes.
+    for arguments in [
+        "fit --env overcast --material lambert --steps 1000000 --out file",
+        "compare --scene temple --env overcast --samplers mis --spp 100000 --out file",
+        "render --scene temple --env overcast --sampler mis --spp 1000000 --out file/a.exr",
+        "render --scene temple --env overcast --sampler mis --spp 1000000 --out /proc/a.exr",
+        "bake --direct --env overcast --out file/a",
+        "stability --out file",
+        "demo --out file",
+        "paper --out file",
+        "autosize --env overcast --scene temple --out file",
+        "scenes --spp 10000 --out file",
+        "export patches --env overcast --target wgsl --out file",
+    ] {
+        let start = std::time::Instant::now();
+        refused(path, arguments);
+        assert!(start.elapsed().as_secs() < 20, "{arguments}");
+    }
+    assert_eq!(fs::read_to_string(path.join("file")).unwrap(), "in the way");
+
+    // Devices stay what they are, links lead to what they name.
+    assert!(refused(path, "bake --direct --env overcast --out /dev/null").contains("device"));
+    assert!(fs::metadata("/dev/null").unwrap().file_type().is_char_device());
+    symlink("target.exr", path.join("link.exr")).unwrap();
+    let render = format!("render --scene sphere --env overcast --sampler mis --spp 1 {SMALL}");
+    succeed(path, &format!("{render} --out link.exr"));
+    assert!(fs::symlink_metadata(path.join("link.exr")).unwrap().is_symlink() && path.join("target.exr").exists());
+    symlink("/dev/null", path.join("null.exr")).unwrap();
+    assert!(refused(path, &format!("{render} --out null.exr")).contains("device"));
+    succeed(path, "bake --direct --env overcast --normals 4x6 --cells 4x4 --out table");
+    assert!(refused(path, "inspect table --out picture.jpg").contains(".png"));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn inputs_without_end_and_of_absurd_size_are_refused() {
+    let here = folder();
+    let path = here.path();
+    assert!(std::process::Command::new("mkfifo").arg(path.join("pipe")).status().unwrap().success());
+    let render = format!("render --scene sphere --env overcast --spp 1 {SMALL} --out a.exr --sampler");
+    for arguments in [
+        format!("{render} head:pipe"),
+        format!("{render} head:/dev/zero"),
+        format!("{render} mis").replace("overcast", "pipe"),
+        format!("{render} mis").replace("sphere", "pipe"),
+        "fit --config pipe --out f".into(),
+        "fit --config /dev/zero --out f".into(),
+        "sweep plan pipe".into(),
+        "info pipe".into(),
+    ] {
+        let said = refused(path, &arguments);
+        assert!(said.contains("pipe or a device"), "{arguments}: {said}");
+    }
+    let said = refused(path, "fit --env overcast --material lambert --set conditions=65536 --set strata=1024 --out f");
+    assert!(said.contains("conditions, strata") && said.contains("of memory are available"), "{said}");
+}
+
+#[test]
+fn contents_of_files_do_not_reach_the_terminal_raw() {
+    let here = folder();
+    let path = here.path();
+    fs::write(path.join("run.toml"), "\"\u{1b}[2J\u{9b}31m\" = 1\nenv = 'studio'\n").unwrap();
+    let said = refused(path, "fit --config run.toml --out f");
+    assert!(!said.contains(['\u{1b}', '\u{9b}']), "{said:?}");
+}
+
+/// Weights of 1e30: numbers, but no density.
+#[test]
+fn absurd_weights_are_refused() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, "fit --env overcast --material lambert --steps 2 --set conditions=4 --out fit");
+    let mut bytes = fs::read(path.join("fit/sampler.safetensors")).unwrap();
+    let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    let tensors = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let places: Vec<(usize, usize)> = tensors
+        .iter()
+        .filter(|(name, _)| name.starts_with("layer"))
+        .map(|(_, view)| (view.data().as_ptr() as usize - bytes.as_ptr() as usize, view.data().len()))
+        .collect();
+    assert!(!places.is_empty() && places.iter().all(|place| place.0 >= header));
+    for (start, length) in places {
+        for value in bytes[start..start + length].as_chunks_mut::<4>().0 {
+            *value = 1e30_f32.to_le_bytes();
+        }
+    }
+    fs::write(path.join("absurd"), bytes).unwrap();
+    let said = refused(
+        path,
+        &format!("render --scene sphere --env overcast --sampler head:absurd --spp 1 {SMALL} --out a.exr"),
+    );
+    assert!(said.contains("weights: they make no density"), "{said}");
+    assert!(refused(path, "inspect absurd --out a.png").contains("no density"));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn names_that_are_no_unicode_are_files_like_others() {
+    use std::{ffi::OsStr, os::unix::ffi::OsStrExt};
+    let here = folder();
+    let path = here.path();
+    let name = OsStr::from_bytes(b"caf\xe9.exr");
+    let mut process = command(path, &format!("render --scene sphere --env overcast --sampler mis --spp 1 {SMALL}"));
+    let output = process.arg("--out").arg(name).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(path.join(name).exists());
+}
+
+/// On a small file system of its own, in a mount namespace that ends with the script; skipped, aloud, where the system allows none.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_disk_keeps_the_runs_that_were_done() {
+    let here = folder();
+    let script = format!(
+        "mkdir small && mount -t tmpfs -o size=300k tmpfs small && echo MOUNTED || exit 0
+         '{}' compare --scene sphere --env overcast --width 96 --height 72 --samplers mis,brdf,emitter,patches --runs 3 --spp 1,2,4 \
+         --reference-spp 1 --out small/c
+         echo \"STATUS $?\"; cat small/c/results.csv",
+        env!("CARGO_BIN_EXE_headtail")
+    );
+    let mut process = std::process::Command::new("unshare");
+    let output = process.args(["-rm", "bash", "-c", &script]).current_dir(here.path()).output();
+    let Some(said) = output.ok().map(|output| text(&output.stdout)).filter(|said| said.contains("MOUNTED")) else {
+        eprintln!("skipped: no file system can be mounted");
+        return;
+    };
+    assert!(said.contains("STATUS 1"), "{said}");
+    // The first picture, of 83 kB, fits; the reference takes as much. The table of the runs before the one that failed is whole.
+    let rows = said.lines().filter(|line| line.starts_with("sphere,overcast,") && line.ends_with("sobol")).count();
+    assert!(rows >= 2, "{said}");
+}
+
+#[test]
+fn the_stability_suite_goes_on_with_what_is_missing() {
+    let here = folder();
+    let path = here.path();
+    let suite = "stability --quick --only constant --out suite";
+    assert!(command(path, suite).output().unwrap().status.success());
+    let table = || fs::read_to_string(path.join("suite/stability.csv")).unwrap();
+    // Times among the figures are never the same twice: equal bytes were kept, not measured again.
+    let before = table();
+    fs::remove_file(path.join("suite/stability.csv")).unwrap();
+    fs::remove_file(path.join("suite/stability.html")).unwrap();
+    assert!(command(path, suite).output().unwrap().status.success());
+    assert_eq!(table(), before);
+    // What is damaged is measured again.
+    fs::write(path.join("suite/regimes/constant-map.toml"), "key = 'x'").unwrap();
+    assert!(command(path, suite).output().unwrap().status.success());
+    assert_ne!(table(), before);
+}

@@ -1,0 +1,204 @@
+//! What a renderer's tools can be expected to do: parts of pictures, turned and tinted maps, features, data for programs, facts about files.
+
+use std::fs;
+
+use headtail_render::{
+    environment::Environment,
+    image::{Image, text_attributes, write_exr},
+    statistics::ErrorMetrics,
+};
+
+use super::{SMALL, command, fail, folder, mean, picture, refuse, succeed, text};
+
+const VIEW: &str = "render --scene dishes --env studio --sampler mis --spp 4 --width 40 --height 30";
+
+#[test]
+fn a_part_has_the_pixels_of_the_whole() {
+    let here = folder();
+    let path = here.path();
+    // 7, 5 begins inside of a tile of 16 x 16 pixels, and the part ends inside of another.
+    for points in ["sobol", "zsobol", "independent"] {
+        succeed(path, &format!("{VIEW} --points {points} --out whole.exr"));
+        succeed(path, &format!("{VIEW} --points {points} --crop 7,5,21,18 --out part.exr"));
+        let (whole, part) = (picture(&path.join("whole.exr")), picture(&path.join("part.exr")));
+        assert_eq!((part.width, part.height), (21, 18));
+        for (k, pixel) in part.pixels.iter().enumerate() {
+            assert_eq!(*pixel, whole.pixels[(5 + k / 21) * 40 + 7 + k % 21], "{points}: pixel {k}");
+        }
+    }
+    for wrong in ["20,0,21,30", "0,0,40,31"] {
+        assert!(fail(path, &format!("{VIEW} --crop {wrong} --out x.exr")).contains("--crop"));
+    }
+    for wrong in ["0,0,0,1", "1,2,3", "1,2,3,x", "-1,0,2,2"] {
+        assert!(refuse(path, &format!("{VIEW} --crop={wrong} --out x.exr")).contains("--crop"));
+    }
+}
+
+#[test]
+fn a_turned_map_needs_no_other_file() {
+    let here = folder();
+    let path = here.path();
+    let map = Environment::open("studio").unwrap().to_image();
+    // Counter-clockwise from above, from +X to -Z: what was a quarter of the map to the right comes to a place.
+    let rolled = |by: usize| {
+        let from = |k: usize| map.pixels[k / map.width * map.width + (k % map.width + by) % map.width];
+        Image { pixels: (0..map.pixels.len()).map(from).collect(), ..map }
+    };
+    write_exr(&path.join("map.exr"), &map, &[]).unwrap();
+    write_exr(&path.join("right.exr"), &rolled(map.width / 4), &[]).unwrap();
+    write_exr(&path.join("left.exr"), &rolled(map.width * 3 / 4), &[]).unwrap();
+    succeed(path, "bake --direct --env map.exr --normals 8x12 --cells 16x16 --out table");
+    let view = format!("render --scene sphere --spp 256 {SMALL}");
+    succeed(path, &format!("{view} --env map.exr --env-rotate 90 --sampler direct:table --out turned.exr"));
+    let turned = picture(&path.join("turned.exr"));
+    let error = |map: &str| {
+        succeed(path, &format!("{view} --env {map}.exr --sampler mis --out other.exr"));
+        ErrorMetrics::of(&turned, &picture(&path.join("other.exr"))).unwrap().relmse
+    };
+    let (right, left) = (error("right"), error("left"));
+    assert!(right < 2e-2 && right < 0.05 * left, "{right} {left}");
+    // The camera of the picture's header is the one that was asked for.
+    let known = text_attributes(&path.join("turned.exr")).unwrap();
+    let of = |name: &str| known.iter().find(|(found, _)| found == name).unwrap().1.clone();
+    assert_eq!((of("environment.rotated").as_str(), of("sampler").as_str()), ("90", "direct:table"));
+    assert!(of("headtail.command").contains("--env-rotate 90") && of("scene") == "sphere");
+    let field = "--material ggx:alpha=0.2..0.8 --env-rotate 10";
+    assert!(fail(path, &format!("{view} --env studio --sampler mis {field} --out x.exr")).contains("--env-rotate"));
+}
+
+#[test]
+fn scaled_light_scales_the_picture() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, &format!("{VIEW} --out one.exr"));
+    succeed(path, &format!("{VIEW} --env-scale 2,1,0.5 --out tinted.exr"));
+    let (one, tinted) = (picture(&path.join("one.exr")), picture(&path.join("tinted.exr")));
+    for (a, b) in one.pixels.iter().zip(&tinted.pixels) {
+        assert_eq!([2.0 * a[0], a[1], 0.5 * a[2]], *b);
+    }
+    assert!(refuse(path, &format!("{VIEW} --env-scale 0 --out x.exr")).contains("positive factor"));
+}
+
+#[test]
+fn features_lie_beside_the_picture() {
+    let here = folder();
+    let path = here.path();
+    succeed(
+        path,
+        "render --scene plane --env overcast --sampler mis --spp 1 --width 8 --height 6 --material lambert:albedo=0.25 --aovs --out a.exr",
+    );
+    // Layers are no colours of their own: only `beauty` channels or R, G, B would be.
+    let layers = fs::read(path.join("a.aovs.exr")).unwrap();
+    for name in ["albedo.R", "normal.Y", "depth.Z"] {
+        assert!(layers.windows(name.len()).any(|window| window == name.as_bytes()), "{name}");
+    }
+    let albedo = picture(&path.join("a.aovs.exr"));
+    let seen = albedo.pixels.iter().filter(|pixel| pixel[0] > 0.0).count();
+    assert!(seen > 0 && albedo.pixels.iter().all(|pixel| pixel[0] <= 0.25 + 1e-5), "{:?}", albedo.pixels);
+    assert!(albedo.pixels.iter().any(|pixel| (pixel[0] - 0.25).abs() < 1e-5));
+}
+
+#[test]
+fn data_is_json_and_nothing_else() {
+    let here = folder();
+    let path = here.path();
+    let json = |arguments: &str| -> serde_json::Value {
+        let said = succeed(path, arguments);
+        serde_json::from_str(&said).unwrap_or_else(|error| panic!("{arguments}: {error}: {said}"))
+    };
+    let rendered = json(&format!("{VIEW} --json --out a.exr"));
+    assert_eq!((rendered["spp"].as_u64(), rendered["sampler"].as_str()), (Some(4), Some("mis")));
+    assert!(json("scenes --json").as_array().unwrap().iter().any(|scene| scene["scene"] == "temple"));
+    let runs = json(&format!(
+        "compare --scene sphere --env studio {SMALL} --samplers mis,brdf --runs 2 --spp 1 --reference-spp 4 --json --out c"
+    ));
+    assert_eq!(runs.as_array().unwrap().len(), 4);
+    assert_eq!(runs[1]["sampler"], "brdf");
+    let fitted = json("fit --env overcast --material lambert --steps 2 --set conditions=4 --json --out f");
+    assert!(fitted["kl"].is_f64());
+    assert!(json("inspect f/sampler.safetensors --json --out f.png")["kl"].is_f64());
+    assert_eq!(json("info f/sampler.safetensors --json")["tail"], "hierarchical");
+}
+
+#[test]
+fn files_say_what_they_are() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, &format!("{VIEW} --out a.exr"));
+    let said = succeed(path, "info a.exr");
+    for fact in ["40 x 30", "headtail.command", "--scene dishes", "environment.hash", "camera.look_from"] {
+        assert!(said.contains(fact), "{fact}: {said}");
+    }
+    succeed(path, "fit --env overcast --material lambert --steps 2 --set conditions=4 --checkpoint-dir ck --out f");
+    assert!(succeed(path, "info f/sampler.safetensors").contains(" --sampler head+mis:f/sampler.safetensors\n"));
+    assert!(succeed(path, "info ck/step-000000002").contains("a checkpoint of a training"));
+    assert!(fail(path, "info f").contains("no checkpoint"));
+    fs::write(path.join("x"), "text").unwrap();
+    assert!(fail(path, "info x").starts_with("x: "));
+}
+
+#[test]
+fn shells_complete() {
+    let here = folder();
+    for shell in ["bash", "zsh", "fish"] {
+        let script = succeed(here.path(), &format!("completions {shell}"));
+        assert!(script.contains("headtail") && script.contains("env-rotate"), "{shell}");
+    }
+}
+
+#[test]
+fn mistakes_are_said_in_words() {
+    let here = folder();
+    let path = here.path();
+    assert!(refuse(path, &format!("{VIEW} --seed x --out a.exr")).contains("it is no whole number"));
+    let said = fail(path, "fit --env studio --material lambert --set steps=[1] --out a");
+    assert!(said.contains("whole number") && !said.contains("usize"), "{said}");
+    let map = Image { width: 2, height: 2, pixels: vec![[f32::NAN; 3]; 4] };
+    write_exr(&path.join("nan.exr"), &map, &[]).unwrap();
+    let said = fail(path, &VIEW.replace("studio", "nan.exr").replace("--sampler", "--out a.exr --sampler"));
+    assert!(said.contains("12 channel values were NaN"), "{said}");
+}
+
+#[test]
+fn a_table_for_diffuse_surfaces_draws_a_note_on_glossy_ones() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, "bake --direct --env overcast --normals 4x6 --cells 4x4 --out table");
+    let note = |material: &str| {
+        let arguments = format!(
+            "render --scene sphere --env overcast --sampler direct:table --spp 1 {SMALL} --material {material} --out {material}.exr"
+        );
+        text(&command(path, &arguments).output().unwrap().stderr)
+    };
+    assert!(note("ggx:alpha=0.3").contains("knows nothing of glossy ones"));
+    assert_eq!(note("lambert"), "");
+}
+
+#[test]
+fn a_reference_knows_its_noise() {
+    let here = folder();
+    let path = here.path();
+    let compare = |spp: u32, out: &str| {
+        let arguments = format!(
+            "compare --scene sphere --env studio {SMALL} --samplers mis,patches --runs 4 --spp 16 --reference-spp {spp} --out {out}"
+        );
+        succeed(path, &arguments);
+        let mut reader = csv::Reader::from_path(path.join(out).join("results.csv")).unwrap();
+        let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+        let of = |sampler: &str| -> f64 {
+            rows.iter().find(|row| &row[2] == sampler && &row[4] == "mean").unwrap()[8].parse().unwrap()
+        };
+        (of("mis"), of("patches"), fs::read_to_string(path.join(out).join("report.html")).unwrap())
+    };
+    let (mis, patches, page) = compare(1024, "good");
+    assert!(
+        page.contains("Its own mean squared error, from two independent halves, is") && !page.contains("limited by it")
+    );
+    // With a reference of the runs' own samples, what is left of the errors is what they are with a good one.
+    let (noisy_mis, noisy_patches, page) = compare(16, "noisy");
+    // 432 pixels, of which about a third is covered, in four runs of either; the reference's own errors are common to all runs. Their variance is
+    // that of a mean over some 150 pixels of squares, of relative deviation 1.4 for normal errors and more for these: 0.3 is two deviations.
+    assert!((noisy_mis / mis - 1.0).abs() < 0.3, "{noisy_mis} {mis}");
+    assert!(noisy_patches < 2.0 * patches || page.contains("limited by it"), "{noisy_patches} {patches}");
+    assert!(mean(&picture(&path.join("noisy/reference.exr"))) > 0.0);
+}

@@ -1,0 +1,195 @@
+//! Small good inputs, made here.
+
+use std::{fs, io::Cursor, path::Path, sync::atomic::AtomicBool};
+
+use exr::prelude::{
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Layer, LayerAttributes, LineOrder, SmallVec,
+    Vec2, WritableImage, f16,
+};
+use glam::Vec3A;
+use headtail_model::HeadConfig;
+use headtail_render::{
+    bake::{CellGrid, NormalGrid, direct_bake},
+    environment::Environment,
+    export::{ExportedSampler, Intermediate},
+    image::{Image, encode_exr, encode_png_rgb8},
+    scene::{Camera, FspyProject, UpAxis},
+    tail::{Tail, TailKind},
+};
+use headtail_train::{
+    CheckpointFolder, FitConfig, Run, TrainingLight, Viewpoints, build_target, exported_sampler, fit_with,
+};
+
+/// A small picture without structure.
+fn picture(width: usize, height: usize) -> Image {
+    let value = |k: usize| ((k * 37) % 19) as f32 * 0.25;
+    Image { width, height, pixels: (0..width * height).map(|k| [value(k), value(k + 7), value(3 * k)]).collect() }
+}
+
+/// Radiance files: flat, and run-length coded.
+pub fn radiance() -> Vec<Vec<u8>> {
+    let header = |width: usize, height: usize| {
+        format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.0\n\n-Y {height} +X {width}\n").into_bytes()
+    };
+    let mut flat = header(5, 3);
+    flat.extend([40_u8, 80, 120, 129].repeat(15));
+    let mut coded = header(12, 2);
+    for _ in 0..2 {
+        coded.extend([2, 2, 0, 12]);
+        for channel in 0..4_u8 {
+            // A run of 7, then 5 literals.
+            coded.extend([128 + 7, 100 + channel, 5, 1, 2, 3, 4, 5]);
+        }
+    }
+    vec![flat, coded]
+}
+
+/// OpenEXR files of every compression that can be written, tiles, and several layers.
+pub fn openexr() -> Vec<Vec<u8>> {
+    use Compression::{B44, DWAA, DWAB, PIZ, PXR24, RLE, Uncompressed, ZIP1, ZIP16};
+    let image = picture(12, 9);
+    let file = |encoding: Encoding, names: [&str; 3], is_half: bool| {
+        let channel = |c: usize| {
+            let values: Vec<f32> = image.pixels.iter().map(|pixel| pixel[c]).collect();
+            let half = || FlatSamples::F16(values.iter().map(|&value| f16::from_f32(value)).collect());
+            let samples = if is_half { half() } else { FlatSamples::F32(values.clone()) };
+            AnyChannel::new(names[c], samples)
+        };
+        let channels = AnyChannels::sort(SmallVec::from_vec(vec![channel(0), channel(1), channel(2)]));
+        let layer = Layer::new((12, 9), LayerAttributes::default(), encoding, channels);
+        let mut bytes = Cursor::new(Vec::new());
+        exr::prelude::Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).unwrap();
+        bytes.into_inner()
+    };
+    let lines = |compression| Encoding { compression, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let mut files: Vec<Vec<u8>> = [Uncompressed, RLE, ZIP1, ZIP16, PIZ, PXR24, B44, DWAA(None), DWAB(None)]
+        .into_iter()
+        .flat_map(|compression| [true, false].map(|is_half| file(lines(compression), ["R", "G", "B"], is_half)))
+        .collect();
+    let tiles = Encoding { compression: ZIP16, blocks: Blocks::Tiles(Vec2(5, 4)), line_order: LineOrder::Unspecified };
+    files.push(file(tiles, ["beauty.R", "beauty.G", "beauty.B"], true));
+    files.push(encode_exr(&image, &[]).unwrap());
+    files
+}
+
+/// A triangle with a texture as `.gltf`, and as `.glb`.
+pub fn gltf() -> Vec<Vec<u8>> {
+    let mut bin = Vec::new();
+    for value in [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0] {
+        bin.extend(value.to_le_bytes());
+    }
+    for index in [0_u16, 1, 2, 0] {
+        bin.extend(index.to_le_bytes());
+    }
+    let png = encode_png_rgb8(2, 2, &[[255, 0, 0], [0, 255, 0], [0, 0, 255], [9, 9, 9]]).unwrap();
+    let image = bin.len();
+    bin.extend(&png);
+    bin.resize(bin.len().next_multiple_of(4), 0);
+    let json = |uri: &str| {
+        format!(
+            r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0,1]}}],
+"nodes":[{{"mesh":0,"children":[2],"scale":[1,2,1]}},{{"camera":0,"translation":[0,0,3]}},{{"mesh":0,"rotation":[0,0,0,1]}}],
+"cameras":[{{"type":"perspective","perspective":{{"yfov":0.6,"znear":0.1}}}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"TEXCOORD_0":2}},"indices":1,"material":0}}]}}],
+"materials":[{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":0}},"metallicFactor":0.5,"roughnessFactor":0.4}},"normalTexture":{{"index":0,"scale":0.5}}}}],
+"textures":[{{"source":0,"sampler":0}}],"samplers":[{{"wrapS":33071}}],"images":[{{"bufferView":2,"mimeType":"image/png"}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}},
+{{"bufferView":1,"componentType":5123,"count":3,"type":"SCALAR"}},{{"bufferView":0,"byteOffset":36,"componentType":5126,"count":3,"type":"VEC2"}}],
+"bufferViews":[{{"buffer":0,"byteLength":60}},{{"buffer":0,"byteOffset":60,"byteLength":6}},{{"buffer":0,"byteOffset":{image},"byteLength":{}}}],
+"buffers":[{{"byteLength":{}{uri}}}]}}"#,
+            png.len(),
+            bin.len()
+        )
+        .into_bytes()
+    };
+    let chunk = |kind: &[u8; 4], data: &[u8], fill: u8| {
+        let mut padded = data.to_vec();
+        padded.resize(data.len().next_multiple_of(4), fill);
+        [&(padded.len() as u32).to_le_bytes()[..], kind, &padded].concat()
+    };
+    let chunks = [chunk(b"JSON", &json(""), b' '), chunk(b"BIN\0", &bin, 0)].concat();
+    let glb = [&b"glTF"[..], &2_u32.to_le_bytes(), &(12 + chunks.len() as u32).to_le_bytes(), &chunks].concat();
+    vec![glb, json(r#","uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAA""#)]
+}
+
+/// A project of fSpy with a small picture.
+pub fn fspy() -> Vec<Vec<u8>> {
+    let camera = Camera::new(Vec3A::new(0.0, 1.6, 4.0), Vec3A::Y, 40.0).unwrap();
+    let image = encode_png_rgb8(2, 2, &[[9, 8, 7]; 4]).unwrap();
+    vec![FspyProject { camera, width: 640, height: 480, image }.encode(UpAxis::Z)]
+}
+
+/// Settings of a training that takes no time.
+pub fn config() -> FitConfig {
+    let head = HeadConfig { bins: 4, hidden: 4, ..HeadConfig::COSINE };
+    FitConfig {
+        head,
+        steps: 2,
+        conditions: 4,
+        strata: 2,
+        validation_conditions: 2,
+        validation_strata: 4,
+        ..FitConfig::default()
+    }
+}
+
+/// A head and a table as exported files; the files of a checkpoint, manifest and state; and how many weights it is of.
+pub fn trained(folder: &Path) -> (Vec<Vec<u8>>, [Vec<u8>; 2], usize) {
+    let map = Environment::from_image("small", picture(16, 8)).unwrap();
+    let config = config();
+    let light = TrainingLight::new(&config, &map).unwrap();
+    let target = build_target(&config, &light.tail, Viewpoints::Sphere);
+    let checkpoints =
+        CheckpointFolder { folder: folder.join("made"), every: 1, resume: false, target: "target".into() };
+    let (interrupt, warn) = (AtomicBool::new(false), &mut |_: &headtail_train::Error| {});
+    let run = Run { progress: &mut |_| Ok(()), interrupt: &interrupt, checkpoints: Some(&checkpoints), warn };
+    let fitted = fit_with(&config, &*target, run).unwrap();
+    let read = |name: &str| fs::read(folder.join("made/step-000000002").join(name)).unwrap();
+    let checkpoint = ["manifest.json", "state.safetensors"].map(read);
+    let head = exported_sampler(&fitted.head, &config, &fitted.summary, &map, &light, false).unwrap();
+    let tail = Tail::of_environment(TailKind::Hierarchical, &map).unwrap();
+    let table = direct_bake(&tail, NormalGrid::new(2, 3).unwrap(), CellGrid::new(2, 4).unwrap()).unwrap();
+    let table = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
+    let encode = |sampler: &ExportedSampler| {
+        let path = folder.join("sampler");
+        sampler.write(&path).unwrap();
+        fs::read(path).unwrap()
+    };
+    (vec![encode(&head), encode(&table)], checkpoint, fitted.head.weight_count())
+}
+
+/// Settings as TOML, and single assignments.
+pub fn toml() -> Vec<Vec<u8>> {
+    vec![
+        config().to_toml().unwrap().into_bytes(),
+        b"steps = 7\nhead.bins = 16\n[flow]\ncells = 64\n".to_vec(),
+        b"material = \"ggx:alpha=0.2..0.8\"\nloss = 'forward-kl'\nlearning_rate = 1e-3\n".to_vec(),
+    ]
+}
+
+/// Names of samplers, and of materials.
+pub fn specs() -> Vec<Vec<u8>> {
+    let names = [
+        "mis",
+        "mis2",
+        "mis-comp",
+        "brdf",
+        "cosine",
+        "emitter",
+        "oracle",
+        "patches",
+        "patches:fine",
+        "patches+vis",
+        "ris:4",
+        "ris:64:patches",
+        "head:a/b.safetensors",
+        "head+mis:a.safetensors",
+        "ris:8:head:a.safetensors",
+        "direct:x",
+        "lambert",
+        "lambert:albedo=0.5",
+        "ggx:alpha=0.4",
+        "ggx:alpha=0.2..0.8,f0=0.04",
+    ];
+    names.map(|name| name.as_bytes().to_vec()).to_vec()
+}

@@ -1,0 +1,164 @@
+//! Files and texts from outside, changed at random: each is taken or refused by an error, in bounded memory and without a panic.
+//!
+//! The inputs are a function of their number, so that a failure can be repeated: its message has the number, and the input is left in a file.
+//! `HEADTAIL_FUZZ_INPUTS` sets how many there are for each reader (2000 by default), `HEADTAIL_FUZZ_FIRST` the number of the first.
+
+mod corpus;
+mod memory;
+mod mutation;
+
+use std::{
+    fs,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use headtail_render::{
+    export::ExportedSampler,
+    image::{read_radiance, text_attributes},
+    scene::{FspyProject, MaterialSpec, Scene, UpAxis},
+    spec::SamplerSpec,
+};
+use headtail_train::{CheckpointFolder, ConfigBuilder, Preset};
+use mutation::Mutation;
+
+#[global_allocator]
+static ALLOCATOR: memory::Counting = memory::Counting;
+
+/// What reading an input may take. The inputs have 64 KiB at most; compressed ones are a thousandth of what they hold at best, and a picture of
+/// the largest size would be 1.6 GB.
+const MOST_BYTES: usize = 256 << 20;
+
+const SEED: u64 = 0xf022;
+
+fn number_of(variable: &str, default: u64) -> u64 {
+    std::env::var(variable).map_or(default, |text| text.parse().expect(variable))
+}
+
+/// Gives a reader its inputs. `read` says whether it has taken one.
+fn fuzz(name: &str, inputs: &[Vec<u8>], read: impl Fn(&Path, &[u8]) -> bool) {
+    let folder = tempfile::tempdir_in(if Path::new("/dev/shm").is_dir() { "/dev/shm" } else { "." }).unwrap();
+    let path = folder.path().join(name);
+    let refused = inputs.iter().filter(|input| {
+        fs::write(&path, input).unwrap();
+        !read(&path, input)
+    });
+    // Some are made to be unusual.
+    let refused = refused.count();
+    assert!(2 * refused <= inputs.len(), "{name}: {refused} of {} inputs of the corpus are refused", inputs.len());
+    let (count, first) = (number_of("HEADTAIL_FUZZ_INPUTS", 2000), number_of("HEADTAIL_FUZZ_FIRST", 0));
+    let (start, mut taken, mut peak) = (Instant::now(), 0_u64, 0);
+    for number in first..first + count {
+        let bytes = Mutation::new(SEED, number).of(inputs);
+        fs::write(&path, &bytes).unwrap();
+        peak = peak.max(memory::peak_of(MOST_BYTES, || match catch_unwind(AssertUnwindSafe(|| read(&path, &bytes))) {
+            Ok(is_taken) => taken += u64::from(is_taken),
+            Err(_) => {
+                let kept = keep(name, number, &bytes);
+                panic!("{name}: input {number} makes the reader panic; it is in {}", kept.display());
+            }
+        }));
+    }
+    let seconds = start.elapsed().as_secs_f64();
+    println!("{name}: {count} inputs from {first}, {taken} taken, {:.1} MB at most, {seconds:.0} s", peak as f64 / 1e6);
+}
+
+fn keep(name: &str, number: u64, bytes: &[u8]) -> PathBuf {
+    let path = std::env::temp_dir().join(format!("headtail-fuzz-{name}-{number}"));
+    fs::write(&path, bytes).unwrap();
+    path
+}
+
+// One test, since the allocator counts for the whole process.
+#[test]
+fn no_input_makes_a_reader_panic_or_take_much_memory() {
+    let only = std::env::var("HEADTAIL_FUZZ_ONLY").unwrap_or_default();
+    let is_wanted = |name: &str| name.contains(&only);
+    let image = |path: &Path, _: &[u8]| {
+        let taken = read_radiance(path).is_ok();
+        // The header alone may be right where pixels are not.
+        let _ = text_attributes(path);
+        taken
+    };
+    let made = tempfile::tempdir().unwrap();
+    let (samplers, checkpoint, weights) = corpus::trained(made.path());
+    if is_wanted("hdr") {
+        fuzz("hdr", &corpus::radiance(), image);
+    }
+    if is_wanted("exr") {
+        fuzz("exr", &corpus::openexr(), image);
+    }
+    if is_wanted("gltf") {
+        let [glb, gltf] = <[Vec<u8>; 2]>::try_from(corpus::gltf()).unwrap();
+        fuzz("gltf.glb", &[glb], |path, _| Scene::load(path).is_ok());
+        // The buffer is too short for the accessors: it is refused as it is.
+        fuzz("gltf.gltf", &[gltf], |path, bytes| Scene::load(path).is_ok() || bytes.starts_with(b"{\"asset"));
+    }
+    if is_wanted("sampler") {
+        fuzz("sampler", &samplers, |path, _| ExportedSampler::read(path).is_ok());
+    }
+    if is_wanted("fspy") {
+        let read = |path: &Path, _: &[u8]| {
+            FspyProject::read(path, UpAxis::Z).is_ok_and(|project| project.photograph().is_ok())
+        };
+        fuzz("fspy", &corpus::fspy(), read);
+    }
+    if is_wanted("toml") {
+        let read = |path: &Path, bytes: &[u8]| {
+            let mut builder = ConfigBuilder::new(Preset::FastCosine);
+            let is_file = builder.file(path).is_ok();
+            let lines = std::str::from_utf8(bytes).unwrap_or_default().lines();
+            let _ = lines.filter(|line| builder.assignment(line).is_ok()).count();
+            is_file && builder.build().is_ok_and(|config| config.validate().is_ok() || config.steps > 0)
+        };
+        fuzz("toml", &corpus::toml(), read);
+    }
+    if is_wanted("spec") {
+        let read = |_: &Path, bytes: &[u8]| {
+            let text = String::from_utf8_lossy(bytes);
+            let sampler = text.parse::<SamplerSpec>();
+            // What is understood is written as what is understood.
+            if let Ok(spec) = &sampler {
+                assert!(spec.to_string().parse::<SamplerSpec>().is_ok_and(|again| again == *spec), "{text}");
+            }
+            sampler.is_ok() || text.parse::<MaterialSpec>().is_ok()
+        };
+        fuzz("spec", &corpus::specs(), read);
+    }
+    if is_wanted("checkpoint") {
+        fuzz_checkpoints(made.path(), &checkpoint, weights);
+    }
+}
+
+/// Checkpoints have checksums: half of the inputs get new ones, so that what is behind them is reached.
+fn fuzz_checkpoints(made: &Path, [manifest, state]: &[Vec<u8>; 2], weights: usize) {
+    let config = corpus::config();
+    let step = made.join("fuzzed/step-000000002");
+    let set_up = |manifest: &[u8], state: &[u8], sums: bool| {
+        drop(fs::remove_dir_all(made.join("fuzzed")));
+        fs::create_dir_all(&step).unwrap();
+        let line = |name: &str, bytes: &[u8]| format!("{}  {name}\n", blake3::hash(bytes).to_hex());
+        let sums = if sums { line("manifest.json", manifest) + &line("state.safetensors", state) } else { "x".into() };
+        for (name, bytes) in
+            [("manifest.json", manifest), ("state.safetensors", state), ("checksums.b3", sums.as_bytes())]
+        {
+            fs::write(step.join(name), bytes).unwrap();
+        }
+    };
+    let goes_on = || {
+        let folder = CheckpointFolder { folder: made.join("fuzzed"), every: 1, resume: true, target: "target".into() };
+        folder.open(&config, weights, &mut |_| {}).is_ok_and(|found| found.is_some())
+    };
+    for (name, input) in [("checkpoint.manifest", manifest), ("checkpoint.state", state)] {
+        fuzz(name, std::slice::from_ref(input), |_, bytes| {
+            let sums = bytes.len() % 8 != 7;
+            if name.ends_with("manifest") {
+                set_up(bytes, state, sums)
+            } else {
+                set_up(manifest, bytes, sums)
+            }
+            goes_on() || bytes == &input[..]
+        });
+    }
+}
