@@ -11,6 +11,7 @@ mod demo;
 mod export;
 mod fit;
 mod inspect;
+mod material;
 mod paper;
 mod progress;
 mod render;
@@ -43,6 +44,7 @@ enum Command {
     Chart(chart::Arguments),
     Export(export::Arguments),
     Inspect(inspect::Arguments),
+    Material(material::Arguments),
     Autosize(autosize::Arguments),
     Sweep(sweep::Arguments),
     Stability(stability::Arguments),
@@ -81,6 +83,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Chart(arguments) => chart::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Material(arguments) => material::run(&arguments),
         Command::Autosize(arguments) => autosize::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),
         Command::Stability(arguments) => stability::run(&arguments),

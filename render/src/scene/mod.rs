@@ -9,6 +9,7 @@ mod ground;
 mod hash;
 mod material;
 mod material_spec;
+mod measured;
 mod mesh;
 mod normal_map;
 mod parts;
