@@ -69,7 +69,14 @@ fn table(brdfs: &[NeuralBrdf]) -> String {
     let grazing = VIEWS[VIEWS.len() - 1];
     let mut text = format!(
         "{:width$}  {:>7} {:>7} {:>7} {:>8} {:>7} {:>9} {:>8}\n",
-        "material", "albedo", format!("at {grazing}"), "largest", "recipr.", "width", "peak", "variance"
+        "material",
+        "albedo",
+        format!("at {grazing}"),
+        "largest",
+        "recipr.",
+        "width",
+        "peak",
+        "variance"
     );
     for brdf in brdfs {
         let check = brdf.check();

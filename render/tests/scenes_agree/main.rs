@@ -2,6 +2,8 @@
 
 mod budgets;
 mod learning;
+#[path = "../networks/mod.rs"]
+mod networks;
 mod points;
 mod tails_and_emitters;
 
@@ -13,6 +15,7 @@ use std::{
 use glam::{Vec2, Vec3A};
 use headtail_render::{
     bake::{BakedTable, CellGrid, CellPoints, NormalGrid, direct_bake},
+    brdf::neural::write_networks,
     color::luminance,
     environment::{Environment, built_in},
     estimator::Estimator,
@@ -313,7 +316,11 @@ fn glossy_surfaces_in_a_white_furnace_show_their_albedo() {
 fn all_samplers_render_the_same_glossy_picture() {
     let folder = tempfile::tempdir().unwrap();
     let environment = Arc::new(built_in("window").unwrap());
-    for material in ["ggx:alpha=0.4", "ggx:alpha=0.2..0.8"] {
+    let measured = folder.path().join("measured.safetensors");
+    let forms = [("mirror", networks::MIRROR), ("matte", networks::MATTE), ("odd", networks::ODD)];
+    write_networks(&measured, &forms.map(|(name, form)| (name.to_owned(), form.network()))).unwrap();
+    let measured = format!("nbrdf:{}#mirror,matte,odd", measured.display());
+    for material in ["ggx:alpha=0.4", "ggx:alpha=0.2..0.8", &measured] {
         let scene = Scene::built_in("dishes").unwrap();
         let bounds = scene.bounds();
         let scene = material.parse::<MaterialSpec>().unwrap().dress(scene, &bounds).unwrap();
