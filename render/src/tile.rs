@@ -197,6 +197,11 @@ impl<'a> Rows<'a> {
         self.tile.point(self.row(place))
     }
 
+    /// The BRDFs that points refer to.
+    pub fn brdfs(&self) -> &'a BrdfTable {
+        &self.tile.brdfs
+    }
+
     /// The key of the point at a place.
     #[inline(always)]
     pub fn key(&self, place: usize) -> u32 {
