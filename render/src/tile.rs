@@ -3,7 +3,7 @@
 use glam::Vec3A;
 
 use crate::{
-    brdf::{Brdf, BrdfTable, MAX_PARAMETERS, Surface, Surfaces},
+    brdf::{Brdf, BrdfTable, LATENTS, MAX_PARAMETERS, Surface, Surfaces},
     columns::{Arena, gather, scatter, strips, vectorized},
     simd::{LANES, Lanes},
 };
@@ -303,6 +303,21 @@ impl<'a> Rows<'a> {
                 let mut own = arena.columns::<1>(group.strips);
                 group.brdf.alpha(&group.surfaces, own.get_mut()[0]);
                 scatter_all(own.get(), places, [out]);
+            }
+        });
+    }
+
+    /// What the BRDFs are like: columns of [`Brdf::latent`].
+    pub fn latents(&self, mut out: [&mut [Lanes]; LATENTS], arena: &Arena) {
+        self.by_brdf(arena, |group| {
+            for (out, number) in out.iter_mut().zip(group.brdf.latent()) {
+                match group.places {
+                    None => out.fill([number; LANES]),
+                    Some(places) => {
+                        let out = out.as_flattened_mut();
+                        places.iter().for_each(|&place| out[usize::from(place)] = number);
+                    }
+                }
             }
         });
     }

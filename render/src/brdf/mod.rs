@@ -22,6 +22,9 @@ use crate::{
     simd::{LANES, Lanes},
 };
 
+/// Numbers that say what a measured BRDF is like.
+pub const LATENTS: usize = 6;
+
 /// Most parameters of a BRDF.
 pub const MAX_PARAMETERS: usize = 8;
 
@@ -105,6 +108,11 @@ pub trait Brdf: fmt::Debug + Send + Sync {
 
     /// [`Kernel::lobes`]: columns of diffuse, specular, f0 and alpha.
     fn lobes(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; 4]);
+
+    /// What it is like, for heads that serve many materials; zeros where it does not say.
+    fn latent(&self) -> [f32; LATENTS] {
+        [0.0; LATENTS]
+    }
 
     /// What was found out about it when it was loaded: a line for the user.
     fn note(&self) -> Option<String> {

@@ -1,12 +1,12 @@
 //! Material specifications: `lambert`, `lambert:albedo=0.5`, `ggx:alpha=0.4`, `ggx:alpha=0.2..0.8,f0=0.9`, `nbrdf:FILE#NAME`.
 
-use std::{fmt, path::PathBuf, str::FromStr};
+use std::{fmt, path::PathBuf, str::FromStr, sync::Arc};
 
 use glam::Vec3A;
 
 use super::{AlphaField, Bounds, Material, Scene, measured};
 use crate::{
-    brdf::Ggx,
+    brdf::{Brdf, Ggx},
     error::{Error, Result},
 };
 
@@ -65,7 +65,10 @@ impl MaterialSpec {
                 };
                 scene.with_material(Material::Ggx { alpha, f0: Vec3A::splat(*f0) })
             }
-            Self::Measured { file, names } => scene.with_brdfs(measured::open(file, names)?),
+            Self::Measured { file, names } => {
+                let own = measured::open_measured(file, names)?;
+                scene.with_brdfs(own.into_iter().map(|brdf| -> Arc<dyn Brdf> { brdf }).collect())
+            }
         })
     }
 }

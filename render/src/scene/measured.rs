@@ -8,10 +8,7 @@ use std::{
 use rayon::prelude::*;
 
 use crate::{
-    brdf::{
-        Brdf,
-        neural::{NeuralBrdf, read_networks},
-    },
+    brdf::neural::{NeuralBrdf, read_networks},
     error::{Error, Result},
 };
 
@@ -32,7 +29,10 @@ pub(super) fn parse(text: &str) -> std::result::Result<(PathBuf, Vec<String>), S
 }
 
 /// The materials of these names, in their order; the only one of the file if no name is given.
-pub(super) fn open(file: &Path, names: &[String]) -> Result<Vec<Arc<dyn Brdf>>> {
+///
+/// # Errors
+/// The file cannot be read, or does not hold what it is asked for.
+pub fn open_measured(file: &Path, names: &[String]) -> Result<Vec<Arc<NeuralBrdf>>> {
     let networks = read_networks(file)?;
     let known = || {
         let some = networks.iter().take(LISTED).map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
@@ -53,7 +53,7 @@ pub(super) fn open(file: &Path, names: &[String]) -> Result<Vec<Arc<dyn Brdf>>> 
             names.iter().map(found).collect::<Result<_>>()?
         }
     };
-    let open = |(name, network): &(String, _)| -> Result<Arc<dyn Brdf>> {
+    let open = |(name, network): &(String, _)| -> Result<Arc<NeuralBrdf>> {
         Ok(Arc::new(NeuralBrdf::new(name, Clone::clone(network)).map_err(|error| error.in_file(file))?))
     };
     wanted.into_par_iter().map(open).collect()

@@ -23,6 +23,7 @@ pub use camera::Camera;
 pub use fspy::{FspyProject, UpAxis};
 pub use material::{AlphaField, Material, SurfacePoint, TexturedMetallicRoughness};
 pub use material_spec::{AlphaRange, MaterialSpec};
+pub use measured::open_measured;
 pub use mesh::{MAX_COORDINATE, Mesh};
 pub use normal_map::{NormalMap, TangentSpace};
 pub use ray::{Bounds, Ray};

@@ -8,13 +8,14 @@ use super::{
 };
 
 /// Heads with random weights, and with a random selection network.
-pub static HEADS: LazyLock<[(&str, Head); 4]> = LazyLock::new(|| {
+pub static HEADS: LazyLock<[(&str, Head); 5]> = LazyLock::new(|| {
     let head = |condition, mode, bins, encoder: &[usize]| random_head_of(condition, mode, bins, encoder, &[16, 1]);
     [
         ("ggx, coupled", head(Condition::Ggx, Mode::Coupled, 8, &[16, 12])),
         ("ggx, autoregressive", head(Condition::Ggx, Mode::Autoregressive, 4, &[])),
         ("ggx-roughness, coupled", head(Condition::GgxRoughness, Mode::Coupled, 4, &[])),
         ("ggx-roughness, autoregressive", head(Condition::GgxRoughness, Mode::Autoregressive, 8, &[16, 12])),
+        ("family, coupled", head(Condition::Family, Mode::Coupled, 4, &[16, 12])),
     ]
 });
 

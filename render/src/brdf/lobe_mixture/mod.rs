@@ -7,7 +7,7 @@ mod fit;
 
 use glam::{Vec2, Vec3};
 
-use super::{Ggx, Kernel, Lambert, Surfaces};
+use super::{Ggx, Kernel, LATENTS, Lambert, Surfaces};
 use crate::{
     columns::vectorized,
     discrete::BELOW_ONE,
@@ -60,9 +60,26 @@ impl LobeMixture {
         (0..LOBES).find(|&lobe| counts(lobe)).map_or(1.0, |lobe| self.alphas[lobe])
     }
 
-    /// A direction for uniform numbers and its pdf, with the normal along z.
-    pub fn draw_local(&self, wo: Vec3, u: Vec2) -> (Vec3, f32) {
-        self.draw(&self.techniques(wo.z), Vec3::Z, wo, u)
+    /// A direction for uniform numbers and its pdf, at one point.
+    pub fn draw_at(&self, n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32) {
+        self.draw(&self.techniques(n.dot(wo)), n, wo, u)
+    }
+
+    /// The pdf of a direction, at one point.
+    pub fn pdf_at(&self, n: Vec3, wo: Vec3, wi: Vec3) -> f32 {
+        self.density(&self.techniques(n.dot(wo)), n, wo, wi)
+    }
+
+    /// What the mixture is like, in numbers of the order of 1: seen from above and at a slant, the share of the nearest single lobe, a quarter of the logarithm
+    /// of its width, and the weight of the cosine lobe.
+    pub fn latent(&self) -> [f32; LATENTS] {
+        let of = |cos: f32| {
+            let (node, _) = Self::place(cos);
+            let Weights { techniques, single } = self.nodes[node as usize];
+            [single[0], 0.25 * single[1].ln(), techniques[0]]
+        };
+        let [[a, b, c], [d, e, f]] = [of(0.8), of(0.3)];
+        [a, b, c, d, e, f]
     }
 
     /// [`super::Brdf::sample`].

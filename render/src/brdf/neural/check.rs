@@ -119,7 +119,7 @@ fn albedo(network: &Network, mixture: &LobeMixture, cos: f32) -> Vec3 {
     let wo = view(cos);
     let draw = |k: usize| {
         let u = Vec2::new((k as f32 + 0.5) / SAMPLES as f32, (k as u32).reverse_bits() as f32 / 4_294_967_296.0);
-        mixture.draw_local(wo, u)
+        mixture.draw_at(Vec3::Z, wo, u)
     };
     let drawn: Vec<(Vec3, f32)> = (0..SAMPLES).map(draw).filter(|(_, pdf)| *pdf > 0.0).collect();
     let pairs: Vec<[Vec3; 2]> = drawn.iter().map(|(wi, _)| [wo, *wi]).collect();
@@ -135,7 +135,7 @@ fn reciprocity_error(network: &Network, mixture: &LobeMixture) -> f64 {
     for _ in 0..SAMPLES {
         let cos = random.uniform().sqrt().max(1e-3);
         let wo = view(cos);
-        let (wi, pdf) = mixture.draw_local(wo, random.uniform2());
+        let (wi, pdf) = mixture.draw_at(Vec3::Z, wo, random.uniform2());
         if pdf > 0.0 && wi.z > 1e-3 {
             there.push([wo, wi]);
             weights.push(1.0 / pdf);

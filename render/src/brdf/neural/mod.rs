@@ -10,7 +10,9 @@ pub use network::{INPUTS, LAYERS, MAX_HIDDEN, Network, OUTPUTS};
 
 use std::fmt;
 
-use super::{Brdf, LobeMixture, Surfaces};
+use glam::Vec3;
+
+use super::{Brdf, LATENTS, LobeMixture, Surfaces};
 use crate::{error::Result, simd::Lanes};
 
 /// A measured BRDF: a network that is evaluated, and a mixture of lobes that was fitted to it, from which directions are drawn.
@@ -46,6 +48,12 @@ impl NeuralBrdf {
     /// The lobes that directions are drawn from.
     pub fn mixture(&self) -> &LobeMixture {
         &self.mixture
+    }
+
+    /// Luminance of `f_r max(0, n . wi)` towards each of some directions.
+    pub fn luminances(&self, n: Vec3, wo: Vec3, wi: &[Vec3]) -> Vec<f32> {
+        let pairs: Vec<[Vec3; 2]> = wi.iter().map(|&wi| [wo, wi]).collect();
+        self.network.reflected(n, &pairs).into_iter().map(super::luminance).collect()
     }
 
     /// What was measured of it.
@@ -84,6 +92,10 @@ impl Brdf for NeuralBrdf {
 
     fn lobes(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; 4]) {
         self.mixture.lobes(at, out);
+    }
+
+    fn latent(&self) -> [f32; LATENTS] {
+        self.mixture.latent()
     }
 
     fn note(&self) -> Option<String> {

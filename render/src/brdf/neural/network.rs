@@ -71,18 +71,25 @@ impl Network {
         reach.into_iter().fold(0.0, |a: f32, b| if b <= a { a } else { b })
     }
 
-    /// `f_r max(0, n . wi)` per channel for pairs of `wo` and `wi`, with the normal along z.
+    /// [`Self::reflected`] with the normal along z.
     pub fn of_pairs(&self, pairs: &[[Vec3; 2]]) -> Vec<Vec3> {
+        self.reflected(Vec3::Z, pairs)
+    }
+
+    /// `f_r max(0, n . wi)` per channel for pairs of `wo` and `wi` at one normal.
+    pub fn reflected(&self, n: Vec3, pairs: &[[Vec3; 2]]) -> Vec<Vec3> {
         let count = strips(pairs.len());
-        let mut columns = vec![vec![[0.0; LANES]; count]; 8];
-        columns[7].fill([1.0; LANES]);
+        let mut columns = vec![vec![[0.0; LANES]; count]; 9];
+        for (column, number) in columns[6..].iter_mut().zip(n.to_array()) {
+            column.fill([number; LANES]);
+        }
         for (place, pair) in pairs.iter().enumerate() {
             for (column, number) in columns.iter_mut().zip(pair.iter().flat_map(Vec3::to_array)) {
                 column.as_flattened_mut()[place] = number;
             }
         }
-        let [a, b, c, d, e, f, none, up] = std::array::from_fn(|k| &columns[k][..]);
-        let at = Surfaces { n: [none, none, up], wo: [a, b, c], parameters: [none; MAX_PARAMETERS] };
+        let [a, b, c, d, e, f, x, y, z] = std::array::from_fn(|k| &columns[k][..]);
+        let at = Surfaces { n: [x, y, z], wo: [a, b, c], parameters: [x; MAX_PARAMETERS] };
         let mut out = [(); OUTPUTS].map(|()| vec![[0.0; LANES]; count]);
         let [red, green, blue] = &mut out;
         self.evaluate_cosine(&at, [d, e, f], [red, green, blue]);
