@@ -211,13 +211,6 @@ impl LobeMixture {
 fn node_weights(quadrature: &Quadrature, values: &[f32], widths: [usize; LOBES]) -> (Weights, f64) {
     let all = [0, widths[0] + 1, widths[1] + 1, widths[2] + 1];
     let (techniques, moment) = quadrature.weights(values, all, LEAST, FINE_STEPS);
-    if std::env::var("HT_SINGLE").as_deref() == Ok("old") {
-        let single = (0..WIDTHS)
-            .map(|k| (k, quadrature.weights(values, [0, k + 1], [0.0, LEAST_SINGLE], COARSE_STEPS)))
-            .min_by(|(_, (_, a)), (_, (_, b))| a.total_cmp(b));
-        let (k, ([_, share], _)) = single.expect("there are widths");
-        return (Weights { techniques, single: [share, width(k)] }, moment);
-    }
     (Weights { techniques, single: single_lobe(quadrature, values) }, moment)
 }
 
