@@ -72,3 +72,54 @@ impl Surface for MeasuredSurface {
         self.brdf(condition).mixture().pdf_at(n, wo, wi.into())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use headtail_render::{
+        brdf::neural::{INPUTS, Network, OUTPUTS, write_networks},
+        head::Linear,
+        random::Purpose,
+    };
+
+    use super::*;
+    use crate::Material;
+
+    /// A grey lobe around the mirrored direction: its logarithm falls with the sine of the half vector's angle.
+    fn network(peak: f32) -> Network {
+        let first = Linear::new("first", INPUTS, 1, &[-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], vec![1.0]).unwrap();
+        let second = Linear::new("second", 1, 1, &[1.0], vec![0.0]).unwrap();
+        let third = Linear::new("third", 1, OUTPUTS, &[peak; OUTPUTS], vec![0.1; OUTPUTS]).unwrap();
+        Network::new("network", [first, second, third]).unwrap()
+    }
+
+    #[test]
+    fn conditions_name_the_material_that_they_are_drawn_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("two.safetensors");
+        write_networks(&file, &[("dull".into(), network(0.5)), ("bright".into(), network(3.0))]).unwrap();
+        let text = format!("nbrdf:{}#dull,bright", file.display());
+        let material: Material = text.parse().unwrap();
+        assert_eq!((material.to_string(), material.condition()), (text, Condition::Family));
+        let Material::Measured(materials) = material else { panic!("{material}") };
+        let surface = MeasuredSurface::new(Viewpoints::Sphere, materials);
+        let mut stream = Stream::new(0, Purpose::Test, 0);
+        let (mut condition, mut seen) = ([0.0; head::MAX_CONDITION], [0; 2]);
+        for _ in 0..200 {
+            surface.draw_condition(&mut stream, &mut condition);
+            let [wo, n] = directions(&condition);
+            let which = usize::from(condition[10..] == materials.brdfs()[1].latent());
+            seen[which] += 1;
+            let brdf = &materials.brdfs()[which];
+            let Some(wi) = surface.sample(&condition, stream.uniform2()) else { continue };
+            assert_eq!(surface.lobe(&condition, wi), brdf.luminances(n, wo, &[wi.into()])[0]);
+            assert_eq!(surface.pdf(&condition, wi), brdf.mixture().pdf_at(n, wo, wi.into()));
+            assert!(surface.pdf(&condition, wi) > 0.0);
+        }
+        // 100 each, with a standard deviation of 7.
+        assert!(seen.iter().all(|&count| count > 60), "{seen:?}");
+        let one: Material = format!("nbrdf:{}#dull", file.display()).parse().unwrap();
+        assert_eq!(one.condition(), Condition::Ggx);
+        let error = format!("nbrdf:{}#gone", file.display()).parse::<Material>().unwrap_err();
+        assert!(error.contains("'gone'"), "{error}");
+    }
+}
