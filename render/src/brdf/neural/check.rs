@@ -26,13 +26,13 @@ const GRID: [usize; 3] = [24, 24, 8];
 /// Refuses networks that overflow, or shine.
 pub(super) fn refuse_absurd(name: &str, network: &Network) -> Result<()> {
     let bound = network.bound();
-    if !(bound <= LARGEST_BOUND) {
+    if bound.is_nan() || bound > LARGEST_BOUND {
         let reason = format!("its weights allow logarithms up to {bound:e}; at most {LARGEST_BOUND:e} is read");
         return Err(Error::argument(name, reason));
     }
     let largest =
         network.of_pairs(&half_vector_grid()).iter().fold(0.0_f32, |most, value| most.max(value.max_element()));
-    if !(largest <= LARGEST_VALUE) {
+    if largest.is_nan() || largest > LARGEST_VALUE {
         let reason = format!("it reflects up to {largest:e} per steradian, more than any surface does");
         return Err(Error::argument(name, reason));
     }
