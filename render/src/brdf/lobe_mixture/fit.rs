@@ -28,8 +28,6 @@ const POINTS: usize = 96;
 const LEAST_DIFFUSE: f32 = 0.05;
 /// The least share of the lobe in [`Weights::single`].
 const LEAST_SINGLE: f32 = 0.02;
-/// Shares that are tried for it.
-const SHARES: [f32; 12] = [LEAST_SINGLE, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.86, 0.93, 0.97, 0.99];
 /// The cosine that stands for the node in the horizon.
 const GRAZING: f32 = 2e-3;
 /// Steps towards the best weights while widths are chosen, and in the end.
@@ -211,38 +209,9 @@ impl LobeMixture {
 fn node_weights(quadrature: &Quadrature, values: &[f32], widths: [usize; LOBES]) -> (Weights, f64) {
     let all = [0, widths[0] + 1, widths[1] + 1, widths[2] + 1];
     let (techniques, moment) = quadrature.weights(values, all, LEAST, FINE_STEPS);
-    (Weights { techniques, single: single_lobe(quadrature, values) }, moment)
-}
-
-/// Share and width of the single lobe beside a diffuse one whose logarithm is nearest to the BRDF's.
-///
-/// Samplers of a product with the light multiply it by what may be a thousand times brighter in one place than in another: what counts is the quotient of both
-/// wherever much may be reflected, not where most is reflected of a white sky. Squares are weighted by the root of the values.
-fn single_lobe(quadrature: &Quadrature, values: &[f32]) -> [f32; 2] {
-    let points: Vec<(f32, f32, &[f32; TECHNIQUES])> = values
-        .iter()
-        .zip(&quadrature.solid_angles)
-        .zip(&quadrature.pdfs)
-        .step_by(2)
-        .filter(|((value, _), _)| **value > 0.0)
-        .map(|((value, area), pdfs)| {
-            let luminance = value / area.sqrt();
-            (luminance.ln(), luminance.sqrt() * area, pdfs)
-        })
-        .collect();
-    let total: f64 = points.iter().map(|(_, weight, _)| f64::from(*weight)).sum();
-    // The variance of the logarithm of the quotient.
-    let spread = |share: f32, k: usize| {
-        let (mut sum, mut squares) = (0.0, 0.0);
-        for (log, weight, pdfs) in &points {
-            let near = (1.0 - share) * pdfs[0] + share * pdfs[k + 1];
-            let quotient = f64::from(log - near.max(f32::MIN_POSITIVE).ln());
-            sum += f64::from(*weight) * quotient;
-            squares += f64::from(*weight) * quotient * quotient;
-        }
-        squares / total - (sum / total).powi(2)
-    };
-    let tried = SHARES.iter().flat_map(|&share| (0..WIDTHS).map(move |k| (share, k)));
-    let best = tried.map(|(share, k)| (spread(share, k), share, k)).min_by(|a, b| a.0.total_cmp(&b.0));
-    best.map_or([LEAST_SINGLE, 1.0], |(_, share, k)| [share, width(k)])
+    let single = (0..WIDTHS)
+        .map(|k| (k, quadrature.weights(values, [0, k + 1], [0.0, LEAST_SINGLE], COARSE_STEPS)))
+        .min_by(|(_, (_, a)), (_, (_, b))| a.total_cmp(b));
+    let (k, ([_, share], _)) = single.expect("there are widths");
+    (Weights { techniques, single: [share, width(k)] }, moment)
 }
