@@ -1,4 +1,5 @@
-//! Neural BRDFs: the network against its definition in f64, the sampling that was fitted to it, and files that hold one.
+//! Neural BRDFs: the network against its definition in f64, the sampling that was fitted to it, and files that hold
+//! one.
 
 mod networks;
 
@@ -53,8 +54,9 @@ fn pair(random: &mut Stream, near: bool) -> [Vec3; 2] {
 
 /// `f_r cos` by the definition, with a bound of the error that f32 may make.
 ///
-/// Each layer of n inputs adds up to (n + 2) roundings of the sum of moduli to the errors that it passes on. The inputs are off by some 4 roundings,
-/// and by as many over the sine of the half vector's angle, which its azimuth is divided by.
+/// Each layer of n inputs adds up to (n + 2) roundings of the sum of moduli to the errors that it passes on. The inputs
+/// are off by some 4 roundings, and by as many over the sine of the half vector's angle, which its azimuth is divided
+/// by.
 fn oracle(network: &Network, [wo, wi]: [Vec3; 2]) -> ([f64; OUTPUTS], [f64; OUTPUTS]) {
     const ROUNDING: f64 = 6e-8;
     let (wo, wi) = (wo.as_dvec3().normalize(), wi.as_dvec3().normalize());
@@ -117,7 +119,8 @@ fn nothing_depends_on_how_the_surface_is_turned() {
         let point = point(&table, 0, turn * Vec3::Z, turn * wo);
         let turned = Vec3::from(point.brdf_cosines(&[(turn * wi).into()])[0]);
         let expected = network.of_pairs(&[[wo, wi]])[0];
-        // Turned directions are off by some roundings, and the azimuth of the half vector by these over its sine (at least 1e-2 but for few).
+        // Turned directions are off by some roundings, and the azimuth of the half vector by these over its sine (at
+        // least 1e-2 but for few).
         assert!((turned - expected).abs().max_element() <= 2e-4 * expected.max_element(), "{turned} {expected}");
     }
 }

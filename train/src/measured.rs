@@ -8,7 +8,8 @@ use std::{
 
 use headtail_render::{brdf::neural::NeuralBrdf, scene::open_measured};
 
-/// Materials of a file. What was opened is kept for the life of the process, once for each description: materials are values that are copied.
+/// Materials of a file. What was opened is kept for the life of the process, once for each description: materials are
+/// values that are copied.
 pub struct Measured {
     text: String,
     brdfs: Vec<Arc<NeuralBrdf>>,

@@ -13,8 +13,9 @@ use headtail_render::{
 
 const HIDDEN: usize = 21;
 
-/// A reflection whose logarithm is `base`, more by `grazing` where light passes over the surface, and by up to `peak` where the sine of the half vector's
-/// angle is below `width`; `waves` of a random network are added, unless it is grey: then all channels are the same.
+/// A reflection whose logarithm is `base`, more by `grazing` where light passes over the surface, and by up to `peak`
+/// where the sine of the half vector's angle is below `width`; `waves` of a random network are added, unless it is
+/// grey: then all channels are the same.
 pub struct Form {
     pub base: f32,
     pub peak: f32,

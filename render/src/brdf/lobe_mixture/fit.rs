@@ -1,8 +1,10 @@
-//! Fitting a mixture of lobes: to the least relative variance under a white sky, by quadrature over points that do not depend on the BRDF.
+//! Fitting a mixture of lobes: to the least relative variance under a white sky, by quadrature over points that do not
+//! depend on the BRDF.
 //!
-//! With techniques of pdfs `p_k` the second moment of an estimate is the integral of `f^2 / sum_k w_k p_k`, convex in the weights. It falls with every step of
-//! `w_k <- w_k sqrt(integral of p_k f^2 / p^2)`, normalised (a majorisation: `f^2 / p` is at most the sum of `a_k^2 f^2 / (w_k p_k)` for any shares
-//! `a_k` that add up to 1, with equality at `a_k = w_k p_k / p`).
+//! With techniques of pdfs `p_k` the second moment of an estimate is the integral of `f^2 / sum_k w_k p_k`, convex in
+//! the weights. It falls with every step of `w_k <- w_k sqrt(integral of p_k f^2 / p^2)`, normalised (a majorisation:
+//! `f^2 / p` is at most the sum of `a_k^2 f^2 / (w_k p_k)` for any shares `a_k` that add up to 1, with equality at `a_k
+//! = w_k p_k / p`).
 
 use std::sync::LazyLock;
 
@@ -91,8 +93,8 @@ impl Quadrature {
         Self { wo, wi, pdfs, solid_angles }
     }
 
-    /// Luminance times the root of the solid angle at each point, such that the squares add up to the second moment of a uniform pdf; scaled so that the
-    /// integral of the luminance is 1. `None` if it is black.
+    /// Luminance times the root of the solid angle at each point, such that the squares add up to the second moment of
+    /// a uniform pdf; scaled so that the integral of the luminance is 1. `None` if it is black.
     fn values(&self, reflected: &impl Reflected) -> Option<Vec<f32>> {
         let count = self.wi[0].len();
         let constant = |value: f32| vec![[value; LANES]; count];

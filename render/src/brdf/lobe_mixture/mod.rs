@@ -1,7 +1,8 @@
-//! BRDF sampling for BRDFs that have none of their own: a mixture of a cosine lobe and Trowbridge-Reitz lobes, fitted to the BRDF, with the
-//! exact pdf of the mixture.
+//! BRDF sampling for BRDFs that have none of their own: a mixture of a cosine lobe and Trowbridge-Reitz lobes, fitted
+//! to the BRDF, with the exact pdf of the mixture.
 //!
-//! The widths of the lobes are those of the BRDF; their weights depend on the cosine of `wo`. The specular lobes are sampled by visible normals.
+//! The widths of the lobes are those of the BRDF; their weights depend on the cosine of `wo`. The specular lobes are
+//! sampled by visible normals.
 
 mod fit;
 
@@ -54,7 +55,8 @@ impl LobeMixture {
         self.second_moment - 1.0
     }
 
-    /// The width of the narrowest lobe that at least a tenth of the samples are drawn from at some view; 1 if there is none.
+    /// The width of the narrowest lobe that at least a tenth of the samples are drawn from at some view; 1 if there is
+    /// none.
     pub fn alpha(&self) -> f32 {
         let counts = |lobe: usize| self.nodes.iter().any(|node| node.techniques[lobe + 1] > 0.1);
         (0..LOBES).find(|&lobe| counts(lobe)).map_or(1.0, |lobe| self.alphas[lobe])
@@ -70,8 +72,8 @@ impl LobeMixture {
         self.density(&self.techniques(n.dot(wo)), n, wo, wi)
     }
 
-    /// What the mixture is like, in numbers of the order of 1: seen from above and at a slant, the share of the nearest single lobe, a quarter of the logarithm
-    /// of its width, and the weight of the cosine lobe.
+    /// What the mixture is like, in numbers of the order of 1: seen from above and at a slant, the share of the nearest
+    /// single lobe, a quarter of the logarithm of its width, and the weight of the cosine lobe.
     pub fn latent(&self) -> [f32; LATENTS] {
         let of = |cos: f32| {
             let (node, _) = Self::place(cos);
@@ -129,10 +131,12 @@ impl LobeMixture {
         if (n.dot(wo) > 0.0) & (n.dot(wi) > 0.0) { mixed } else { 0.0 }
     }
 
-    /// A direction at one point for uniform numbers, and its pdf. It integrates to 1 less what the specular lobes lose below the horizon.
+    /// A direction at one point for uniform numbers, and its pdf. It integrates to 1 less what the specular lobes lose
+    /// below the horizon.
     #[inline(always)]
     fn draw(&self, techniques: &[f32; LOBES + 1], n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32) {
-        // The technique whose part of the unit interval u.x is in, from the last on; what is left of the number stretches over its part.
+        // The technique whose part of the unit interval u.x is in, from the last on; what is left of the number
+        // stretches over its part.
         let (mut from, mut to, mut alpha) = (0.0, techniques[0], 1.0);
         let mut sum = techniques[0];
         let is_diffuse = u.x < sum;

@@ -13,8 +13,8 @@ use crate::{
 
 /// Cosines of `wo` at which albedos are measured.
 pub const VIEWS: [f32; 6] = [1.0, 0.9, 0.7, 0.5, 0.3, 0.1];
-/// Largest value of `f_r cos` that a file may give, in 1/sr: that of a Trowbridge-Reitz mirror of width 1e-4 seen at normal incidence is
-/// `1 / (4 pi alpha^2)`.
+/// Largest value of `f_r cos` that a file may give, in 1/sr: that of a Trowbridge-Reitz mirror of width 1e-4 seen at
+/// normal incidence is `1 / (4 pi alpha^2)`.
 const LARGEST_VALUE: f32 = 8e6;
 /// Largest logarithm that the weights may allow: a larger one has left no digit of what is added to it.
 const LARGEST_BOUND: f32 = 1e6;
@@ -60,12 +60,13 @@ fn half_vector_grid() -> Vec<[Vec3; 2]> {
 pub struct MaterialCheck {
     /// The directional albedo per channel at each of [`VIEWS`]: above 1, more is reflected than arrives.
     pub albedos: [Vec3; VIEWS.len()],
-    /// The mean of `|f_r(wo, wi) - f_r(wi, wo)|` over that of `f_r`, luminance times both cosines, over all pairs of directions.
+    /// The mean of `|f_r(wo, wi) - f_r(wi, wo)|` over that of `f_r`, luminance times both cosines, over all pairs of
+    /// directions.
     pub reciprocity_error: f64,
     /// The width of the narrowest lobe that matters.
     pub alpha: f32,
-    /// The largest `f_r cos` towards the mirrored direction at [`VIEWS`], luminance in 1/sr; 1 / pi = 0.32 for a white diffuse surface seen from
-    /// above.
+    /// The largest `f_r cos` towards the mirrored direction at [`VIEWS`], luminance in 1/sr; 1 / pi = 0.32 for a white
+    /// diffuse surface seen from above.
     pub mirror_peak: f32,
     /// The relative variance of an estimate by its own sampling under a white sky, averaged over views.
     pub own_variance: f64,

@@ -43,7 +43,8 @@ struct Description {
 
 const KIND: &str = "neural-brdf";
 
-/// Reads the named networks of a file: `.safetensors` as [`write_networks`] writes it, or `.f32`, raw rows with their names in `.names.txt` beside it.
+/// Reads the named networks of a file: `.safetensors` as [`write_networks`] writes it, or `.f32`, raw rows with their
+/// names in `.names.txt` beside it.
 ///
 /// # Errors
 /// One sentence that names the file and the field.

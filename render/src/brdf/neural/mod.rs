@@ -15,7 +15,8 @@ use glam::Vec3;
 use super::{Brdf, LATENTS, LobeMixture, Surfaces};
 use crate::{error::Result, simd::Lanes};
 
-/// A measured BRDF: a network that is evaluated, and a mixture of lobes that was fitted to it, from which directions are drawn.
+/// A measured BRDF: a network that is evaluated, and a mixture of lobes that was fitted to it, from which directions
+/// are drawn.
 pub struct NeuralBrdf {
     name: String,
     network: Network,

@@ -1,7 +1,8 @@
 //! The network of a measured BRDF, over columns.
 //!
-//! After Sztrajman et al. 2021, "Neural BRDF Representation and Importance Sampling": half and difference vectors in, the logarithm of
-//! `1 + f_r` per channel out. The surface is isotropic: only the angle between half vector and normal is seen of the half vector.
+//! After Sztrajman et al. 2021, "Neural BRDF Representation and Importance Sampling": half and difference vectors in,
+//! the logarithm of `1 + f_r` per channel out. The surface is isotropic: only the angle between half vector and normal
+//! is seen of the half vector.
 
 use glam::Vec3;
 
@@ -27,8 +28,8 @@ const SMALLEST_SQUARED_SINE: f32 = 1e-13;
 
 /// Affine layers with ReLU between them, 6 - hidden - hidden - 3: `f_r = max(0, exp(network(x)) - 1)`.
 ///
-/// With the half vector `h` in the plane y = 0 of a frame whose z axis is the normal, `x = (h.x, 0, h.z, d.x, d.y, d.z)`, where `d` is `wi`
-/// turned about the y axis by the angle that takes `h` to the z axis (Rusinkiewicz 1998).
+/// With the half vector `h` in the plane y = 0 of a frame whose z axis is the normal, `x = (h.x, 0, h.z, d.x, d.y,
+/// d.z)`, where `d` is `wi` turned about the y axis by the angle that takes `h` to the z axis (Rusinkiewicz 1998).
 #[derive(Clone)]
 pub struct Network {
     layers: [Linear; LAYERS],
