@@ -14,6 +14,7 @@ mod fit;
 mod info;
 mod inspect;
 mod light;
+mod material;
 mod output;
 mod paper;
 mod progress;
@@ -53,6 +54,7 @@ enum Command {
     Chart(chart::Arguments),
     Export(export::Arguments),
     Inspect(inspect::Arguments),
+    Material(material::Arguments),
     Autosize(autosize::Arguments),
     Sweep(sweep::Arguments),
     Stability(stability::Arguments),
@@ -102,6 +104,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Chart(arguments) => chart::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Material(arguments) => material::run(&arguments),
         Command::Autosize(arguments) => autosize::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),
         Command::Stability(arguments) => stability::run(&arguments),

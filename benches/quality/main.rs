@@ -42,6 +42,9 @@ fn main() -> Fallible<()> {
             _ => maps.push(argument),
         }
     }
+    if matches!(material, Material::Measured(_)) {
+        return Err("measured materials are not among the benchmark's".into());
+    }
     if maps.is_empty() {
         maps = BUILT_IN_NAMES.map(str::to_owned).to_vec();
     }

@@ -48,6 +48,7 @@ impl Conditions {
                 let directions = Viewpoints::Sphere.draw(&mut stream);
                 (directions, Ggx::new(low + (high - low) * stream.uniform(), Vec3::ONE).into())
             }
+            Material::Measured(_) => unreachable!("main refuses it"),
         };
         ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }
     }
@@ -58,7 +59,7 @@ impl Conditions {
 pub fn quadratures(conditions: Conditions, light: &EnvironmentLight) -> Vec<Quadrature> {
     let shapes = match conditions.material {
         Material::Lambert => vec![QuadratureShape { strata: 250, map_rows: 512, brdf_strata: 0, seed: Some(1) }],
-        Material::Ggx { .. } => {
+        Material::Ggx { .. } | Material::Measured(_) => {
             let shape = |seed| QuadratureShape { strata: 160, map_rows: 128, brdf_strata: 112, seed: Some(seed) };
             [0, 1].map(shape).to_vec()
         }

@@ -21,6 +21,7 @@ pub mod image;
 pub mod integrator;
 pub mod large;
 pub mod latlong;
+pub(crate) mod linear;
 pub mod memory;
 pub(crate) mod morton;
 pub mod one_point;

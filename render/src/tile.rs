@@ -3,7 +3,7 @@
 use glam::Vec3A;
 
 use crate::{
-    brdf::{Brdf, BrdfTable, MAX_PARAMETERS, Surface, Surfaces},
+    brdf::{Brdf, BrdfTable, LATENTS, MAX_PARAMETERS, Surface, Surfaces},
     columns::{Arena, gather, scatter, strips, vectorized},
     simd::{LANES, Lanes},
 };
@@ -63,7 +63,16 @@ impl Tile {
     /// # Panics
     /// If there are more than [`MAX_POINTS`].
     pub fn of(points: &[ShadingPoint]) -> Self {
+        Self::of_table(points, &BrdfTable::default())
+    }
+
+    /// [`Self::of`] with the BRDFs of a table.
+    ///
+    /// # Panics
+    /// If there are more than [`MAX_POINTS`].
+    pub fn of_table(points: &[ShadingPoint], brdfs: &BrdfTable) -> Self {
         let mut tile = Self::default();
+        tile.clear(brdfs);
         for (key, point) in points.iter().enumerate() {
             tile.push(point, key as u32);
         }
@@ -188,6 +197,11 @@ impl<'a> Rows<'a> {
         self.tile.point(self.row(place))
     }
 
+    /// The BRDFs that points refer to.
+    pub fn brdfs(&self) -> &'a BrdfTable {
+        &self.tile.brdfs
+    }
+
     /// The key of the point at a place.
     #[inline(always)]
     pub fn key(&self, place: usize) -> u32 {
@@ -289,6 +303,21 @@ impl<'a> Rows<'a> {
                 let mut own = arena.columns::<1>(group.strips);
                 group.brdf.alpha(&group.surfaces, own.get_mut()[0]);
                 scatter_all(own.get(), places, [out]);
+            }
+        });
+    }
+
+    /// What the BRDFs are like: columns of [`Brdf::latent`].
+    pub fn latents(&self, mut out: [&mut [Lanes]; LATENTS], arena: &Arena) {
+        self.by_brdf(arena, |group| {
+            for (out, number) in out.iter_mut().zip(group.brdf.latent()) {
+                match group.places {
+                    None => out.fill([number; LANES]),
+                    Some(places) => {
+                        let out = out.as_flattened_mut();
+                        places.iter().for_each(|&place| out[usize::from(place)] = number);
+                    }
+                }
             }
         });
     }

@@ -62,7 +62,7 @@ impl Arguments {
             env: env.to_owned(),
             camera: self.camera.clone(),
             ground: self.ground,
-            material: self.material,
+            material: self.material.clone(),
             unshadowed: false,
             depth: self.depth,
             points: PointsArgument::Named(headtail_render::points::PointSet::Independent),

@@ -39,7 +39,8 @@ pub struct Arguments {
     /// Print the settings as TOML and stop.
     #[arg(long)]
     pub print_config: bool,
-    /// The material to sample for: lambert, ggx:alpha=0.4 or (any of a range) ggx:alpha=0.2..0.8.
+    /// The material to sample for: lambert, ggx:alpha=0.4, (any of a range) ggx:alpha=0.2..0.8, or measured: nbrdf:FILE#NAME, and one head for
+    /// many: nbrdf:FILE#NAME,NAME and so on.
     #[arg(long, value_name = "MATERIAL", required_unless_present_any = ["preset", "config"])]
     material: Option<Material>,
     /// The tail warp under the head.

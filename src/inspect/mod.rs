@@ -164,6 +164,7 @@ fn shading_point(arguments: &Arguments, intermediate: &Intermediate) -> Result<S
         None if glossy => bail!("the head is for glossy surfaces: give --material ggx:alpha=A"),
         None | Some(Material::Lambert) => Lambert { albedo: Vec3::ONE }.into(),
         Some(Material::Ggx { low, high }) if low == high => Ggx::new(low, Vec3::ONE).into(),
+        Some(Material::Measured(_)) => bail!("--material: pictures are made of analytic materials only"),
         Some(material) => bail!("--material {material}: name one width, as in ggx:alpha=0.4"),
     };
     let (n, wo) = (normal.normalize(), view.normalize());

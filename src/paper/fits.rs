@@ -67,6 +67,7 @@ fn condition(material: Material, random: &mut Stream) -> ShadingPoint {
     let surface = match material {
         Material::Lambert => Lambert { albedo: glam::Vec3::ONE }.into(),
         Material::Ggx { low, high } => Ggx::new(alpha(low, high, random.uniform()), glam::Vec3::ONE).into(),
+        Material::Measured(_) => unreachable!("the paper's fits are of analytic materials"),
     };
     ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }
 }

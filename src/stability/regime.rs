@@ -86,6 +86,7 @@ impl Regime {
         let surface = match self.material {
             Material::Lambert => Lambert { albedo: Vec3::ONE }.into(),
             Material::Ggx { low, high } => Ggx::new(low + (high - low) * stream.uniform(), Vec3::ONE).into(),
+            Material::Measured(_) => unreachable!("the regimes are of analytic materials"),
         };
         ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }
     }

@@ -123,6 +123,7 @@ fn the_help_of_every_command_ends_with_examples() {
         "compare",
         "chart",
         "inspect",
+        "material",
         "stability",
         "composite",
         "view",
@@ -698,6 +699,11 @@ fn values_out_of_range_are_refused() {
         ("render --scene sphere --env overcast --sampler mis --spp 1 --out a.png", ".exr"),
         ("compare --scene sphere --env overcast --samplers mis --spp 0 --out a", "--spp"),
         ("demo --env nowhere --out a", "nowhere"),
+        ("material nowhere.safetensors", "nowhere.safetensors"),
+        (
+            "render --scene sphere --env overcast --material nbrdf:nowhere.png --sampler mis --spp 1 --out a.exr",
+            "neither .safetensors nor .f32",
+        ),
     ] {
         let message = fail(path, arguments);
         assert!(message.contains(named), "{arguments}: {message}");

@@ -142,6 +142,7 @@ impl FitConfig {
                 Condition::Normal => "`normal` for this material",
                 Condition::Ggx => "`ggx` for this material",
                 Condition::GgxRoughness => "`ggx-roughness` for this material",
+                Condition::Family => "`family` for these materials",
             };
             return Err(Error::Config { field: "head.condition", value, requirement });
         }

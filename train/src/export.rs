@@ -102,13 +102,20 @@ mod tests {
                 HeadConfig { mode, encoder, bins: 8, ..HeadConfig::COSINE },
                 HeadConfig { mode, encoder, condition: headtail_model::Condition::Ggx, ..HeadConfig::COSINE },
                 HeadConfig { mode, share: true, ..HeadConfig::MICROFACET },
+                HeadConfig { mode, encoder, condition: headtail_model::Condition::Family, ..HeadConfig::COSINE },
             ] {
                 let head = random_head(config, &device);
                 let native = native_head(&head).unwrap();
                 let mut stream = Stream::new(6, Purpose::Test, 0);
                 for _ in 0..200 {
                     let (normal, wo, point) = (stream.direction(), stream.direction(), stream.uniform2());
-                    let condition = native.condition().encode(wo.into(), normal.into(), 0.1 + 0.9 * stream.uniform());
+                    let width = 0.1 + 0.9 * stream.uniform();
+                    let condition = if native.condition() == headtail_model::Condition::Family {
+                        let latent = [(); 6].map(|()| 2.0 * stream.uniform() - 1.0);
+                        headtail_model::Condition::encode_family(wo.into(), normal.into(), &latent)
+                    } else {
+                        native.condition().encode(wo.into(), normal.into(), width)
+                    };
                     let condition = &condition[..native.condition().length()];
                     let c = TensorData::new(condition.to_vec(), [1, condition.len()]);
                     let c = Tensor::<2>::from_data(c, &device);

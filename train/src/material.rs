@@ -6,7 +6,9 @@ use headtail_model::Condition;
 use headtail_render::scene::MaterialSpec;
 use serde::{Deserialize, Serialize};
 
-/// A material, written `lambert`, `ggx:alpha=0.4` or `ggx:alpha=0.2..0.8`.
+use crate::Measured;
+
+/// A material, written `lambert`, `ggx:alpha=0.4`, `ggx:alpha=0.2..0.8`, `nbrdf:FILE#NAME` or `nbrdf:FILE#NAME,NAME,...`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Material {
@@ -19,6 +21,8 @@ pub enum Material {
         /// The largest.
         high: f32,
     },
+    /// Measured: one, or a family that one head serves.
+    Measured(&'static Measured),
 }
 
 impl Material {
@@ -28,6 +32,8 @@ impl Material {
             Self::Lambert => Condition::Normal,
             Self::Ggx { low, high } if low == high => Condition::Ggx,
             Self::Ggx { .. } => Condition::GgxRoughness,
+            Self::Measured(materials) if materials.is_family() => Condition::Family,
+            Self::Measured(_) => Condition::Ggx,
         }
     }
 }
@@ -38,6 +44,7 @@ impl fmt::Display for Material {
             Self::Lambert => f.write_str("lambert"),
             Self::Ggx { low, high } if low == high => write!(f, "ggx:alpha={low}"),
             Self::Ggx { low, high } => write!(f, "ggx:alpha={low}..{high}"),
+            Self::Measured(materials) => materials.fmt(f),
         }
     }
 }
@@ -50,6 +57,7 @@ impl FromStr for Material {
         match text.parse::<MaterialSpec>().map_err(|error| error.to_string())? {
             MaterialSpec::Lambert { albedo: 1.0 } => Ok(Self::Lambert),
             MaterialSpec::Ggx { alpha, f0: 1.0 } => Ok(Self::Ggx { low: alpha.low, high: alpha.high }),
+            MaterialSpec::Measured { file, names } => Measured::open(text, &file, &names).map(Self::Measured),
             MaterialSpec::Lambert { .. } | MaterialSpec::Ggx { .. } => {
                 Err(format!("material '{text}': a head serves every albedo and f0: leave them out"))
             }

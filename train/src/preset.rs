@@ -48,7 +48,7 @@ impl Preset {
     pub const fn fast_for(material: Material) -> Self {
         match material {
             Material::Lambert => Self::FastCosine,
-            Material::Ggx { .. } => Self::FastGgx,
+            Material::Ggx { .. } | Material::Measured(_) => Self::FastGgx,
         }
     }
 }

@@ -3,11 +3,14 @@
 mod ggx;
 mod lambert;
 mod lobe_albedo;
+mod lobe_mixture;
 mod metallic_roughness;
+pub mod neural;
 
 pub use ggx::Ggx;
 pub use lambert::Lambert;
 pub(crate) use lobe_albedo::tabulate as tabulate_lobe_albedo;
+pub use lobe_mixture::LobeMixture;
 pub use metallic_roughness::MetallicRoughness;
 
 use std::{fmt, marker::PhantomData, sync::Arc};
@@ -18,6 +21,9 @@ use crate::{
     columns::vectorized,
     simd::{LANES, Lanes},
 };
+
+/// Numbers that say what a measured BRDF is like.
+pub const LATENTS: usize = 6;
 
 /// Most parameters of a BRDF.
 pub const MAX_PARAMETERS: usize = 8;
@@ -102,6 +108,16 @@ pub trait Brdf: fmt::Debug + Send + Sync {
 
     /// [`Kernel::lobes`]: columns of diffuse, specular, f0 and alpha.
     fn lobes(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; 4]);
+
+    /// What it is like, for heads that serve many materials; zeros where it does not say.
+    fn latent(&self) -> [f32; LATENTS] {
+        [0.0; LATENTS]
+    }
+
+    /// What was found out about it when it was loaded: a line for the user.
+    fn note(&self) -> Option<String> {
+        None
+    }
 }
 
 /// A kernel over columns.
@@ -254,6 +270,9 @@ vectorized! {
     }
 }
 
+/// How many analytic BRDFs there are.
+const ANALYTIC: usize = 3;
+
 /// The BRDFs that points of a tile refer to by index.
 #[derive(Clone, Debug)]
 pub struct BrdfTable(Arc<[Arc<dyn Brdf>]>);
@@ -284,6 +303,11 @@ impl BrdfTable {
         self.0.is_empty()
     }
 
+    /// Those beside the analytic ones, in order.
+    pub fn added(&self) -> impl Iterator<Item = &Arc<dyn Brdf>> {
+        self.0.iter().skip(ANALYTIC)
+    }
+
     /// The table with one more BRDF, and its index.
     pub fn with(&self, brdf: Arc<dyn Brdf>) -> (Self, u32) {
         let all = self.0.iter().cloned().chain([brdf]).collect();
@@ -294,7 +318,7 @@ impl BrdfTable {
 impl Default for BrdfTable {
     /// The analytic BRDFs, in the order of the constants.
     fn default() -> Self {
-        let all: [Arc<dyn Brdf>; 3] = [
+        let all: [Arc<dyn Brdf>; ANALYTIC] = [
             Arc::new(OfKernel::<Lambert>::NEW),
             Arc::new(OfKernel::<Ggx>::NEW),
             Arc::new(OfKernel::<MetallicRoughness>::NEW),

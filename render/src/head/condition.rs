@@ -3,7 +3,10 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::simd::{LANES, Lanes};
+use crate::{
+    brdf::LATENTS,
+    simd::{LANES, Lanes},
+};
 
 /// The layout of a condition vector. Directions are unit vectors in world space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -15,10 +18,15 @@ pub enum Condition {
     Ggx,
     /// Microfacet surfaces of any width: the numbers of [`Condition::Ggx`], then `alpha`, `ln alpha`: 12 numbers.
     GgxRoughness,
+    /// Any of many measured materials: the numbers of [`Condition::Ggx`], then [`crate::brdf::Brdf::latent`]: 16 numbers.
+    Family,
 }
 
 /// The longest condition vector.
-pub const MAX_CONDITION: usize = 12;
+pub const MAX_CONDITION: usize = GEOMETRY + LATENTS;
+
+/// Numbers of view direction and normal.
+const GEOMETRY: usize = 10;
 
 impl Condition {
     /// How many numbers.
@@ -27,31 +35,53 @@ impl Condition {
             Self::Normal => 3,
             Self::Ggx => 10,
             Self::GgxRoughness => 12,
+            Self::Family => MAX_CONDITION,
         }
     }
 
-    /// The conditions of one strip of shading points, a column for each number. `alpha` is the width of the lobe, 1 for a diffuse surface.
+    /// Numbers of the material that the condition holds, before logarithms.
+    pub(super) const fn of_material(self) -> usize {
+        match self {
+            Self::Normal | Self::Ggx => 0,
+            Self::GgxRoughness => 1,
+            Self::Family => LATENTS,
+        }
+    }
+
+    /// The conditions of one strip of shading points, a column for each number. `material` is the width of the lobe, or the latents.
     #[inline(always)]
-    pub(super) fn load(self, n: &[Lanes; 3], wo: &[Lanes; 3], alpha: &Lanes, out: &mut [Lanes]) {
+    pub(super) fn load(self, n: &[Lanes; 3], wo: &[Lanes; 3], material: &[Lanes; LATENTS], out: &mut [Lanes]) {
         let out = &mut out[..self.length()];
         for lane in 0..LANES {
             let [n, wo] = [n, wo].map(|columns| Vec3::new(columns[0][lane], columns[1][lane], columns[2][lane]));
-            let numbers = self.encode(wo, n, alpha[lane]);
+            let numbers = self.encode(wo, n, material[0][lane]);
             for (out, number) in out.iter_mut().zip(numbers) {
                 out[lane] = number;
             }
         }
+        if self == Self::Family {
+            out[GEOMETRY..].copy_from_slice(material);
+        }
     }
 
-    /// The condition for a view direction, a normal and a width, in the first [`Condition::length`] numbers.
+    /// The condition of a measured material.
+    pub fn encode_family(wo: Vec3, n: Vec3, latent: &[f32; LATENTS]) -> [f32; MAX_CONDITION] {
+        let mut condition = Self::Family.encode(wo, n, 1.0);
+        condition[GEOMETRY..].copy_from_slice(latent);
+        condition
+    }
+
+    /// The condition for a view direction, a normal and a width, in the first [`Condition::length`] numbers; latents are zero.
     #[inline(always)]
     pub fn encode(self, wo: Vec3, n: Vec3, alpha: f32) -> [f32; MAX_CONDITION] {
         if self == Self::Normal {
-            return [n.x, n.y, n.z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+            let mut condition = [0.0; MAX_CONDITION];
+            (condition[0], condition[1], condition[2]) = (n.x, n.y, n.z);
+            return condition;
         }
         let cosine = n.dot(wo);
         let mirrored = 2.0 * cosine * n - wo;
         let (width, log) = if self == Self::GgxRoughness { (alpha, alpha.ln()) } else { (0.0, 0.0) };
-        [wo.x, wo.y, wo.z, n.x, n.y, n.z, mirrored.x, mirrored.y, mirrored.z, cosine, width, log]
+        [wo.x, wo.y, wo.z, n.x, n.y, n.z, mirrored.x, mirrored.y, mirrored.z, cosine, width, log, 0.0, 0.0, 0.0, 0.0]
     }
 }

@@ -4,10 +4,12 @@
 
 use glam::Vec2;
 
-use super::{Head, MAX_CONDITION, Mode, SELECTION_FLOOR, linear::Start};
+use super::{Condition, Head, MAX_CONDITION, Mode, SELECTION_FLOOR};
 use crate::{
+    brdf::LATENTS,
     columns::{Arena, vectorized},
     error::{Error, Result},
+    linear::Start,
     sampler::IntermediateDensity,
     simd::{self, LANES, Lanes, Simd},
     spline::{self, Logits, Topology},
@@ -272,14 +274,17 @@ vectorized! {
 vectorized! {
     /// Prepares rows, or (without state) gives their shares.
     fn prepare_rows['a](
-        simd, head: &'a Head, at: &'a Rows<'a>, alpha: &'a [Lanes],
+        simd, head: &'a Head, at: &'a Rows<'a>, material: [&'a [Lanes]; LATENTS],
         state: &'a mut [Lanes], shares: &'a mut [Lanes], scratch: &'a mut [Lanes],
     ) {
         let mut scratch = head.scratch(scratch);
         let columns = head.columns();
         for strip in 0..at.strips() {
-            let width = if alpha.is_empty() { [1.0; LANES] } else { alpha[strip] };
-            head.condition.load(&at.normals(strip), &at.views(strip), &width, scratch.seen);
+            let mut own = [[1.0; LANES]; LATENTS];
+            for (own, column) in own.iter_mut().zip(material).take(head.condition.of_material()) {
+                *own = column[strip];
+            }
+            head.condition.load(&at.normals(strip), &at.views(strip), &own, scratch.seen);
             if state.is_empty() {
                 head.encode(simd, &mut scratch);
                 shares[strip] = head.select(simd, &mut scratch);
@@ -312,7 +317,9 @@ impl IntermediateDensity for Head {
     }
 
     fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
-        self.with_conditions(at, arena, |alpha, scratch| prepare_rows(self, at, alpha, state, &mut [], scratch));
+        self.with_conditions(at, arena, |material, scratch| {
+            prepare_rows(self, at, material, state, &mut [], scratch);
+        });
     }
 
     fn sample(
@@ -335,7 +342,9 @@ impl IntermediateDensity for Head {
 
     fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
         if self.has_selection() {
-            self.with_conditions(at, arena, |alpha, scratch| prepare_rows(self, at, alpha, &mut [], out, scratch));
+            self.with_conditions(at, arena, |material, scratch| {
+                prepare_rows(self, at, material, &mut [], out, scratch);
+            });
         } else {
             out.as_flattened_mut().fill(0.5);
         }
@@ -343,13 +352,15 @@ impl IntermediateDensity for Head {
 }
 
 impl Head {
-    /// Calls `work` with the widths of lobes, where the condition holds them, and with scratch.
-    fn with_conditions(&self, at: &Rows<'_>, arena: &Arena, work: impl FnOnce(&[Lanes], &mut [Lanes])) {
-        let known = if self.condition == super::Condition::GgxRoughness { at.strips() } else { 0 };
-        let (mut alpha, mut scratch) = (arena.columns::<1>(known), arena.columns::<1>(self.scratch_strips()));
-        if known > 0 {
-            at.alpha(alpha.get_mut()[0], arena);
+    /// Calls `work` with what the condition holds of materials, and with scratch.
+    fn with_conditions(&self, at: &Rows<'_>, arena: &Arena, work: impl FnOnce([&[Lanes]; LATENTS], &mut [Lanes])) {
+        let known = if self.condition.of_material() > 0 { at.strips() } else { 0 };
+        let (mut material, mut scratch) = (arena.columns::<LATENTS>(known), arena.columns::<1>(self.scratch_strips()));
+        match self.condition {
+            Condition::Normal | Condition::Ggx => (),
+            Condition::GgxRoughness => at.alpha(material.get_mut()[0], arena),
+            Condition::Family => at.latents(material.get_mut(), arena),
         }
-        work(alpha.get()[0], scratch.get_mut()[0]);
+        work(material.get(), scratch.get_mut()[0]);
     }
 }

@@ -15,7 +15,7 @@ use crate::{
     one_point::OnePoint,
     simd::Lanes,
     tail::{Tail, TailWarp},
-    tile::{Rows, ShadingPoint},
+    tile::Rows,
 };
 
 /// Cells along each side of Y.
@@ -68,10 +68,9 @@ impl Oracle {
     }
 
     /// The root mean square of the target in each cell: the constant density of least variance.
-    fn values(&self, at: &ShadingPoint) -> Vec<f32> {
-        let point = at.one();
+    fn values(&self, point: &OnePoint) -> Vec<f32> {
         let targets: Vec<f32> = point.brdf_cosines(&self.directions).into_iter().map(luminance).collect();
-        let resolved = RESOLVED * at.lobe_width();
+        let resolved = RESOLVED * point.lobe_width();
         let brdf_pdfs = if self.coarsest > resolved { point.brdf_pdfs(&self.directions) } else { Vec::new() };
         let mut first = 0;
         let value = |cell: &Cell| {
@@ -85,7 +84,7 @@ impl Oracle {
         };
         let mut values: Vec<f32> = self.cells.iter().map(value).collect();
         if self.coarsest > resolved {
-            self.add_lobe_parts(&point, resolved, &mut values);
+            self.add_lobe_parts(point, resolved, &mut values);
         }
         values
     }
@@ -110,8 +109,8 @@ impl Oracle {
     }
 
     /// Fills the table of a shading point: running sums along each row of cells, then those of the rows.
-    fn fill(&self, at: &ShadingPoint, table: &mut [f32]) {
-        let values = self.values(at);
+    fn fill(&self, point: &OnePoint, table: &mut [f32]) {
+        let values = self.values(point);
         let mean = (values.iter().sum::<f32>() / values.len() as f32).max(f32::MIN_POSITIVE / LEAST_FLOOR);
         let (prefix, rows) = table.split_at_mut(CELLS * CELLS);
         let mut above = 0.0;
@@ -194,7 +193,7 @@ impl IntermediateDensity for Oracle {
             if place > 0 && at.point(place).is_same(&at.point(place - 1)) {
                 own[..TABLE].copy_from_slice(&before[(place - 1) * TABLE..]);
             } else {
-                self.fill(&at.point(place), &mut own[..TABLE]);
+                self.fill(&at.point(place).one_of(at.brdfs()), &mut own[..TABLE]);
             }
         }
     }

@@ -4,6 +4,7 @@ use glam::{Vec2, Vec3A};
 
 use super::{Draws, Sampler};
 use crate::{
+    brdf::BrdfTable,
     columns::strips,
     one_point::OnePoint,
     simd::{LANES, Lanes},
@@ -30,10 +31,15 @@ pub struct AtPoint<'a> {
 }
 
 impl<'a> AtPoint<'a> {
-    /// Prepares a sampler for a point.
+    /// Prepares a sampler for a point with an analytic BRDF.
     pub fn new(sampler: &'a dyn Sampler, at: &ShadingPoint) -> Self {
+        Self::of_table(sampler, at, &BrdfTable::default())
+    }
+
+    /// Prepares a sampler for a point with a BRDF of a table.
+    pub fn of_table(sampler: &'a dyn Sampler, at: &ShadingPoint, brdfs: &BrdfTable) -> Self {
         let copies = if sampler.columns() > LARGE_STATE { LANES } else { 16 * LANES };
-        let point = OnePoint::new(at, copies);
+        let point = OnePoint::of_table(at, copies, brdfs);
         let mut state = vec![[0.0; LANES]; sampler.columns() * strips(copies)];
         sampler.prepare(&point.tile().rows(), &mut state, &point.arena);
         Self { sampler, point, state }

@@ -5,7 +5,7 @@ use std::{f32::consts::TAU, sync::Arc};
 use glam::{Vec2, Vec3A};
 
 use super::{Bounds, normal_map::NormalMap, texture::Texture};
-use crate::brdf::{Ggx, Lambert, MetallicRoughness, Surface};
+use crate::brdf::{Ggx, Lambert, MAX_PARAMETERS, MetallicRoughness, Surface};
 
 /// What a surface is made of.
 #[derive(Clone, Debug)]
@@ -21,6 +21,8 @@ pub enum Material {
     },
     /// The metallic-roughness material of glTF.
     MetallicRoughness(TexturedMetallicRoughness),
+    /// A BRDF without parameters, by its index in the scene's table.
+    Indexed(u32),
 }
 
 /// The point of a surface that a material is asked about.
@@ -49,7 +51,7 @@ impl Material {
     pub fn normal_map(&self) -> Option<&NormalMap> {
         match self {
             Self::MetallicRoughness(textured) => textured.normal_map.as_ref(),
-            Self::Diffuse(_) | Self::Ggx { .. } => None,
+            Self::Diffuse(_) | Self::Ggx { .. } | Self::Indexed(_) => None,
         }
     }
 
@@ -59,6 +61,7 @@ impl Material {
             Self::Diffuse(albedo) => Lambert { albedo: albedo.clamp(Vec3A::ZERO, Vec3A::ONE).into() }.into(),
             Self::Ggx { alpha, f0 } => Ggx::new(alpha.at(at.p), (*f0).into()).into(),
             Self::MetallicRoughness(textured) => textured.at(at).into(),
+            Self::Indexed(brdf) => Surface { brdf: *brdf, parameters: [0.0; MAX_PARAMETERS] },
         }
     }
 }

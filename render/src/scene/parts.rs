@@ -1,11 +1,14 @@
 //! Scenes that are moved, divided by the names of their meshes, and joined.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, sync::Arc};
 
 use glam::{Affine3A, Vec3, Vec3A};
 
 use super::{Camera, MAX_COORDINATE, Material, Mesh, Scene};
-use crate::error::{Error, Result};
+use crate::{
+    brdf::{Brdf, BrdfTable},
+    error::{Error, Result},
+};
 
 impl Scene {
     /// The names of the meshes, in order and without those that have none.
@@ -52,9 +55,14 @@ impl Scene {
         let first = self.materials.len();
         let added = other.meshes.iter().map(|mesh| Mesh { material: mesh.material + first, ..mesh.clone() });
         let meshes = self.meshes.iter().cloned().chain(added).collect();
-        let materials = self.materials.iter().chain(&other.materials).cloned().collect();
+        let added = self.brdfs.added().count() as u32;
+        let renamed = other.materials.iter().map(|material| match material {
+            Material::Indexed(index) => Material::Indexed(index + added),
+            material => material.clone(),
+        });
+        let materials = self.materials.iter().cloned().chain(renamed).collect();
         let mut joined = Self::new(self.name.clone(), meshes, materials, self.camera)?;
-        joined.brdfs = self.brdfs.clone();
+        joined.brdfs = other.brdfs.added().fold(self.brdfs.clone(), |table, brdf| table.with(brdf.clone()).0);
         Ok(joined)
     }
 
@@ -78,6 +86,30 @@ impl Scene {
     /// How many meshes there are.
     pub(crate) fn mesh_count(&self) -> usize {
         self.meshes.len()
+    }
+
+    /// The same geometry of BRDFs without parameters, which the meshes take in turn.
+    ///
+    /// # Panics
+    /// If there is none.
+    #[must_use]
+    pub fn with_brdfs(mut self, brdfs: Vec<Arc<dyn Brdf>>) -> Self {
+        assert!(!brdfs.is_empty(), "a scene is made of something");
+        self.brdfs = BrdfTable::default();
+        let indices = brdfs.into_iter().map(|brdf| {
+            let (table, index) = self.brdfs.with(brdf);
+            self.brdfs = table;
+            index
+        });
+        self.materials = indices.map(Material::Indexed).collect();
+        let count = self.materials.len();
+        self.meshes.iter_mut().enumerate().for_each(|(number, mesh)| mesh.material = number % count);
+        self
+    }
+
+    /// What was found out about the BRDFs that the scene brings along, when they were loaded.
+    pub fn brdf_notes(&self) -> impl Iterator<Item = String> + '_ {
+        self.brdfs.added().filter_map(|brdf| brdf.note())
     }
 
     fn with_meshes(&self, meshes: Vec<Mesh>, camera: Option<Camera>) -> Result<Self> {

@@ -15,7 +15,7 @@ use headtail_render::{
     tile::{ShadingPoint, Tile},
 };
 
-use super::{SIGNIFICANCE, truth::Dense, worlds::World};
+use super::{BRDFS, SIGNIFICANCE, truth::Dense, worlds::World};
 
 pub type Verdict = Result<(), String>;
 
@@ -149,7 +149,7 @@ pub fn pdf_covers(bound: &AtPoint<'_>, world: &World) -> Verdict {
     const EACH: usize = 3000;
     let point = bound.point();
     let emitter = EmitterSampler::new(world.light.clone());
-    let emitter = AtPoint::new(&emitter, &point.tile().point(0));
+    let emitter = AtPoint::of_table(&emitter, &point.tile().point(0), &BRDFS);
     let mut random = Stream::new(4, Purpose::Test, 2);
     let mut wi: Vec<Vec3A> = (0..EACH).map(|_| random.direction()).collect();
     wi.extend(point.sample_brdf(&uniforms(&mut random, EACH)).into_iter().flatten().map(|(wi, _)| wi));
@@ -199,7 +199,7 @@ pub fn mean_of_sampler(bound: &AtPoint<'_>, world: &World, truth: f64, samples: 
 pub fn estimates(estimator: &dyn Estimator, at: &ShadingPoint, samples: usize, seed: u64) -> Vec<f64> {
     /// Copies in a tile: not a whole number of strips.
     const COPIES: usize = 250;
-    let (tile, arena) = (Tile::of(&[*at; COPIES]), Arena::default());
+    let (tile, arena) = (Tile::of_table(&[*at; COPIES], &BRDFS), Arena::default());
     let mut contributions = Contributions::default();
     let mut estimates = Vec::with_capacity(samples + COPIES);
     for sample in 0..samples.div_ceil(COPIES) {

@@ -8,13 +8,14 @@ use super::{
 };
 
 /// Heads with random weights, and with a random selection network.
-pub static HEADS: LazyLock<[(&str, Head); 4]> = LazyLock::new(|| {
+pub static HEADS: LazyLock<[(&str, Head); 5]> = LazyLock::new(|| {
     let head = |condition, mode, bins, encoder: &[usize]| random_head_of(condition, mode, bins, encoder, &[16, 1]);
     [
         ("ggx, coupled", head(Condition::Ggx, Mode::Coupled, 8, &[16, 12])),
         ("ggx, autoregressive", head(Condition::Ggx, Mode::Autoregressive, 4, &[])),
         ("ggx-roughness, coupled", head(Condition::GgxRoughness, Mode::Coupled, 4, &[])),
         ("ggx-roughness, autoregressive", head(Condition::GgxRoughness, Mode::Autoregressive, 8, &[16, 12])),
+        ("family, coupled", head(Condition::Family, Mode::Coupled, 4, &[16, 12])),
     ]
 });
 
@@ -62,23 +63,25 @@ fn for_all_heads(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> V
 fn their_directions_are_drawn_with_the_claimed_density() {
     for_all_heads(5, |world, case, point, tests| {
         // The quadrature of this test is made for wide lobes.
-        if !case.through_tail && point.at.lobe_width() < 0.1 {
+        if !case.through_tail && point.width < 0.1 {
             return Ok(());
         }
         let probes = if world.name == "sunset / row-column" { 12 } else { 3 };
         let dense = case.through_tail.then_some(&world.dense);
-        draws_follow_pdf(&AtPoint::new(&*case.sampler, &point.at), dense, probes, tests)
+        draws_follow_pdf(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), dense, probes, tests)
     });
 }
 
 #[test]
 fn the_pdf_of_their_samples_is_the_samples_pdf() {
-    for_all_heads(3, |_, case, point, _| pdf_of_samples_agrees(&AtPoint::new(&*case.sampler, &point.at), 2_000));
+    for_all_heads(3, |_, case, point, _| {
+        pdf_of_samples_agrees(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), 2_000)
+    });
 }
 
 #[test]
 fn they_draw_whatever_is_reflected() {
-    for_all_heads(5, |world, case, point, _| pdf_covers(&AtPoint::new(&*case.sampler, &point.at), world));
+    for_all_heads(5, |world, case, point, _| pdf_covers(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), world));
 }
 
 #[test]
@@ -87,7 +90,7 @@ fn they_estimate_the_same_light() {
         if !point.suits(world, case) {
             return Ok(());
         }
-        mean_of_sampler(&AtPoint::new(&*case.sampler, &point.at), world, point.truth, 30_000, tests)
+        mean_of_sampler(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), world, point.truth, 30_000, tests)
     });
 }
 
@@ -117,7 +120,7 @@ fn estimators_of_their_directions_estimate_it_too() {
             ];
             estimators.into_iter().filter_map(move |(name, estimator)| {
                 // What a head alone does to a narrow lobe is another test's matter.
-                if name == "head" && point.at.lobe_width() < 0.3 {
+                if name == "head" && point.width < 0.3 {
                     return None;
                 }
                 let verdict = mean_is(point.truth, &estimates(&*estimator, &point.at, 20_000, 8), tests);
@@ -132,7 +135,7 @@ fn estimators_of_their_directions_estimate_it_too() {
 #[test]
 fn the_mixture_draws_as_often_from_the_head_as_it_asks() {
     let world = &WORLDS[0];
-    let share = |head: &Head, at: &ShadingPoint| AtPoint::new(&product(world, head), at).share();
+    let share = |head: &Head, at: &ShadingPoint| AtPoint::of_table(&product(world, head), at, &BRDFS).share();
     let shares: Vec<f32> =
         POINTS[0].iter().flat_map(|point| HEADS.iter().map(|(_, head)| share(head, &point.at))).collect();
     let (least, most) = shares.iter().fold((1.0_f32, 0.0_f32), |(a, b), &share| (a.min(share), b.max(share)));
@@ -141,8 +144,8 @@ fn the_mixture_draws_as_often_from_the_head_as_it_asks() {
     for (point, (name, head)) in POINTS[0].iter().zip(HEADS.iter().cycle()) {
         let (head, share) = (product(world, head), share(head, &point.at));
         let mixture = OneSampleMis::new(head.clone(), BrdfSampler);
-        let [mixture, of_head, of_brdf] =
-            [&mixture as &dyn Sampler, &head, &BrdfSampler].map(|sampler| AtPoint::new(sampler, &point.at));
+        let [mixture, of_head, of_brdf] = [&mixture as &dyn Sampler, &head, &BrdfSampler]
+            .map(|sampler| AtPoint::of_table(sampler, &point.at, &BRDFS));
         let u = uniforms(&mut Stream::new(10, Purpose::Test, 0), 1000);
         // What is left of the first number for the sampler that it chooses.
         let own = |u: &Vec2| {

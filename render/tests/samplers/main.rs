@@ -10,6 +10,8 @@ mod conditioned;
 mod faulty;
 mod glossy;
 mod mixed_tiles;
+#[path = "../networks/mod.rs"]
+mod networks;
 mod truth;
 mod worlds;
 
@@ -19,7 +21,7 @@ use checks::*;
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
-    brdf::Lambert,
+    brdf::{BrdfTable, Lambert},
     columns::Arena,
     estimator::Estimator,
     head::{Condition, Head, Mode},
@@ -33,6 +35,9 @@ use worlds::*;
 
 /// The chance that any test of a group rejects a right sampler.
 const SIGNIFICANCE: f64 = 0.01;
+
+/// The analytic BRDFs, then two networks, both grey.
+static BRDFS: LazyLock<BrdfTable> = LazyLock::new(|| networks::table(&[&networks::MIRROR, &networks::MATTE]));
 
 /// Runs a check for every sampler of every world, over `count` normals each: which ones changes from case to case, so that
 /// every kind of sampler meets every normal.

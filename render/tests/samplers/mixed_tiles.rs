@@ -1,7 +1,7 @@
 //! A renderer gives samplers many different points at once, in any order: each must get what it would get alone.
 
 use headtail_render::{
-    brdf::{Ggx, MetallicRoughness, Surface},
+    brdf::{Ggx, MAX_PARAMETERS, MetallicRoughness, Surface},
     columns::strips,
     discrete::BELOW_ONE,
     frame::Frame,
@@ -38,7 +38,7 @@ struct Got {
     brdf: [u32; 5],
 }
 
-/// Different points: diffuse, glossy and mixed, at normals that are not geometric ones.
+/// Different points: diffuse, glossy, mixed and measured, at normals that are not geometric ones.
 fn rows() -> Vec<Row> {
     let mut random = Stream::new(7, Purpose::Test, 5);
     let row = |k: usize| {
@@ -50,9 +50,12 @@ fn rows() -> Vec<Row> {
         };
         let (wo, lean) = (above(0.05), above(0.0));
         let color = Vec3::new(0.9, 0.1 + 0.8 * random.uniform(), 0.3);
-        let surface: Surface = match (k * 7 + k / 5) % 3 {
+        let surface: Surface = match (k * 7 + k / 5) % 4 {
             0 => Lambert { albedo: color }.into(),
             1 => Ggx::new(0.03 + 0.9 * random.uniform(), color).into(),
+            2 => {
+                Surface { brdf: BrdfTable::METALLIC_ROUGHNESS + 1 + (k % 2) as u32, parameters: [0.0; MAX_PARAMETERS] }
+            }
             _ => MetallicRoughness::new(color, random.uniform(), random.uniform()).into(),
         };
         let p = 3.0 * random.direction();
@@ -127,14 +130,14 @@ fn check(sampler: &dyn Sampler, lengths: &[usize]) -> Verdict {
     let (all, arena) = (rows(), poisoned());
     let longest = lengths.iter().copied().max().unwrap_or(0);
     let alone = |row: &Row| {
-        let tile = Tile::of(&[row.at; LANES]);
+        let tile = Tile::of_table(&[row.at; LANES], &BRDFS);
         ask(sampler, &tile.rows(), &[*row; LANES], &arena)
     };
     let alone: Vec<Vec<Got>> = all[..longest].iter().map(alone).collect();
     assert!(alone.iter().any(|got| got[0].sample != [0; 4] && got[0].pdf != 0), "it draws nothing");
     for &length in lengths {
         let given = &all[..length];
-        let tile = Tile::of(&given.iter().map(|row| row.at).collect::<Vec<_>>());
+        let tile = Tile::of_table(&given.iter().map(|row| row.at).collect::<Vec<_>>(), &BRDFS);
         let whole = tile.rows();
         let compare = |at: &Rows<'_>, order: &str| {
             for (place, got) in ask(sampler, at, given, &arena).into_iter().enumerate() {

@@ -12,7 +12,10 @@ use headtail_render::{
     tile::ShadingPoint,
 };
 
-use super::checks::{MOST_POINTS, ROWS, SUBCELLS};
+use super::{
+    BRDFS,
+    checks::{MOST_POINTS, ROWS, SUBCELLS},
+};
 
 /// The truth without any sampler: points of every bilinear cell of a map, with luminance times solid angle.
 pub struct Quadrature {
@@ -59,7 +62,7 @@ impl Quadrature {
 
     /// Luminance reflected by any surface without shadows.
     pub fn reflected_at(&self, at: &ShadingPoint) -> f64 {
-        let values = at.one().brdf_cosines(&self.directions);
+        let values = at.one_of(&BRDFS).brdf_cosines(&self.directions);
         values.into_iter().zip(&self.fluxes).map(|(value, flux)| f64::from(luminance(value) * flux)).sum()
     }
 }

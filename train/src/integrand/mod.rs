@@ -6,6 +6,7 @@
 mod batch;
 mod build;
 mod ggx;
+mod measured;
 mod naive;
 mod product;
 mod surface;
@@ -16,6 +17,7 @@ mod viewpoints;
 pub use batch::{Batch, BatchShape, ConditionPoints};
 pub use build::build_target;
 pub use ggx::Ggx;
+pub use measured::MeasuredSurface;
 pub use naive::NaiveTarget;
 pub use product::{CosineTarget, ProductTarget};
 pub use surface::{Lambert, Surface};

@@ -47,8 +47,10 @@ impl<S: Surface> Target for ProductTarget<'_, S> {
     }
 
     fn at_points(&self, condition: &[f32], y: &[[f32; 2]]) -> Vec<PointValues> {
-        let values = |there: TailPoint| {
-            let target = self.surface.lobe(condition, there.direction) * there.light;
+        let there = self.tail.forward(y);
+        let directions: Vec<Vec3A> = there.iter().map(|there| there.direction).collect();
+        let values = |(there, lobe): (TailPoint, f32)| {
+            let target = lobe * there.light;
             let brdf = if self.tail.is_invertible() {
                 let pdf = self.surface.pdf(condition, there.direction);
                 if pdf > 0.0 { (pdf / there.pdf).min(MAX_BRDF_DENSITY) } else { 0.0 }
@@ -57,7 +59,7 @@ impl<S: Surface> Target for ProductTarget<'_, S> {
             };
             PointValues { target, brdf, tail: there.density }
         };
-        self.tail.forward(y).into_iter().map(values).collect()
+        there.into_iter().zip(self.surface.lobes(condition, &directions)).map(values).collect()
     }
 
     fn has_brdf_sampling(&self) -> bool {

@@ -20,6 +20,11 @@ pub trait Surface: Sync {
     /// BRDF x cosine towards `wi`, up to a factor that may depend on the condition.
     fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32;
 
+    /// [`Self::lobe`] towards many directions.
+    fn lobes(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
+        wi.iter().map(|&wi| self.lobe(condition, wi)).collect()
+    }
+
     /// BRDF sampling: a direction for uniform numbers.
     fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A>;
 

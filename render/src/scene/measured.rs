@@ -1,0 +1,60 @@
+//! Measured materials for scenes: `nbrdf:FILE`, `nbrdf:FILE#NAME,NAME,...`.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use rayon::prelude::*;
+
+use crate::{
+    brdf::neural::{NeuralBrdf, read_networks},
+    error::{Error, Result},
+};
+
+/// Most names that an error lists.
+const LISTED: usize = 8;
+
+/// File and names of what follows the colon; the names are behind the last number sign.
+pub(super) fn parse(text: &str) -> std::result::Result<(PathBuf, Vec<String>), String> {
+    let (file, names) = text.rsplit_once('#').map_or((text, None), |(file, names)| (file, Some(names)));
+    if file.is_empty() {
+        return Err("name a file, as in nbrdf:FILE#NAME".into());
+    }
+    let names: Vec<String> = names.into_iter().flat_map(|names| names.split(',')).map(str::to_owned).collect();
+    if names.iter().any(String::is_empty) {
+        return Err("'' is no name of a material".into());
+    }
+    Ok((file.into(), names))
+}
+
+/// The materials of these names, in their order; the only one of the file if no name is given.
+///
+/// # Errors
+/// The file cannot be read, or does not hold what it is asked for.
+pub fn open_measured(file: &Path, names: &[String]) -> Result<Vec<Arc<NeuralBrdf>>> {
+    let networks = read_networks(file)?;
+    let known = || {
+        let some = networks.iter().take(LISTED).map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
+        some + if networks.len() > LISTED { ", ..." } else { "" }
+    };
+    let wanted = match names {
+        [] if networks.len() == 1 => vec![&networks[0]],
+        [] => {
+            let reason = format!("there are {}; choose some, as in nbrdf:FILE#NAME ({})", networks.len(), known());
+            return Err(Error::invalid(file, "materials", reason));
+        }
+        names => {
+            let found = |name: &String| {
+                networks.iter().find(|(known, _)| known == name).ok_or_else(|| {
+                    Error::invalid(file, format!("material '{name}'"), format!("is not there; there are {}", known()))
+                })
+            };
+            names.iter().map(found).collect::<Result<_>>()?
+        }
+    };
+    let open = |(name, network): &(String, _)| -> Result<Arc<NeuralBrdf>> {
+        Ok(Arc::new(NeuralBrdf::new(name, Clone::clone(network)).map_err(|error| error.in_file(file))?))
+    };
+    wanted.into_par_iter().map(open).collect()
+}

@@ -1,0 +1,125 @@
+//! Measured surfaces.
+
+use glam::{Vec2, Vec3, Vec3A};
+use headtail_model::Condition;
+use headtail_render::{
+    brdf::{Brdf, LATENTS, neural::NeuralBrdf},
+    head,
+    random::Stream,
+};
+
+use super::{Surface, Viewpoints};
+use crate::Measured;
+
+/// One measured material, or any of a family, each as often as the others.
+pub struct MeasuredSurface {
+    viewpoints: Viewpoints,
+    materials: &'static Measured,
+    latents: Vec<[f32; LATENTS]>,
+}
+
+impl MeasuredSurface {
+    /// Of materials seen from viewpoints; what tells them apart is part of the condition where there are many.
+    pub fn new(viewpoints: Viewpoints, materials: &'static Measured) -> Self {
+        Self { viewpoints, materials, latents: materials.brdfs().iter().map(|brdf| brdf.latent()).collect() }
+    }
+
+    /// The material of a condition.
+    fn brdf(&self, condition: &[f32]) -> &NeuralBrdf {
+        let latent = &condition[head::Condition::Ggx.length()..];
+        // Conditions hold the very numbers of one of the materials.
+        let found = self.latents.iter().position(|known| !latent.is_empty() && known == latent);
+        &self.materials.brdfs()[found.unwrap_or(0)]
+    }
+}
+
+/// `(wo, n)`.
+fn directions(condition: &[f32]) -> [Vec3; 2] {
+    [Vec3::from_slice(condition), Vec3::from_slice(&condition[3..])]
+}
+
+impl Surface for MeasuredSurface {
+    fn condition(&self) -> Condition {
+        if self.materials.is_family() { Condition::Family } else { Condition::Ggx }
+    }
+
+    fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
+        let [wo, n] = self.viewpoints.draw(stream);
+        let index = ((stream.uniform() * self.latents.len() as f32) as usize).min(self.latents.len() - 1);
+        let encoded = head::Condition::encode_family(wo.into(), n.into(), &self.latents[index]);
+        // The shorter layout is the beginning of the longer one.
+        condition.copy_from_slice(&encoded[..condition.len()]);
+    }
+
+    fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {
+        self.lobes(condition, &[wi])[0]
+    }
+
+    fn lobes(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
+        let [wo, n] = directions(condition);
+        let wi: Vec<Vec3> = wi.iter().map(|&wi| wi.into()).collect();
+        self.brdf(condition).luminances(n, wo, &wi)
+    }
+
+    fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A> {
+        let [wo, n] = directions(condition);
+        let (wi, pdf) = self.brdf(condition).mixture().draw_at(n, wo, u);
+        (pdf > 0.0).then_some(wi.into())
+    }
+
+    fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
+        let [wo, n] = directions(condition);
+        self.brdf(condition).mixture().pdf_at(n, wo, wi.into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use headtail_render::{
+        brdf::neural::{INPUTS, Network, OUTPUTS, write_networks},
+        head::Linear,
+        random::Purpose,
+    };
+
+    use super::*;
+    use crate::Material;
+
+    /// A grey lobe around the mirrored direction: its logarithm falls with the sine of the half vector's angle.
+    fn network(peak: f32) -> Network {
+        let first = Linear::new("first", INPUTS, 1, &[-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], vec![1.0]).unwrap();
+        let second = Linear::new("second", 1, 1, &[1.0], vec![0.0]).unwrap();
+        let third = Linear::new("third", 1, OUTPUTS, &[peak; OUTPUTS], vec![0.1; OUTPUTS]).unwrap();
+        Network::new("network", [first, second, third]).unwrap()
+    }
+
+    #[test]
+    fn conditions_name_the_material_that_they_are_drawn_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("two.safetensors");
+        write_networks(&file, &[("dull".into(), network(0.5)), ("bright".into(), network(3.0))]).unwrap();
+        let text = format!("nbrdf:{}#dull,bright", file.display());
+        let material: Material = text.parse().unwrap();
+        assert_eq!((material.to_string(), material.condition()), (text, Condition::Family));
+        let Material::Measured(materials) = material else { panic!("{material}") };
+        let surface = MeasuredSurface::new(Viewpoints::Sphere, materials);
+        let mut stream = Stream::new(0, Purpose::Test, 0);
+        let (mut condition, mut seen) = ([0.0; head::MAX_CONDITION], [0; 2]);
+        for _ in 0..200 {
+            surface.draw_condition(&mut stream, &mut condition);
+            let [wo, n] = directions(&condition);
+            let which = usize::from(condition[10..] == materials.brdfs()[1].latent());
+            seen[which] += 1;
+            let brdf = &materials.brdfs()[which];
+            let Some(wi) = surface.sample(&condition, stream.uniform2()) else { continue };
+            assert_eq!(surface.lobe(&condition, wi), brdf.luminances(n, wo, &[wi.into()])[0]);
+            assert_eq!(surface.pdf(&condition, wi), brdf.mixture().pdf_at(n, wo, wi.into()));
+            assert!(surface.pdf(&condition, wi) > 0.0);
+        }
+        // 100 each, with a standard deviation of 7.
+        assert!(seen.iter().all(|&count| count > 60), "{seen:?}");
+        let one: Material = format!("nbrdf:{}#dull", file.display()).parse().unwrap();
+        assert_eq!(one.condition(), Condition::Ggx);
+        let error = format!("nbrdf:{}#gone", file.display()).parse::<Material>().unwrap_err();
+        assert!(error.contains("'gone'"), "{error}");
+    }
+}
