@@ -30,7 +30,8 @@ pub struct ViewArguments {
     #[arg(long)]
     pub ground: bool,
     /// Give every surface one material, the ground too: lambert[:albedo=A], ggx:alpha=A or ggx:alpha=LOW..HIGH (a width that
-    /// varies over the scene), both with [,f0=F]. Default: the scene's materials.
+    /// varies over the scene), both with [,f0=F]; or neural:FILE[,repeat=N][,on=NAME], a neural material on the meshes called `fabric` (or NAME), else on all
+    /// that have texture coordinates. Default: the scene's materials.
     #[arg(long, value_name = "SPEC")]
     pub material: Option<MaterialSpec>,
     /// Leave out shadow rays: every point sees the whole environment.
@@ -200,11 +201,12 @@ impl ViewArguments {
             scene.add_ground();
         }
         if let Some(spec) = &self.material {
-            scene = scene.with_material(spec.material(&bounds));
+            scene = spec.dress(scene, &bounds)?;
+            scene.brdf_notes().for_each(|note| eprintln!("material {note}"));
         }
         Ok(OpenedView {
             scene,
-            material: self.material,
+            material: self.material.clone(),
             camera,
             environment,
             width: self.camera.width as usize,
@@ -238,7 +240,7 @@ impl OpenedView {
     /// The scene's name, with the material that it was given, and whether it is without shadows.
     pub fn scene_name(&self) -> String {
         let name = self.scene.name();
-        let name = self.material.map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"));
+        let name = self.material.as_ref().map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"));
         match (self.unshadowed, self.depth) {
             (true, _) => name + ", unshadowed",
             (false, 1) => name,

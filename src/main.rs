@@ -10,6 +10,7 @@ mod composite;
 mod demo;
 mod export;
 mod fit;
+mod fit_material;
 mod inspect;
 mod paper;
 mod progress;
@@ -37,6 +38,7 @@ struct Cli {
 enum Command {
     Demo(demo::Arguments),
     Fit(fit::Arguments),
+    FitMaterial(fit_material::Arguments),
     Bake(bake::Arguments),
     Render(render::Arguments),
     Compare(compare::Arguments),
@@ -75,6 +77,7 @@ fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
+        Command::FitMaterial(arguments) => fit_material::run(&arguments),
         Command::Bake(arguments) => bake::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),

@@ -22,6 +22,7 @@ pub mod image;
 pub mod integrator;
 pub mod large;
 pub mod latlong;
+pub(crate) mod linear;
 pub(crate) mod morton;
 pub mod one_point;
 pub mod patches;

@@ -24,7 +24,20 @@ pub struct OnePoint {
 impl OnePoint {
     /// Copies of a point with an analytic BRDF, `copies` at a time at most.
     pub fn new(at: &ShadingPoint, copies: usize) -> Self {
-        Self { tile: Tile::of(&vec![*at; copies]), arena: Arena::default() }
+        Self::of_table(at, copies, &BrdfTable::default())
+    }
+
+    /// Copies of a point with a BRDF of a table.
+    pub fn of_table(at: &ShadingPoint, copies: usize, brdfs: &BrdfTable) -> Self {
+        Self { tile: Tile::of_table(&vec![*at; copies], brdfs), arena: Arena::default() }
+    }
+
+    /// The width in radians of the BRDF's narrowest lobe, to within a small factor; pi for a diffuse surface.
+    pub fn lobe_width(&self) -> f32 {
+        let rows = self.tile.rows();
+        let mut alpha = vec![[0.0; LANES]; rows.strips()];
+        rows.alpha(&mut alpha, &self.arena);
+        if self.tile.point(0).surface.brdf == BrdfTable::LAMBERT { std::f32::consts::PI } else { alpha[0][0] }
     }
 
     /// The copies.
@@ -82,12 +95,14 @@ impl ShadingPoint {
         OnePoint::new(self, COPIES)
     }
 
-    /// The width in radians of the BRDF's narrowest lobe, to within a small factor; pi for a diffuse surface.
+    /// The point with a BRDF of a table, ready for many directions.
+    pub fn one_of(&self, brdfs: &BrdfTable) -> OnePoint {
+        OnePoint::of_table(self, COPIES, brdfs)
+    }
+
+    /// [`OnePoint::lobe_width`] of an analytic BRDF.
     pub fn lobe_width(&self) -> f32 {
-        let point = OnePoint::new(self, 1);
-        let mut alpha = [[0.0; LANES]];
-        point.tile.rows().alpha(&mut alpha, &point.arena);
-        if self.surface.brdf == BrdfTable::LAMBERT { std::f32::consts::PI } else { alpha[0][0] }
+        OnePoint::new(self, 1).lobe_width()
     }
 
     /// `f_r max(0, n . wi)` towards `wi` per channel, in 1/sr; zero where `wi` is below the geometric surface. For many directions there

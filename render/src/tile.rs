@@ -63,7 +63,16 @@ impl Tile {
     /// # Panics
     /// If there are more than [`MAX_POINTS`].
     pub fn of(points: &[ShadingPoint]) -> Self {
+        Self::of_table(points, &BrdfTable::default())
+    }
+
+    /// [`Self::of`] with the BRDFs of a table.
+    ///
+    /// # Panics
+    /// If there are more than [`MAX_POINTS`].
+    pub fn of_table(points: &[ShadingPoint], brdfs: &BrdfTable) -> Self {
         let mut tile = Self::default();
+        tile.clear(brdfs);
         for (key, point) in points.iter().enumerate() {
             tile.push(point, key as u32);
         }

@@ -138,7 +138,7 @@ fn a_white_furnace_is_white() {
     let environment = Arc::new(Environment::from_image("white", grey(256, 128, 2.0).image).unwrap());
     let white: MaterialSpec = "lambert:albedo=1".parse().unwrap();
     let object = Scene::open("sphere").unwrap();
-    let object = object.with_material(white.material(&object_bounds()));
+    let object = white.dress(object, &object_bounds()).unwrap();
     let camera = Camera::new(Vec3A::new(0.0, 2.0, 6.0), Vec3A::new(0.0, 0.5, 0.0), 40.0).unwrap();
     let (low, size) = (object.bounds().min.y, 48);
     let catcher = Catcher::plane(Vec3A::new(0.0, low, 0.0), Vec3A::Y, &object, &camera).unwrap();

@@ -98,13 +98,13 @@ pub fn baked(shape: &'static HeadShape, steps: usize) -> Candidate {
 pub struct HeadMaterial(pub Material);
 
 impl HeadMaterial {
-    /// For a scene of one material, that one; for one with materials of its own, diffuse or a range of widths.
-    pub fn of(material: Option<MaterialSpec>, diffuse: bool) -> Self {
+    /// For a scene of one analytic material, that one; for others, diffuse or a range of widths.
+    pub fn of(material: Option<&MaterialSpec>, diffuse: bool) -> Self {
         Self(match material {
             Some(MaterialSpec::Ggx { alpha, .. }) => Material::Ggx { low: alpha.low, high: alpha.high },
             Some(MaterialSpec::Lambert { .. }) => Material::Lambert,
             None if diffuse => Material::Lambert,
-            None => Material::Ggx { low: 0.1, high: 0.8 },
+            None | Some(MaterialSpec::Neural(_)) => Material::Ggx { low: 0.1, high: 0.8 },
         })
     }
 }

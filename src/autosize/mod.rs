@@ -80,14 +80,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         env: arguments.env.clone(),
         camera: CameraArguments::of_size(arguments.width, arguments.height),
         ground: arguments.ground,
-        material: arguments.material,
+        material: arguments.material.clone(),
         unshadowed: false,
         depth: 1,
         points: crate::arguments::PointsArgument::Named(PointSet::Sobol),
         threads: None,
     };
     let opened = view.open()?;
-    let material = HeadMaterial::of(arguments.material, opened.is_diffuse());
+    let material = HeadMaterial::of(arguments.material.as_ref(), opened.is_diffuse());
     let mut contest = Contest::new(arguments, &view, &opened, material)?;
     contest.run(&stop)?;
     if stop.load(std::sync::atomic::Ordering::Relaxed) {

@@ -114,7 +114,8 @@ fn stage(arguments: &Arguments, camera: &Camera, turn: &Affine3A) -> Result<Stag
     let mut scene = Scene::open(&arguments.scene)?;
     if let Some(spec) = &arguments.material {
         let bounds = scene.bounds();
-        scene = scene.with_material(spec.material(&bounds));
+        scene = spec.dress(scene, &bounds)?;
+        scene.brdf_notes().for_each(|note| eprintln!("material {note}"));
     }
     let is_plane = arguments.catcher == "plane";
     let to_world = *turn * placement(arguments, &scene, is_plane)?;

@@ -106,7 +106,7 @@ impl Data {
         }
         let spec: MaterialSpec = material.parse()?;
         let name = scene.name().to_owned();
-        Ok(View { name, scene: scene.with_material(spec.material(&bounds)), camera })
+        Ok(View { name, scene: spec.dress(scene, &bounds)?, camera })
     }
 
     /// Something to be put into a photograph, without a ground of its own: a file, or something made of balls.
@@ -119,9 +119,7 @@ impl Data {
         }
         let ball = Scene::built_in("sphere").context("a built-in scene")?;
         let made = |material: &str| -> Result<Scene> {
-            Ok(ball
-                .moved(&Affine3A::IDENTITY)?
-                .with_material(material.parse::<MaterialSpec>()?.material(&ball.bounds())))
+            Ok(material.parse::<MaterialSpec>()?.dress(ball.moved(&Affine3A::IDENTITY)?, &ball.bounds())?)
         };
         Ok(match index % 3 {
             0 => ("ball".into(), made("lambert:albedo=0.6")?),

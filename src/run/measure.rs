@@ -39,7 +39,7 @@ pub fn nanoseconds_per_sample(
     let scene = Scene::open("sphere")?;
     let bounds = scene.bounds();
     let camera = scene.camera();
-    let scene = scene.with_material(material.to_string().parse::<MaterialSpec>()?.material(&bounds));
+    let scene = material.to_string().parse::<MaterialSpec>()?.dress(scene, &bounds)?;
     let view = View {
         scene: &scene,
         camera: &camera,

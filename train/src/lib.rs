@@ -21,6 +21,7 @@ pub mod light;
 pub mod loss;
 pub mod material;
 pub mod metrics;
+pub mod neural_texture;
 pub mod optimizer;
 pub mod peak_memory;
 pub mod picture;

@@ -4,11 +4,13 @@ mod ggx;
 mod lambert;
 mod lobe_albedo;
 mod metallic_roughness;
+pub mod neural_texture;
 
 pub use ggx::Ggx;
 pub use lambert::Lambert;
 pub(crate) use lobe_albedo::tabulate as tabulate_lobe_albedo;
 pub use metallic_roughness::MetallicRoughness;
+pub use neural_texture::NeuralTexture;
 
 use std::{fmt, marker::PhantomData, sync::Arc};
 
@@ -20,7 +22,7 @@ use crate::{
 };
 
 /// Most parameters of a BRDF.
-pub const MAX_PARAMETERS: usize = 8;
+pub const MAX_PARAMETERS: usize = 11;
 
 /// A BRDF at one point with its parameters. Functions are `#[inline(always)]` and free of branches and of calls, so that a loop over them
 /// becomes SIMD instructions.
@@ -102,6 +104,11 @@ pub trait Brdf: fmt::Debug + Send + Sync {
 
     /// [`Kernel::lobes`]: columns of diffuse, specular, f0 and alpha.
     fn lobes(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; 4]);
+
+    /// What was found out about it when it was loaded: a line for the user.
+    fn note(&self) -> Option<String> {
+        None
+    }
 }
 
 /// A kernel over columns.
@@ -254,6 +261,9 @@ vectorized! {
     }
 }
 
+/// How many analytic BRDFs there are.
+const ANALYTIC: usize = 3;
+
 /// The BRDFs that points of a tile refer to by index.
 #[derive(Clone, Debug)]
 pub struct BrdfTable(Arc<[Arc<dyn Brdf>]>);
@@ -284,6 +294,11 @@ impl BrdfTable {
         self.0.is_empty()
     }
 
+    /// Those beside the analytic ones, in order.
+    pub fn added(&self) -> impl Iterator<Item = &Arc<dyn Brdf>> {
+        self.0.iter().skip(ANALYTIC)
+    }
+
     /// The table with one more BRDF, and its index.
     pub fn with(&self, brdf: Arc<dyn Brdf>) -> (Self, u32) {
         let all = self.0.iter().cloned().chain([brdf]).collect();
@@ -294,7 +309,7 @@ impl BrdfTable {
 impl Default for BrdfTable {
     /// The analytic BRDFs, in the order of the constants.
     fn default() -> Self {
-        let all: [Arc<dyn Brdf>; 3] = [
+        let all: [Arc<dyn Brdf>; ANALYTIC] = [
             Arc::new(OfKernel::<Lambert>::NEW),
             Arc::new(OfKernel::<Ggx>::NEW),
             Arc::new(OfKernel::<MetallicRoughness>::NEW),

@@ -84,7 +84,7 @@ impl Fabric {
         }
         for bounce in 0..MOST_BOUNCES {
             work.hits.clear();
-            self.scene.intersect_batch(&work.rays, |k| k as u32, &mut work.tile, &mut work.hits);
+            self.scene.intersect_batch(&work.rays, 0.0, |k| k as u32, &mut work.tile, &mut work.hits);
             if work.hits.is_empty() {
                 break;
             }

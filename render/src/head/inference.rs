@@ -4,10 +4,11 @@
 
 use glam::Vec2;
 
-use super::{Head, MAX_CONDITION, Mode, SELECTION_FLOOR, linear::Start};
+use super::{Head, MAX_CONDITION, Mode, SELECTION_FLOOR};
 use crate::{
     columns::{Arena, vectorized},
     error::{Error, Result},
+    linear::Start,
     sampler::IntermediateDensity,
     simd::{self, LANES, Lanes, Simd},
     spline::{self, Logits, Topology},

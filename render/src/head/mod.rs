@@ -2,13 +2,12 @@
 
 mod condition;
 mod inference;
-mod linear;
 mod network;
 mod without_tail;
 
+pub use crate::linear::Linear;
 pub use condition::{Condition, MAX_CONDITION};
 pub use inference::HeadAt;
-pub use linear::Linear;
 use network::SplineNetwork;
 pub use without_tail::WithoutTail;
 
@@ -16,9 +15,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     error::{Error, Result},
+    linear::Packed,
     spline::Topology,
 };
-use linear::Packed;
 
 /// Widest hidden layer.
 pub const MAX_HIDDEN: usize = 256;

@@ -1,11 +1,9 @@
 //! The network that gives a spline its logits.
 
-use super::{
-    MAX_BINS, MAX_HIDDEN,
-    linear::{Linear, Packed, Start},
-};
+use super::{MAX_BINS, MAX_HIDDEN};
 use crate::{
     error::{Error, Result},
+    linear::{Linear, Packed, Start},
     simd::{Lanes, Simd},
     spline::Topology,
 };

@@ -23,6 +23,8 @@ impl Scene {
             add(&mut hasher, &[(mesh.material as u64).to_le_bytes(), own.to_le_bytes()].concat());
         }
         self.materials.iter().for_each(|material| add_material(&mut hasher, material));
+        // What materials' indices stand for; none in a scene of analytic BRDFs.
+        self.brdfs.added().for_each(|brdf| add(&mut hasher, format!("{brdf:?}").as_bytes()));
         hasher.finalize().to_hex().to_string()
     }
 }

@@ -4,7 +4,12 @@ use std::{f32::consts::TAU, sync::Arc};
 
 use glam::{Vec2, Vec3A};
 
-use super::{Bounds, normal_map::NormalMap, texture::Texture};
+use super::{
+    Bounds,
+    neural::{NeuralMaterial, TangentView},
+    normal_map::NormalMap,
+    texture::Texture,
+};
 use crate::brdf::{Ggx, Lambert, MetallicRoughness, Surface};
 
 /// What a surface is made of.
@@ -21,6 +26,8 @@ pub enum Material {
     },
     /// The metallic-roughness material of glTF.
     MetallicRoughness(TexturedMetallicRoughness),
+    /// A neural material over texture coordinates.
+    Neural(NeuralMaterial),
 }
 
 /// The point of a surface that a material is asked about.
@@ -32,6 +39,8 @@ pub struct SurfacePoint {
     pub color_uv: Option<Vec2>,
     /// The same of metalness and roughness.
     pub roughness_uv: Option<Vec2>,
+    /// How it is seen; neural materials alone need it.
+    pub view: TangentView,
 }
 
 impl Material {
@@ -49,7 +58,7 @@ impl Material {
     pub fn normal_map(&self) -> Option<&NormalMap> {
         match self {
             Self::MetallicRoughness(textured) => textured.normal_map.as_ref(),
-            Self::Diffuse(_) | Self::Ggx { .. } => None,
+            Self::Diffuse(_) | Self::Ggx { .. } | Self::Neural(_) => None,
         }
     }
 
@@ -59,6 +68,7 @@ impl Material {
             Self::Diffuse(albedo) => Lambert { albedo: albedo.clamp(Vec3A::ZERO, Vec3A::ONE).into() }.into(),
             Self::Ggx { alpha, f0 } => Ggx::new(alpha.at(at.p), (*f0).into()).into(),
             Self::MetallicRoughness(textured) => textured.at(at).into(),
+            Self::Neural(neural) => neural.at(at),
         }
     }
 }

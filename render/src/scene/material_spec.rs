@@ -1,10 +1,10 @@
-//! Material specifications: `lambert`, `lambert:albedo=0.5`, `ggx:alpha=0.4`, `ggx:alpha=0.2..0.8,f0=0.9`.
+//! Material specifications: `lambert`, `lambert:albedo=0.5`, `ggx:alpha=0.4`, `ggx:alpha=0.2..0.8,f0=0.9`, `neural:FILE,repeat=24`.
 
 use std::{fmt, str::FromStr};
 
 use glam::Vec3A;
 
-use super::{AlphaField, Bounds, Material};
+use super::{AlphaField, Bounds, Material, Scene, neural::NeuralSpec};
 use crate::{
     brdf::Ggx,
     error::{Error, Result},
@@ -26,8 +26,8 @@ impl AlphaRange {
     }
 }
 
-/// One material by its description; grey, and white by default.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Materials by their description. Analytic ones are grey, and white by default.
+#[derive(Clone, Debug, PartialEq)]
 pub enum MaterialSpec {
     /// `lambert[:albedo=A]`.
     Lambert {
@@ -41,21 +41,27 @@ pub enum MaterialSpec {
         /// Reflectance at normal incidence in `[0, 1]`; 1 by default, so that F = 1.
         f0: f32,
     },
+    /// `neural:FILE[,repeat=N][,on=NAME]`: a neural material over texture coordinates.
+    Neural(NeuralSpec),
 }
 
 impl MaterialSpec {
-    /// The material in a scene of these bounds: a range of widths goes up and down over the scene as [`AlphaField`] does.
-    pub fn material(&self, bounds: &Bounds) -> Material {
-        match *self {
-            Self::Lambert { albedo } => Material::diffuse(Vec3A::splat(albedo)),
+    /// A scene of these materials. A range of widths goes up and down over `bounds` as [`AlphaField`] does.
+    ///
+    /// # Errors
+    /// A file cannot be read or does not hold what it is asked for.
+    pub fn dress(&self, scene: Scene, bounds: &Bounds) -> Result<Scene> {
+        Ok(match self {
+            Self::Lambert { albedo } => scene.with_material(Material::diffuse(Vec3A::splat(*albedo))),
             Self::Ggx { alpha, f0 } => {
                 let alpha = match alpha.fixed() {
                     Some(alpha) => AlphaField::constant(alpha),
                     None => AlphaField::new(alpha.low, alpha.high, bounds),
                 };
-                Material::Ggx { alpha, f0: Vec3A::splat(f0) }
+                scene.with_material(Material::Ggx { alpha, f0: Vec3A::splat(*f0) })
             }
-        }
+            Self::Neural(spec) => spec.dress(scene)?,
+        })
     }
 }
 
@@ -65,11 +71,16 @@ impl FromStr for MaterialSpec {
     fn from_str(text: &str) -> Result<Self> {
         let wrong = |reason: String| Error::argument(format!("material '{text}'"), reason);
         let (name, settings) = text.split_once(':').unwrap_or((text, ""));
+        if name == "neural" {
+            return settings.parse().map(Self::Neural).map_err(wrong);
+        }
         let known: &[&str] = match name {
             "lambert" => &["albedo"],
             "ggx" => &["alpha", "f0"],
             _ => {
-                return Err(wrong("is neither lambert, as in lambert:albedo=0.5, nor ggx, as in ggx:alpha=0.4".into()));
+                return Err(wrong(
+                    "is none of lambert, as in lambert:albedo=0.5, ggx, as in ggx:alpha=0.4, and neural:FILE".into(),
+                ));
             }
         };
         let mut values: Vec<(&str, &str)> = Vec::new();
@@ -118,6 +129,7 @@ impl fmt::Display for MaterialSpec {
                 }
                 if *f0 == 1.0 { Ok(()) } else { write!(f, ",f0={f0}") }
             }
+            Self::Neural(spec) => write!(f, "neural:{spec}"),
         }
     }
 }
@@ -128,9 +140,16 @@ mod tests {
 
     #[test]
     fn specifications_print_as_they_parse() {
-        for text in
-            ["lambert", "lambert:albedo=0.5", "ggx:alpha=0.4", "ggx:alpha=0.2..0.8", "ggx:alpha=0.001..1,f0=0.04"]
-        {
+        for text in [
+            "lambert",
+            "lambert:albedo=0.5",
+            "ggx:alpha=0.4",
+            "ggx:alpha=0.2..0.8",
+            "ggx:alpha=0.001..1,f0=0.04",
+            "neural:a/b.safetensors",
+            "neural:a,repeat=24",
+            "neural:a,b,repeat=2.5,on=sheet",
+        ] {
             assert_eq!(text.parse::<MaterialSpec>().unwrap().to_string(), text);
         }
         let alpha = AlphaRange { low: 0.2, high: 0.8 };
@@ -142,8 +161,11 @@ mod tests {
     #[test]
     fn mistakes_are_named() {
         for (text, word) in [
-            ("", "is neither lambert"),
-            ("phong", "is neither lambert"),
+            ("", "is none of lambert"),
+            ("phong", "is none of lambert"),
+            ("neural:", "name a file"),
+            ("neural:a,repeat=0", "repeat '0' is not"),
+            ("neural:a,size=2", "'size=2' is not one of repeat=, on="),
             ("lambert:", "'' is not one of albedo="),
             ("lambert:alpha=0.4", "'alpha=0.4' is not one of albedo="),
             ("lambert:albedo=2", "albedo '2' is not a number in 0..=1"),

@@ -52,9 +52,14 @@ impl Scene {
         let first = self.materials.len();
         let added = other.meshes.iter().map(|mesh| Mesh { material: mesh.material + first, ..mesh.clone() });
         let meshes = self.meshes.iter().cloned().chain(added).collect();
-        let materials = self.materials.iter().chain(&other.materials).cloned().collect();
+        let added = self.brdfs.added().count() as u32;
+        let renamed = other.materials.iter().map(|material| match material {
+            Material::Neural(neural) => Material::Neural(neural.renumbered(added)),
+            material => material.clone(),
+        });
+        let materials = self.materials.iter().cloned().chain(renamed).collect();
         let mut joined = Self::new(self.name.clone(), meshes, materials, self.camera)?;
-        joined.brdfs = self.brdfs.clone();
+        joined.brdfs = other.brdfs.added().fold(self.brdfs.clone(), |table, brdf| table.with(brdf.clone()).0);
         Ok(joined)
     }
 
@@ -78,6 +83,11 @@ impl Scene {
     /// How many meshes there are.
     pub(crate) fn mesh_count(&self) -> usize {
         self.meshes.len()
+    }
+
+    /// What was found out about the BRDFs that the scene brings along, when they were loaded.
+    pub fn brdf_notes(&self) -> impl Iterator<Item = String> + '_ {
+        self.brdfs.added().filter_map(|brdf| brdf.note())
     }
 
     fn with_meshes(&self, meshes: Vec<Mesh>, camera: Option<Camera>) -> Result<Self> {

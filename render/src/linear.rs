@@ -59,7 +59,7 @@ const BLOCK: usize = 6;
 /// A part of the columns of a [`Linear`], its weights in the order in which they are read: for each block of outputs, for each
 /// input, the weights of the block.
 #[derive(Clone, Debug)]
-pub(super) struct Packed {
+pub(crate) struct Packed {
     inputs: usize,
     bias: Vec<f32>,
     weights: Vec<f32>,
@@ -69,7 +69,7 @@ pub(super) struct Packed {
 
 /// What an output is before the products are added.
 #[derive(Clone, Copy)]
-pub(super) enum Start<'a> {
+pub(crate) enum Start<'a> {
     /// The layer's bias.
     Bias,
     /// What another part of the same layer gave.
