@@ -16,8 +16,8 @@ use crate::{arguments::make_folder, progress};
 /// Steps between two savings of the state.
 const SAVE_EVERY: usize = 250;
 /// Questions and light paths that the error is measured with.
-const QUESTIONS: usize = 4096;
-const PATHS: u32 = 512;
+const QUESTIONS: usize = 2048;
+const PATHS: u32 = 256;
 
 /// Fit a neural material to cloth or layers, whose light paths are traced while it learns.
 #[derive(Args)]

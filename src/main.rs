@@ -5,6 +5,7 @@ mod autosize;
 mod backends;
 mod bake;
 mod chart;
+mod check_material;
 mod compare;
 mod composite;
 mod demo;
@@ -39,6 +40,7 @@ enum Command {
     Demo(demo::Arguments),
     Fit(fit::Arguments),
     FitMaterial(fit_material::Arguments),
+    CheckMaterial(check_material::Arguments),
     Bake(bake::Arguments),
     Render(render::Arguments),
     Compare(compare::Arguments),
@@ -78,6 +80,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
         Command::FitMaterial(arguments) => fit_material::run(&arguments),
+        Command::CheckMaterial(arguments) => check_material::run(&arguments),
         Command::Bake(arguments) => bake::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),

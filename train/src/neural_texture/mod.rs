@@ -5,10 +5,12 @@
 //! Lobes for sampling are fitted in the same steps, by maximum likelihood under the samples, and do not act back on the features.
 
 mod model;
+mod picture;
 mod samples;
 mod state;
 
 pub use model::{Layout, predict};
+pub use picture::{DISTANCES, side_by_side};
 pub use samples::{Samples, error_over};
 pub use state::State;
 

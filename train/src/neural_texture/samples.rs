@@ -4,7 +4,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 use headtail_render::{
-    brdf::neural_texture::{NeuralTexture, Seen, TEXEL_WIDTH},
+    brdf::neural_texture::{Mixture, NeuralTexture, Seen, TEXEL_WIDTH},
     color::luminance,
     columns::Arena,
     fabric::{MIN_COSINE, Query, Source},
@@ -13,8 +13,12 @@ use headtail_render::{
 
 use super::Settings;
 
-/// The probability that a direction is uniform in the projected disk, and not over the hemisphere.
+/// Probabilities that a direction is uniform in the projected disk, or mirrored about a slope of [`SLOPES`]; else it is uniform over the
+/// hemisphere. Directions to the viewer are not mirrored.
 const DISK_SHARE: f32 = 0.5;
+const MIRROR_SHARE: f32 = 0.25;
+/// Slopes of half vectors of mirrored directions.
+const SLOPES: Mixture = Mixture { share: 1.0, widths: Vec2::splat(0.35), shift: Vec2::ZERO };
 
 /// Questions with estimates of their answers.
 #[derive(Clone, Debug, Default)]
@@ -25,7 +29,7 @@ pub struct Samples {
     pub levels: Vec<f32>,
     /// Estimates of `f_r cos` per channel.
     pub values: Vec<Vec3>,
-    /// The density of each `wi` in solid angle.
+    /// The density of each `wi` in solid angle, up to a factor that depends on `wo`.
     pub densities: Vec<f32>,
 }
 
@@ -45,10 +49,11 @@ impl Samples {
         for _ in 0..count {
             let level = side.ilog2() as f32 * random.uniform().powi(2);
             let width = TEXEL_WIDTH / side as f32 * level.exp2();
-            let (wo, wi) = (direction(random), direction(random));
+            let wo = direction(random);
+            let wi = light(wo, random);
             samples.queries.push(Query { uv: random.uniform2(), width, wo, wi });
             samples.levels.push(level);
-            samples.densities.push(density(wi));
+            samples.densities.push((1.0 - MIRROR_SHARE) * density(wi) + MIRROR_SHARE * SLOPES.pdf(wo, wi));
         }
         samples
     }
@@ -90,6 +95,19 @@ fn direction(random: &mut Stream) -> Vec3 {
     let squared = 1.0 - u.x * (1.0 - MIN_COSINE * MIN_COSINE);
     let z = if disk { squared.sqrt() } else { MIN_COSINE + (1.0 - MIN_COSINE) * u.x };
     ((1.0 - z * z).max(0.0).sqrt() * Vec2::from_angle(TAU * u.y)).extend(z)
+}
+
+/// A direction to the light. Mirrored directions below [`MIN_COSINE`] are drawn again, from all kinds.
+fn light(wo: Vec3, random: &mut Stream) -> Vec3 {
+    loop {
+        if random.uniform() >= MIRROR_SHARE {
+            return direction(random);
+        }
+        let wi = SLOPES.mirrored(wo, random.uniform2());
+        if wi.z >= MIN_COSINE {
+            return wi;
+        }
+    }
 }
 
 /// The density of [`direction`] in solid angle.
