@@ -43,7 +43,7 @@ impl Scene {
                 scene.add_ground();
             }
             if let Some(material) = material {
-                scene = scene.with_material(material.material(&bounds));
+                scene = material.dress(scene, &bounds)?;
             }
             Ok(Self { scene, camera })
         })

@@ -293,6 +293,8 @@ impl Directions {
 
 /// What the tensor library makes of a material: `f_r cos` per channel for each question.
 pub fn predict(side: usize, weights: &[f32], samples: &Samples, device: &Device) -> Vec<Vec3> {
+    // Leaves of a graph need a device that keeps one.
+    let device = &device.clone().autodiff();
     let layout = Layout::new(side);
     let tensors = layout.tensors(weights, device);
     let features = layout.features(&tensors, samples, device);
