@@ -274,7 +274,7 @@ fn glossy_surfaces_in_a_white_furnace_show_their_albedo() {
     let white = Image { width: 32, height: 16, pixels: vec![[1.0; 3]; 32 * 16] };
     let environment = Arc::new(Environment::from_image("white", white).unwrap());
     let plane = || Scene::built_in("plane").unwrap();
-    let spec = |text: &str| text.parse::<MaterialSpec>().unwrap().material(&plane().bounds());
+    let spec = |text: &str| text.parse::<MaterialSpec>().unwrap().dress(plane(), &plane().bounds()).unwrap();
     let dielectric = Material::MetallicRoughness(TexturedMetallicRoughness {
         base_color: Vec3A::splat(0.7),
         base_color_texture: None,
@@ -283,13 +283,15 @@ fn glossy_surfaces_in_a_white_furnace_show_their_albedo() {
         metallic_roughness_texture: None,
         normal_map: None,
     });
-    let materials =
-        [("ggx 0.4", spec("ggx:alpha=0.4")), ("ggx 0.2 to 0.8", spec("ggx:alpha=0.2..0.8")), ("mixture", dielectric)];
+    let materials = [
+        ("ggx 0.4", spec("ggx:alpha=0.4")),
+        ("ggx 0.2 to 0.8", spec("ggx:alpha=0.2..0.8")),
+        ("mixture", plane().with_material(dielectric)),
+    ];
     let mut tested = samplers(folder.path(), &environment);
     tested.push(SamplerSpec::brdf());
     tested.push(SamplerSpec::oracle());
-    for (name, material) in materials {
-        let scene = plane().with_material(material);
+    for (name, scene) in materials {
         let truth = furnace(&scene);
         let setting =
             Setting { scene, environment: environment.clone(), unshadowed: true, depth: 1, points: PointSet::Sobol };
@@ -314,7 +316,7 @@ fn all_samplers_render_the_same_glossy_picture() {
     for material in ["ggx:alpha=0.4", "ggx:alpha=0.2..0.8"] {
         let scene = Scene::built_in("dishes").unwrap();
         let bounds = scene.bounds();
-        let scene = scene.with_material(material.parse::<MaterialSpec>().unwrap().material(&bounds));
+        let scene = material.parse::<MaterialSpec>().unwrap().dress(scene, &bounds).unwrap();
         let setting =
             Setting { scene, environment: environment.clone(), unshadowed: false, depth: 1, points: PointSet::Sobol };
         let mut tested: Vec<(SamplerSpec, u32)> =

@@ -123,7 +123,7 @@ impl Layout {
         let directions = Directions::new(&samples.queries, device);
         let values = directions.reflectance(&tensors, features.clone());
 
-        let flat: Vec<f32> = samples.values.iter().flat_map(|value| value.to_array()).collect();
+        let flat: Vec<f32> = samples.values.iter().flat_map(Vec3::to_array).collect();
         let truth = Tensor::<2>::from_data(TensorData::new(flat, [samples.len(), 3]), device);
         let mean = samples.luminances().sum::<f32>() / samples.len() as f32;
         let size = values.clone().detach().mean_dim(1).add_scalar(ERROR_FLOOR * mean + 1e-4);
@@ -165,11 +165,11 @@ impl Layout {
         let slopes = samples.queries.iter().flat_map(|query| slopes(query).to_array()).collect();
         let places = samples.queries.iter().flat_map(|query| query.uv.to_array()).collect();
         let places = column(places, 2) + column(slopes, 2) * amount;
-        self.lookup(tensors, places, &samples.levels, device)
+        self.lookup(tensors, &places, &samples.levels, device)
     }
 
     /// The trilinear lookup at places that gradients go back to.
-    fn lookup(&self, tensors: &Tensors, places: Tensor<2>, levels: &[f32], device: &Device) -> Tensor<2> {
+    fn lookup(&self, tensors: &Tensors, places: &Tensor<2>, levels: &[f32], device: &Device) -> Tensor<2> {
         let known = places.clone().detach().try_into_vec_as::<f32>().expect("places are readable");
         let count = levels.len();
         let mut texels = Vec::with_capacity(8 * count);
