@@ -30,7 +30,7 @@ pub struct ViewArguments {
     #[arg(long)]
     pub ground: bool,
     /// Give every surface one material, the ground too: lambert[:albedo=A], ggx:alpha=A or ggx:alpha=LOW..HIGH (a width that
-    /// varies over the scene), both with [,f0=F]; or neural:FILE[,repeat=N][,on=NAME], a neural material on the meshes called `fabric` (or NAME), else on all
+    /// varies over the scene), both with [,f0=F]; or neural:FILE[,repeat=N,on=NAME], a neural material on the meshes called `fabric` (or NAME), else on all
     /// that have texture coordinates. Default: the scene's materials.
     #[arg(long, value_name = "SPEC")]
     pub material: Option<MaterialSpec>,
