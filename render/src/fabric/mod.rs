@@ -1,7 +1,7 @@
 //! Micro-geometry of cloth, and what it reflects: the ground truth that neural materials are fitted to.
 //!
-//! A fabric is a periodic tile of the unit square of yarns or fibres as triangles, over an opaque lining, so that no light path misses it. The tile's x and y are the
-//! texture coordinates u and v, z is the side that is seen, and all lengths are in tiles. A [`Query`] asks for the bidirectional texture
+//! A fabric is a periodic tile of the unit square of yarns or fibres as triangles, over an opaque lining, so that no light path misses
+//! it. The tile's x and y are the texture coordinates u and v, z is the side that is seen, and all lengths are in tiles. A [`Query`] asks for the bidirectional texture
 //! function: the mean over a Gaussian footprint on the reference plane of `f_r cos`, as path tracing through the yarns finds it.
 
 mod kinds;
