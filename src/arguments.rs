@@ -38,8 +38,9 @@ pub struct ViewArguments {
     #[arg(long)]
     pub ground: bool,
     /// Give every surface one material, the ground too: lambert[:albedo=A], ggx:alpha=A or ggx:alpha=LOW..HIGH (a width that
-    /// varies over the scene), both with [,f0=F]; or measured ones, nbrdf:FILE#NAME,NAME,..., which the scene's meshes take in turn. Default: the
-    /// scene's materials.
+    /// varies over the scene), both with [,f0=F]; or measured ones, nbrdf:FILE#NAME,NAME,..., which the scene's meshes take in turn; or
+    /// neural:FILE[,repeat=N,on=NAME], a neural material on the meshes called `fabric` (or NAME), else on all that have texture coordinates. Default:
+    /// the scene's materials.
     #[arg(long, value_name = "SPEC")]
     pub material: Option<MaterialSpec>,
     /// Leave out shadow rays: every point sees the whole environment.
@@ -216,7 +217,7 @@ impl ViewArguments {
         }
         if let Some(spec) = &self.material {
             scene = spec.dress(scene, &bounds)?;
-            scene.brdf_notes().for_each(|note| eprintln!("material {note}"));
+            scene.brdf_notes().for_each(|said| note!("material {said}"));
         }
         Ok(OpenedView {
             scene,

@@ -5,12 +5,14 @@ mod autosize;
 mod backends;
 mod bake;
 mod chart;
+mod check_material;
 mod compare;
 mod completions;
 mod composite;
 mod demo;
 mod export;
 mod fit;
+mod fit_material;
 mod info;
 mod inspect;
 mod light;
@@ -48,6 +50,8 @@ struct Cli {
 enum Command {
     Demo(demo::Arguments),
     Fit(fit::Arguments),
+    FitMaterial(fit_material::Arguments),
+    CheckMaterial(check_material::Arguments),
     Bake(bake::Arguments),
     Render(render::Arguments),
     Compare(compare::Arguments),
@@ -98,6 +102,8 @@ fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
+        Command::FitMaterial(arguments) => fit_material::run(&arguments),
+        Command::CheckMaterial(arguments) => check_material::run(&arguments),
         Command::Bake(arguments) => bake::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),

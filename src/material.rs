@@ -7,7 +7,10 @@ use clap::Args;
 use headtail_render::brdf::neural::{self, Network, NeuralBrdf, VIEWS};
 use rayon::prelude::*;
 
-use crate::arguments::make_folder;
+use crate::{
+    output::OutputFile,
+    terminal::{note, out, say},
+};
 
 const EXAMPLES: &str = "Examples:
   headtail material nbrdf_all.f32
@@ -41,10 +44,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .par_iter()
         .map(|(name, network)| NeuralBrdf::new(name, network.clone()).map_err(|error| error.in_file(&arguments.file)))
         .collect::<Result<_, _>>()?;
-    print!("{}", table(&brdfs));
+    out!("{}", table(&brdfs).trim_end());
     let shining = brdfs.iter().filter(|brdf| brdf.check().largest_albedo() > 1.0).count();
     if shining > 0 {
-        println!("{shining} of {} reflect more than they receive at some view", brdfs.len());
+        note!("{shining} of {} reflect more than they receive at some view", brdfs.len());
     }
     match &arguments.out {
         Some(out) => write(out, &networks),
@@ -56,11 +59,9 @@ fn write(out: &std::path::Path, networks: &[(String, Network)]) -> Result<()> {
     if out.extension().is_none_or(|extension| extension != "safetensors") {
         bail!("--out {}: materials are written as .safetensors", out.display());
     }
-    if let Some(folder) = out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        make_folder(folder)?;
-    }
+    let _output = OutputFile::take(out, |there| neural::read_networks(there).is_ok())?;
     neural::write_networks(out, networks)?;
-    println!("{} written, {} materials", out.display(), networks.len());
+    say!("{} written, {} materials", out.display(), networks.len());
     Ok(())
 }
 

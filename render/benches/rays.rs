@@ -44,7 +44,7 @@ fn camera_rays(scene: &Scene, camera: &Camera) -> (Batches, Vec<Vec<ShadingPoint
             })
             .collect();
         let mut surfaces = Tile::default();
-        scene.intersect_batch(&rays, |k| k as u32, &mut surfaces, &mut Vec::new());
+        scene.intersect_batch(&rays, 0.0, |k| k as u32, &mut surfaces, &mut Vec::new());
         batches.push(rays);
         points.push((0..surfaces.len()).map(|row| surfaces.point(row)).collect());
     }

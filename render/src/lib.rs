@@ -13,6 +13,7 @@ pub mod environment;
 pub mod error;
 pub mod estimator;
 pub mod export;
+pub mod fabric;
 pub mod file;
 pub mod flat;
 pub mod frame;

@@ -22,6 +22,8 @@ pub enum Purpose {
     Test = 6,
     /// Points that a flow tail is fitted to.
     Tail = 7,
+    /// Light paths through a fabric.
+    Texture = 8,
 }
 
 /// The stream of (seed, purpose, index).

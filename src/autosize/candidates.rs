@@ -104,7 +104,9 @@ impl HeadMaterial {
             Some(MaterialSpec::Ggx { alpha, .. }) => Material::Ggx { low: alpha.low, high: alpha.high },
             Some(MaterialSpec::Lambert { .. }) => Material::Lambert,
             None if diffuse => Material::Lambert,
-            None | Some(MaterialSpec::Measured { .. }) => Material::Ggx { low: 0.1, high: 0.8 },
+            None | Some(MaterialSpec::Measured { .. } | MaterialSpec::Neural(_)) => {
+                Material::Ggx { low: 0.1, high: 0.8 }
+            }
         })
     }
 }

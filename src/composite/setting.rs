@@ -116,7 +116,7 @@ fn stage(arguments: &Arguments, camera: &Camera, turn: &Affine3A) -> Result<Stag
     if let Some(spec) = &arguments.material {
         let bounds = scene.bounds();
         scene = spec.dress(scene, &bounds)?;
-        scene.brdf_notes().for_each(|note| eprintln!("material {note}"));
+        scene.brdf_notes().for_each(|said| crate::terminal::note!("material {said}"));
     }
     let is_plane = arguments.catcher == "plane";
     let to_world = *turn * placement(arguments, &scene, is_plane)?;

@@ -117,6 +117,8 @@ fn the_help_of_every_command_ends_with_examples() {
     for name in [
         "demo",
         "fit",
+        "fit-material",
+        "check-material",
         "backends",
         "bake",
         "render",

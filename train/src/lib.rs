@@ -22,6 +22,7 @@ pub mod loss;
 pub mod material;
 mod measured;
 pub mod metrics;
+pub mod neural_texture;
 pub mod optimizer;
 pub mod peak_memory;
 pub mod picture;

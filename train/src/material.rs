@@ -58,6 +58,7 @@ impl FromStr for Material {
             MaterialSpec::Lambert { albedo: 1.0 } => Ok(Self::Lambert),
             MaterialSpec::Ggx { alpha, f0: 1.0 } => Ok(Self::Ggx { low: alpha.low, high: alpha.high }),
             MaterialSpec::Measured { file, names } => Measured::open(text, &file, &names).map(Self::Measured),
+            MaterialSpec::Neural(_) => Err(format!("material '{text}': there are no heads for neural materials")),
             MaterialSpec::Lambert { .. } | MaterialSpec::Ggx { .. } => {
                 Err(format!("material '{text}': a head serves every albedo and f0: leave them out"))
             }

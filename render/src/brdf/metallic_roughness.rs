@@ -99,7 +99,9 @@ impl Kernel for MetallicRoughness {
 
     fn parameters(&self) -> [f32; MAX_PARAMETERS] {
         let [red, green, blue] = self.base_color.to_array();
-        [red, green, blue, self.metallic, self.roughness, 0.0, 0.0, 0.0]
+        let mut parameters = [0.0; MAX_PARAMETERS];
+        parameters[..Self::PARAMETERS].copy_from_slice(&[red, green, blue, self.metallic, self.roughness]);
+        parameters
     }
 
     /// Both lobes; zero where either direction is below the horizon.

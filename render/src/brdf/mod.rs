@@ -6,12 +6,14 @@ mod lobe_albedo;
 mod lobe_mixture;
 mod metallic_roughness;
 pub mod neural;
+pub mod neural_texture;
 
 pub use ggx::Ggx;
 pub use lambert::Lambert;
 pub(crate) use lobe_albedo::tabulate as tabulate_lobe_albedo;
 pub use lobe_mixture::LobeMixture;
 pub use metallic_roughness::MetallicRoughness;
+pub use neural_texture::NeuralTexture;
 
 use std::{fmt, marker::PhantomData, sync::Arc};
 
@@ -26,7 +28,7 @@ use crate::{
 pub const LATENTS: usize = 6;
 
 /// Most parameters of a BRDF.
-pub const MAX_PARAMETERS: usize = 8;
+pub const MAX_PARAMETERS: usize = 11;
 
 /// A BRDF at one point with its parameters. Functions are `#[inline(always)]` and free of branches and of calls, so that a loop over them
 /// becomes SIMD instructions.

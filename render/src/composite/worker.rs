@@ -160,6 +160,7 @@ impl Worker<'_> {
         let Self { composition, settings, workspace, .. } = self;
         let stage = composition.stage;
         let scene = if settings.without_object { &stage.catcher } else { &stage.all };
+        let spread = composition.camera.pixel_spread(settings.height);
         let mut hits = vec![None; rays.len()];
         scene.closest_batch(rays, &mut hits);
         for front in [&mut workspace.object, &mut workspace.catcher] {
@@ -169,7 +170,7 @@ impl Worker<'_> {
         for (index, hit) in hits.iter().enumerate() {
             let Some(hit) = hit else { continue };
             let (ray, path) = (&rays[index], paths[index]);
-            let point = scene.surface(ray, hit);
+            let point = scene.surface(ray, hit, spread);
             if !(settings.without_object || stage.is_catcher(hit)) {
                 workspace.object.push(&point, keys[index], path);
             } else if stage.faces(&point) && !path.from_catcher {

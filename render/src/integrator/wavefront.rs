@@ -21,6 +21,9 @@ const ROULETTE_FROM: u32 = 3;
 /// The largest chance to go on: also a path between white walls ends.
 const MOST_SURVIVAL: f32 = 0.95;
 
+/// By how many radians rays of further bounces count as apart: what they see is blurred anyway, and less detail is less noise.
+const BOUNCE_SPREAD: f32 = 0.05;
+
 /// Sums over the samples of one pixel.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pixel {
@@ -102,7 +105,7 @@ impl Workspace {
         }));
         hits.clear();
         paths.clear();
-        view.scene.intersect_batch(rays, key, tile, hits);
+        view.scene.intersect_batch(rays, view.camera.pixel_spread(view.height), key, tile, hits);
         paths.extend(hits.iter().map(|&pixel| Path { pixel, throughput: Vec3A::ONE }));
         let mut seen = hits.iter().peekable();
         let mut past = arena.list();
@@ -188,7 +191,7 @@ impl Workspace {
             }
         }
         hits.clear();
-        timed(Stage::CameraRays, || view.scene.intersect_batch(rays, |k| keys[k], next_tile, hits));
+        timed(Stage::CameraRays, || view.scene.intersect_batch(rays, BOUNCE_SPREAD, |k| keys[k], next_tile, hits));
         paths.clear();
         paths.extend(hits.iter().map(|&k| next_paths[k]));
         self.tiles.swap(0, 1);

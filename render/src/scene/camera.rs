@@ -99,6 +99,11 @@ impl Camera {
         Affine3A { matrix3: axes, translation: self.look_from }
     }
 
+    /// The angle in radians between neighbouring pixels in the middle of an image of `height` pixels.
+    pub fn pixel_spread(&self, height: usize) -> f32 {
+        2.0 * self.half_height / height as f32
+    }
+
     /// Half the image's height at distance 1.
     pub fn half_height(&self) -> f32 {
         self.half_height

@@ -4,7 +4,12 @@ use std::{f32::consts::TAU, sync::Arc};
 
 use glam::{Vec2, Vec3A};
 
-use super::{Bounds, normal_map::NormalMap, texture::Texture};
+use super::{
+    Bounds,
+    neural::{NeuralMaterial, TangentView},
+    normal_map::NormalMap,
+    texture::Texture,
+};
 use crate::brdf::{Ggx, Lambert, MAX_PARAMETERS, MetallicRoughness, Surface};
 
 /// What a surface is made of.
@@ -23,6 +28,8 @@ pub enum Material {
     MetallicRoughness(TexturedMetallicRoughness),
     /// A BRDF without parameters, by its index in the scene's table.
     Indexed(u32),
+    /// A neural material over texture coordinates.
+    Neural(NeuralMaterial),
 }
 
 /// The point of a surface that a material is asked about.
@@ -34,6 +41,8 @@ pub struct SurfacePoint {
     pub color_uv: Option<Vec2>,
     /// The same of metalness and roughness.
     pub roughness_uv: Option<Vec2>,
+    /// How it is seen; neural materials alone need it.
+    pub view: TangentView,
 }
 
 impl Material {
@@ -51,7 +60,7 @@ impl Material {
     pub fn normal_map(&self) -> Option<&NormalMap> {
         match self {
             Self::MetallicRoughness(textured) => textured.normal_map.as_ref(),
-            Self::Diffuse(_) | Self::Ggx { .. } | Self::Indexed(_) => None,
+            Self::Diffuse(_) | Self::Ggx { .. } | Self::Indexed(_) | Self::Neural(_) => None,
         }
     }
 
@@ -62,6 +71,7 @@ impl Material {
             Self::Ggx { alpha, f0 } => Ggx::new(alpha.at(at.p), (*f0).into()).into(),
             Self::MetallicRoughness(textured) => textured.at(at).into(),
             Self::Indexed(brdf) => Surface { brdf: *brdf, parameters: [0.0; MAX_PARAMETERS] },
+            Self::Neural(neural) => neural.at(at),
         }
     }
 }

@@ -1,10 +1,11 @@
-//! Material specifications: `lambert`, `lambert:albedo=0.5`, `ggx:alpha=0.4`, `ggx:alpha=0.2..0.8,f0=0.9`, `nbrdf:FILE#NAME`.
+//! Material specifications: `lambert`, `lambert:albedo=0.5`, `ggx:alpha=0.4`, `ggx:alpha=0.2..0.8,f0=0.9`, `nbrdf:FILE#NAME`,
+//! `neural:FILE,repeat=24`.
 
 use std::{fmt, path::PathBuf, str::FromStr, sync::Arc};
 
 use glam::Vec3A;
 
-use super::{AlphaField, Bounds, Material, Scene, measured};
+use super::{AlphaField, Bounds, Material, Scene, measured, neural::NeuralSpec};
 use crate::{
     brdf::{Brdf, Ggx},
     error::{Error, Result},
@@ -48,6 +49,8 @@ pub enum MaterialSpec {
         /// Names of materials; empty for the only one of the file.
         names: Vec<String>,
     },
+    /// `neural:FILE[,repeat=N][,on=NAME]`: a neural material over texture coordinates.
+    Neural(NeuralSpec),
 }
 
 impl MaterialSpec {
@@ -69,6 +72,7 @@ impl MaterialSpec {
                 let own = measured::open_measured(file, names)?;
                 scene.with_brdfs(own.into_iter().map(|brdf| -> Arc<dyn Brdf> { brdf }).collect())
             }
+            Self::Neural(spec) => spec.dress(scene)?,
         })
     }
 }
@@ -83,12 +87,15 @@ impl FromStr for MaterialSpec {
             let (file, names) = measured::parse(settings).map_err(wrong)?;
             return Ok(Self::Measured { file, names });
         }
+        if name == "neural" {
+            return settings.parse().map(Self::Neural).map_err(wrong);
+        }
         let known: &[&str] = match name {
             "lambert" => &["albedo"],
             "ggx" => &["alpha", "f0"],
             _ => {
                 return Err(wrong(
-                    "is none of lambert, as in lambert:albedo=0.5, ggx, as in ggx:alpha=0.4, and nbrdf:FILE#NAME"
+                    "is none of lambert, as in lambert:albedo=0.5, ggx, as in ggx:alpha=0.4, nbrdf:FILE#NAME and neural:FILE"
                         .into(),
                 ));
             }
@@ -143,6 +150,7 @@ impl fmt::Display for MaterialSpec {
                 write!(f, "nbrdf:{}", file.display())?;
                 if names.is_empty() { Ok(()) } else { write!(f, "#{}", names.join(",")) }
             }
+            Self::Neural(spec) => write!(f, "neural:{spec}"),
         }
     }
 }
@@ -161,6 +169,9 @@ mod tests {
             "ggx:alpha=0.001..1,f0=0.04",
             "nbrdf:a/b.f32",
             "nbrdf:a#b.f32#merl/x,y",
+            "neural:a/b.safetensors",
+            "neural:a,repeat=24",
+            "neural:a,b,repeat=2.5,on=sheet",
         ] {
             assert_eq!(text.parse::<MaterialSpec>().unwrap().to_string(), text);
         }
@@ -179,6 +190,9 @@ mod tests {
             ("nbrdf:#a", "name a file"),
             ("nbrdf:a#", "'' is no name"),
             ("nbrdf:a#b,,c", "'' is no name"),
+            ("neural:", "name a file"),
+            ("neural:a,repeat=0", "repeat '0' is not"),
+            ("neural:a,size=2", "'size=2' is not one of repeat=, on="),
             ("lambert:", "'' is not one of albedo="),
             ("lambert:alpha=0.4", "'alpha=0.4' is not one of albedo="),
             ("lambert:albedo=2", "albedo '2' is not a number in 0..=1"),

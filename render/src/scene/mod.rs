@@ -11,6 +11,7 @@ mod material;
 mod material_spec;
 mod measured;
 mod mesh;
+mod neural;
 mod normal_map;
 mod parts;
 mod ray;
@@ -25,6 +26,7 @@ pub use material::{AlphaField, Material, SurfacePoint, TexturedMetallicRoughness
 pub use material_spec::{AlphaRange, MaterialSpec};
 pub use measured::open_measured;
 pub use mesh::{MAX_COORDINATE, Mesh};
+pub use neural::{NeuralMaterial, NeuralSpec, TangentView};
 pub use normal_map::{NormalMap, TangentSpace};
 pub use ray::{Bounds, Ray};
 pub use texture::{Texture, Wrap};
@@ -198,19 +200,26 @@ impl Scene {
 
     /// The nearest surface along a ray, as seen from the ray's origin: both normals are on the viewer's side.
     pub fn intersect(&self, ray: &Ray) -> Option<ShadingPoint> {
-        Some(self.surface(ray, &self.bvh.closest(ray)?))
+        Some(self.surface(ray, &self.bvh.closest(ray)?, 0.0))
     }
 
     /// [`Self::intersect`] of many rays: fills a tile with what they hit, and `indices` with the rays that hit something, in order. `key` gives
-    /// the key of a ray's shading point.
-    pub fn intersect_batch(&self, rays: &[Ray], key: impl Fn(usize) -> u32, tile: &mut Tile, indices: &mut Vec<usize>) {
+    /// the key of a ray's shading point; `spread` is the angle in radians by which rays of a pixel are apart.
+    pub fn intersect_batch(
+        &self,
+        rays: &[Ray],
+        spread: f32,
+        key: impl Fn(usize) -> u32,
+        tile: &mut Tile,
+        indices: &mut Vec<usize>,
+    ) {
         let mut hits = vec![None; rays.len()];
         self.bvh.closest_batch(rays, &mut hits);
         tile.clear(&self.brdfs);
         for (index, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
             if let Some(hit) = hit {
                 indices.push(index);
-                tile.push(&self.surface(ray, hit), key(index));
+                tile.push(&self.surface(ray, hit, spread), key(index));
             }
         }
     }
@@ -230,8 +239,8 @@ impl Scene {
         self.faces[hit.triangle].mesh as usize
     }
 
-    /// The surface that a ray hits.
-    pub(crate) fn surface(&self, ray: &Ray, hit: &Hit) -> ShadingPoint {
+    /// The surface that a ray hits, one of many that are `spread` radians apart.
+    pub(crate) fn surface(&self, ray: &Ray, hit: &Hit, spread: f32) -> ShadingPoint {
         let face = self.faces[hit.triangle];
         let mesh = &self.meshes[face.mesh as usize];
         let triangle = face.triangle as usize;
@@ -252,7 +261,6 @@ impl Scene {
         let color_uv = uv(&mesh.texcoords);
         let roughness_uv = mesh.roughness_texcoords.as_ref().map_or(color_uv, |own| uv(own));
         let material = &self.materials[mesh.material];
-        let surface = material.surface(&SurfacePoint { p, color_uv, roughness_uv });
         let smooth = interpolated.unwrap_or(ng);
         let bent = match (material.normal_map(), &mesh.tangent_space, interpolated.unwrap_or(wound).try_normalize()) {
             (Some(map), Some(space), Some(outside)) => {
@@ -269,7 +277,16 @@ impl Scene {
             }
             _ => smooth,
         };
-        ShadingPoint { p, ng, ns: shading_normal(bent, ng, wo), wo, surface }
+        let ns = shading_normal(bent, ng, wo);
+        let view = match material {
+            Material::Neural(_) if color_uv.is_some() => {
+                let uv = vertices.map(|i| mesh.texcoords[i]);
+                TangentView::new(mesh.corners(triangle), uv, ns, wo, spread * hit.t)
+            }
+            _ => TangentView::default(),
+        };
+        let surface = material.surface(&SurfacePoint { p, color_uv, roughness_uv, view });
+        ShadingPoint { p, ng, ns, wo, surface }
     }
 
     /// The ray that leaves a surface at `p` (metres) of geometric normal `ng` towards `wi`, which is above it. It starts above the surface by more

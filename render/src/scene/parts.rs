@@ -58,6 +58,7 @@ impl Scene {
         let added = self.brdfs.added().count() as u32;
         let renamed = other.materials.iter().map(|material| match material {
             Material::Indexed(index) => Material::Indexed(index + added),
+            Material::Neural(neural) => Material::Neural(neural.renumbered(added)),
             material => material.clone(),
         });
         let materials = self.materials.iter().cloned().chain(renamed).collect();

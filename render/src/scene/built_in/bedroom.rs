@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use glam::{Affine3A, Quat, Vec3};
 
 use super::{
-    Model, Paint,
+    Model, Paint, fabric,
     shapes::{ball, bar, block, curve, cushion, lathe, line, sheet},
     worn::mapped,
 };
@@ -117,7 +117,7 @@ fn bed(model: &mut Model, wood: Paint) {
         model.add_turned(linen, &pillow(0.36, 0.24), turn, [x + dx, top + 0.36, z - 0.74]);
     }
     model.add_turned(ochre, &pillow(0.22, 0.20), 12.0, [x - 0.08, top + 0.43, z - 0.46]);
-    model.add(blanket, at(covers(half_x, top), 0.0, 0.0, 0.0));
+    model.add(blanket, fabric(at(covers(half_x, top), 0.0, 0.0, 0.0)));
 }
 
 /// A pillow of `half_x` by `half_y`, leaning back.

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::{
-    Model,
+    Model, fabric,
     shapes::{ball, block},
 };
 use crate::scene::Mesh;
@@ -35,7 +35,7 @@ pub fn model() -> Model {
     model.add(floor, block([-12.0, 12.0], [-0.2, 0.0], [-12.0, 12.0]));
     model.add_at(wood, &ball(BALL, 64), [[0.0, BALL, 0.0]]);
     model.add_at(wood, &ball(0.12, 48), [[0.78, 0.12, 0.92], [-0.98, 0.12, 0.62]]);
-    model.add(linen, drawn(&fallen()));
+    model.add(linen, fabric(drawn(&fallen())));
     model
 }
 

@@ -43,6 +43,11 @@ pub(super) fn build(name: &str) -> Option<Scene> {
     Some(Scene::new(name, meshes, materials, Some(camera)).expect("generators use their own materials"))
 }
 
+/// A shape that takes a fabric (`--material neural:FILE`); it has texture coordinates.
+fn fabric(shape: Mesh) -> Mesh {
+    Mesh { name: "fabric".into(), ..shape }
+}
+
 /// A scene in the making.
 struct Model {
     meshes: Vec<Mesh>,

@@ -100,6 +100,8 @@ pub fn sheet([columns, rows]: [usize; 2], at: impl Fn(f32, f32) -> Vec3) -> Mesh
             let (right, up) = (at(u + STEP, v) - at(u - STEP, v), at(u, v + STEP) - at(u, v - STEP));
             mesh.positions.push(at(u, v));
             mesh.normals.push(right.cross(up).normalize_or(Vec3::Y));
+            // Downwards, as everywhere.
+            mesh.texcoords.push(Vec2::new(u, 1.0 - v));
         }
     }
     mesh.triangles.extend(grid(0, rows as u32 + 1, columns as u32 + 1));

@@ -30,6 +30,7 @@ pub fn plane() -> Model {
         white,
         Mesh {
             positions: vec![corner(-1.0, 1.0), corner(1.0, 1.0), corner(1.0, -1.0), corner(-1.0, -1.0)],
+            texcoords: vec![Vec2::new(0.0, 1.0), Vec2::ONE, Vec2::new(1.0, 0.0), Vec2::ZERO],
             triangles: vec![[0, 1, 2], [0, 2, 3]],
             ..Mesh::default()
         },

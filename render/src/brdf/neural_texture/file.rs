@@ -1,0 +1,203 @@
+//! The file of a neural material: safetensors, half-precision texels, f32 networks; nothing in it is trusted.
+
+use std::{collections::HashMap, fs, path::Path};
+
+use half::f16;
+use safetensors::{
+    SafeTensors,
+    tensor::{Dtype, TensorView, serialize},
+};
+use serde::{Deserialize, Serialize};
+
+use super::{FEATURES, Networks, NeuralTexture, Pyramid};
+use crate::{
+    error::{Error, Result},
+    file,
+    linear::Linear,
+};
+
+/// The version of the format that is written and read.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// Larger files are refused before they are read: a side of 1024 takes 22 MB.
+const LARGEST_FILE: u64 = 1 << 25;
+/// Layers of the three networks in a file.
+const LAYERS: [(&str, usize); 3] = [("shift", 3), ("reflectance", 4), ("mixture", 3)];
+
+/// What a file says of its material.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Description {
+    /// [`FORMAT_VERSION`].
+    pub format_version: u32,
+    /// `neural-texture`.
+    pub kind: String,
+    /// What it was fitted to.
+    pub name: String,
+    /// Slope of the leaky ReLU of its networks.
+    pub leaky_slope: f32,
+    /// Steps of the training.
+    pub steps: u64,
+    /// Peak signal-to-noise ratio in dB over directions and places that training has not seen; none where it was not measured.
+    pub psnr: Option<f64>,
+}
+
+impl Description {
+    /// Of a material called `name`.
+    pub fn new(name: &str, leaky_slope: f32) -> Self {
+        let kind = "neural-texture".to_owned();
+        Self { format_version: FORMAT_VERSION, kind, name: name.to_owned(), leaky_slope, steps: 0, psnr: None }
+    }
+}
+
+impl NeuralTexture {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// One sentence that names the file and the field: it is not of this format, is damaged, or holds a field, a tensor or a version that
+    /// this reader does not know.
+    pub fn read(path: &Path) -> Result<Self> {
+        let size = fs::metadata(path).map_err(|error| Error::io(path, error))?.len();
+        if size > LARGEST_FILE {
+            return Err(Error::invalid(path, "size", format!("{size} bytes; at most {LARGEST_FILE} are read")));
+        }
+        let bytes = fs::read(path).map_err(|error| Error::io(path, error))?;
+        Self::from_bytes(path, &bytes)
+    }
+
+    /// [`Self::read`] of bytes that are already there; `path` is for errors.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self> {
+        let no_material =
+            |reason: String| Error::invalid(path, "header", format!("this is no neural material ({reason})"));
+        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| no_material(error.to_string()))?;
+        let tensors = SafeTensors::deserialize(bytes).map_err(|error| no_material(error.to_string()))?;
+        let text = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail"));
+        let text = text.ok_or_else(|| no_material("metadata 'headtail' is missing".into()))?;
+        let description: Description = serde_json::from_str(text)
+            .map_err(|error| Error::invalid(path, "metadata 'headtail'", error.to_string()))?;
+        if description.format_version != FORMAT_VERSION || description.kind != "neural-texture" {
+            let (version, kind) = (description.format_version, &description.kind);
+            let reason = format!("is {kind} {version}; this program reads neural-texture {FORMAT_VERSION}");
+            return Err(Error::invalid(path, "format_version", reason));
+        }
+        let known = 1 + 2 * LAYERS.iter().map(|(_, layers)| layers).sum::<usize>();
+        if tensors.len() != known {
+            return Err(Error::invalid(path, "tensors", format!("there are {} instead of {known}", tensors.len())));
+        }
+        let pyramid = texels(path, &tensors)?;
+        let [shift, reflectance, mixture] = LAYERS.map(|(part, count)| layers(path, &tensors, part, count));
+        let networks = Networks {
+            shift: shift?,
+            reflectance: reflectance?,
+            mixture: mixture?,
+            leaky_slope: description.leaky_slope,
+        };
+        Self::new(pyramid, networks, description).map_err(|error| error.in_file(path))
+    }
+
+    /// Writes the file to a temporary name beside `path` and renames it; texels are rounded to half precision. Equal materials give equal bytes.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let bytes = self.to_bytes().map_err(|reason| Error::invalid(path, "tensors", reason))?;
+        file::replace(path, &bytes)
+    }
+
+    /// The same material with texels of half precision, as a file has them.
+    ///
+    /// # Errors
+    /// When a texel is beyond the range of half precision.
+    pub fn rounded(&self) -> Result<Self> {
+        let round = |texel: &[f32; FEATURES]| texel.map(|value| f16::from_f32(value).to_f32());
+        let pyramid = Pyramid::new(self.pyramid.side(), self.pyramid.texels().iter().map(round).collect())?;
+        let mut rounded = Self { pyramid, ..self.clone() };
+        rounded.hash = rounded.content_hash();
+        Ok(rounded)
+    }
+
+    fn to_bytes(&self) -> std::result::Result<Vec<u8>, String> {
+        let texels = self.pyramid.texels().as_flattened().iter();
+        let texels: Vec<u8> = texels.flat_map(|&value| f16::from_f32(value).to_le_bytes()).collect();
+        let mut tensors = vec![("texels".to_owned(), Dtype::F16, vec![self.pyramid.texels().len(), FEATURES], texels)];
+        let little = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+        for (part, network) in [("shift", &self.shift), ("reflectance", &self.reflectance), ("mixture", &self.mixture)]
+        {
+            for (index, layer) in network.layers().iter().enumerate() {
+                let name = format!("{part}.linear{index}");
+                let shape = vec![layer.outputs(), layer.inputs()];
+                tensors.push((format!("{name}.weight"), Dtype::F32, shape, little(layer.weight())));
+                tensors.push((format!("{name}.bias"), Dtype::F32, vec![layer.outputs()], little(layer.bias())));
+            }
+        }
+        let description = serde_json::to_string(&self.description).map_err(|error| error.to_string())?;
+        // A single entry: the order of several would change from run to run.
+        let metadata = HashMap::from([("headtail".to_owned(), description)]);
+        let mut views = Vec::with_capacity(tensors.len());
+        for (name, dtype, shape, bytes) in &tensors {
+            let view = TensorView::new(*dtype, shape.clone(), bytes).map_err(|error| error.to_string())?;
+            views.push((name.as_str(), view));
+        }
+        serialize(views, Some(metadata)).map_err(|error| error.to_string())
+    }
+
+    /// BLAKE3 of all that reflectance depends on, in hexadecimal.
+    pub(super) fn content_hash(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        let mut add = |values: &[f32]| {
+            values.iter().for_each(|value| {
+                hasher.update(&value.to_le_bytes());
+            });
+        };
+        add(self.pyramid.texels().as_flattened());
+        for network in [&self.shift, &self.reflectance, &self.mixture] {
+            add(&[network.leaky_slope()]);
+            network.layers().iter().for_each(|layer| {
+                add(layer.weight());
+                add(layer.bias());
+            });
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+}
+
+/// The textures of a file.
+fn texels(path: &Path, tensors: &SafeTensors<'_>) -> Result<Pyramid> {
+    let invalid = |reason: String| Error::invalid(path, "tensor 'texels'", reason);
+    let view = tensors.tensor("texels").map_err(|_| invalid("is missing".into()))?;
+    let &[count, FEATURES] = view.shape() else {
+        return Err(invalid(format!("is {:?}; [texels, {FEATURES}] is expected", view.shape())));
+    };
+    let side = (0..=10).map(|level| 1 << level).find(|&side| Pyramid::texel_count(side) == count);
+    let Some(side) = side.filter(|_| view.dtype() == Dtype::F16) else {
+        return Err(invalid(format!("is {:?} of {count} texels; f16 of a whole pyramid is expected", view.dtype())));
+    };
+    // The library has checked that the bytes fill the shape.
+    let values = view.data().chunks_exact(2).map(|bytes| f16::from_le_bytes([bytes[0], bytes[1]]).to_f32());
+    let values: Vec<f32> = values.collect();
+    Pyramid::new(side, values.as_chunks().0.to_vec()).map_err(|error| error.in_file(path))
+}
+
+/// The layers of a network of a file.
+fn layers(path: &Path, tensors: &SafeTensors<'_>, part: &str, count: usize) -> Result<Vec<Linear>> {
+    let take = |name: String, rank: usize| {
+        let invalid = |reason: String| Error::invalid(path, format!("tensor '{name}'"), reason);
+        let view = tensors.tensor(&name).map_err(|_| invalid("is missing".into()))?;
+        if view.dtype() != Dtype::F32 || view.shape().len() != rank {
+            let reason = format!("is {:?} {:?}; f32 with {rank} axes is expected", view.dtype(), view.shape());
+            return Err(invalid(reason));
+        }
+        let values = view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+        Ok((view.shape().to_vec(), values.collect::<Vec<f32>>()))
+    };
+    let layer = |index: usize| {
+        let name = format!("{part}.linear{index}");
+        let (shape, weight) = take(format!("{name}.weight"), 2)?;
+        let (_, bias) = take(format!("{name}.bias"), 1)?;
+        Linear::new(&name, shape[1], shape[0], &weight, bias).map_err(|error| error.in_file(path))
+    };
+    (0..count).map(layer).collect()
+}

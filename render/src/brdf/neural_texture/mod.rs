@@ -1,0 +1,155 @@
+//! Neural materials over a surface: a pyramid of textures of features, and networks that turn features and directions into reflectance.
+//!
+//! A simplified NeuMIP (Kuznetsov et al. 2021). Where a surface is hit, [`NeuralTexture::features`] looks up eight features, shifts the
+//! place by what a small network makes of them and of the view (the parallax of what is above or below the reference plane), and looks
+//! them up again there. They are the parameters of the [`Brdf`](super::Brdf): a network of features, `wo` and `wi` gives `ln f_r`. A third
+//! network gives the lobes that directions are drawn from ([`Mixture`]), with their exact density.
+//!
+//! Directions are in the surface's tangent frame: x along u, y along v, z along the normal.
+
+mod columns;
+mod file;
+mod mixture;
+mod network;
+mod pyramid;
+
+pub use file::{Description, FORMAT_VERSION};
+pub use mixture::{COSINE_FLOOR, FARTHEST, LOBE_FLOOR, Mixture, WIDTHS};
+pub use pyramid::Pyramid;
+
+use std::fmt;
+
+use glam::{Vec2, Vec3};
+
+use crate::{error::Result, linear::Linear, simd};
+use network::Network;
+
+/// Numbers of each texel.
+pub const FEATURES: usize = 8;
+
+/// Standard deviation of a texel's Gaussian footprint, in texels of its level.
+pub const TEXEL_WIDTH: f32 = 0.4;
+
+/// The farthest that a lookup is shifted at 45 degrees, in tiles.
+pub const FARTHEST_SHIFT: f32 = 0.25;
+/// The least cosine that a shift is divided by.
+pub const LEAST_SHIFT_COSINE: f32 = 0.15;
+
+/// The largest `ln f_r`: what weights are bounded by where a network is asked for what it has not seen.
+pub const LARGEST_LOG: f32 = 6.0;
+
+/// Sizes of the networks, from input to output.
+pub const SHIFT_SIZES: [usize; 4] = [FEATURES + 2, 16, 16, 1];
+/// See [`SHIFT_SIZES`].
+pub const REFLECTANCE_SIZES: [usize; 5] = [FEATURES + 4, 32, 32, 32, 3];
+/// See [`SHIFT_SIZES`].
+pub const MIXTURE_SIZES: [usize; 4] = [FEATURES + 2, 16, 16, mixture::OUTPUTS];
+
+/// Where a point of a surface is on a neural material, and how it is seen.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Seen {
+    /// Texture coordinates in tiles.
+    pub uv: Vec2,
+    /// Standard deviation of the footprint, in tiles.
+    pub width: f32,
+    /// Direction to the viewer in the tangent frame.
+    pub wo: Vec3,
+    /// Cosine and sine of the angle from the first axis of [`Frame`](crate::frame::Frame) to the tangent, and 1, or -1 where the texture is mirrored.
+    pub tangent: [f32; 3],
+}
+
+/// Layers of the three networks, first to last; leaky ReLU of one slope after all but the last.
+#[derive(Clone, Debug)]
+pub struct Networks {
+    /// From features and `wo.xy` to the shift, see [`SHIFT_SIZES`].
+    pub shift: Vec<Linear>,
+    /// From features, `wo.xy` and `wi.xy` to `ln f_r` per channel, see [`REFLECTANCE_SIZES`].
+    pub reflectance: Vec<Linear>,
+    /// From features and `wo.xy` to a [`Mixture`], see [`MIXTURE_SIZES`].
+    pub mixture: Vec<Linear>,
+    /// Slope of the leaky ReLU, in `[0, 1]`.
+    pub leaky_slope: f32,
+}
+
+/// A neural material.
+#[derive(Clone)]
+pub struct NeuralTexture {
+    pyramid: Pyramid,
+    shift: Network,
+    reflectance: Network,
+    mixture: Network,
+    description: Description,
+    hash: String,
+}
+
+impl fmt::Debug for NeuralTexture {
+    /// What it is told apart by: equal hashes mean equal materials.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "NeuralTexture({} {})", self.description.name, self.hash)
+    }
+}
+
+impl NeuralTexture {
+    /// A material of a pyramid and its networks.
+    ///
+    /// # Errors
+    /// When a network has other sizes, or the slope is not in `[0, 1]`.
+    pub fn new(pyramid: Pyramid, networks: Networks, description: Description) -> Result<Self> {
+        let Networks { shift, reflectance, mixture, leaky_slope } = networks;
+        let mut material = Self {
+            pyramid,
+            shift: Network::new("shift", &SHIFT_SIZES, shift, leaky_slope)?,
+            reflectance: Network::new("reflectance", &REFLECTANCE_SIZES, reflectance, leaky_slope)?,
+            mixture: Network::new("mixture", &MIXTURE_SIZES, mixture, leaky_slope)?,
+            description,
+            hash: String::new(),
+        };
+        material.hash = material.content_hash();
+        Ok(material)
+    }
+
+    /// What the file says of it.
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+
+    /// Notes its measured error, in dB; see [`Description::psnr`].
+    pub fn set_psnr(&mut self, psnr: f64) {
+        self.description.psnr = psnr.is_finite().then_some(psnr);
+    }
+
+    /// The textures.
+    pub fn pyramid(&self) -> &Pyramid {
+        &self.pyramid
+    }
+
+    /// Standard deviation of the footprint of a texel of the finest level, in tiles.
+    pub fn finest_width(&self) -> f32 {
+        TEXEL_WIDTH / self.pyramid.side() as f32
+    }
+
+    /// The features at a point: those of the shifted place.
+    pub fn features(&self, seen: &Seen) -> [f32; FEATURES] {
+        let level = (seen.width / self.finest_width()).max(1.0).log2();
+        let first = self.pyramid.sample(seen.uv, level);
+        let mut input = [0.0; FEATURES + 2];
+        input[..FEATURES].copy_from_slice(&first);
+        (input[FEATURES], input[FEATURES + 1]) = (seen.wo.x, seen.wo.y);
+        let mut raw = [0.0];
+        self.shift.of_one(&input, &mut raw);
+        let shift = FARTHEST_SHIFT * (2.0 * simd::sigmoid(raw[0]) - 1.0);
+        let shift = shift / seen.wo.z.max(LEAST_SHIFT_COSINE);
+        self.pyramid.sample(seen.uv + shift * Vec2::new(seen.wo.x, seen.wo.y), level)
+    }
+
+    /// The parameters of the [`Brdf`](super::Brdf) at a point: features, then the tangent.
+    pub fn parameters(&self, seen: &Seen) -> [f32; super::MAX_PARAMETERS] {
+        let mut parameters = [0.0; super::MAX_PARAMETERS];
+        parameters[..FEATURES].copy_from_slice(&self.features(seen));
+        parameters[FEATURES..FEATURES + 3].copy_from_slice(&seen.tangent);
+        parameters
+    }
+}
+
+#[cfg(test)]
+mod tests;

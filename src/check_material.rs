@@ -1,0 +1,59 @@
+//! `headtail check-material`: a neural material against what it was fitted to.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use headtail_render::{brdf::NeuralTexture, fabric::SourceKind, image::write_png};
+use headtail_train::neural_texture::{DISTANCES, error_over, side_by_side};
+
+use crate::{output::OutputFile, terminal::out};
+
+/// Compare a neural material with its source: errors, and pictures beside each other.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail check-material --material checkpoints/welt.safetensors --source welt --out out/welt.png
+
+The picture has three rows: a flat piece of cloth from near to far, on the left as light paths find it, on the right as the material has \
+it. Errors are peak signal-to-noise ratios of radiance, where 1 is that of a white diffuse surface that faces the light.")]
+pub struct Arguments {
+    /// The material.
+    #[arg(long, value_name = "FILE")]
+    material: PathBuf,
+    /// What it was fitted to: welt, satin, velvet, lacquer or anodized.
+    #[arg(long, value_name = "NAME")]
+    source: SourceKind,
+    /// Light paths for each pixel and light, and twice as many for each of the questions.
+    #[arg(long, value_name = "N", default_value_t = 128, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    paths: u32,
+    /// Questions that the error over all directions and places is measured with.
+    #[arg(long, value_name = "N", default_value_t = 2048, value_parser = clap::value_parser!(u32).range(16..=1 << 20))]
+    questions: u32,
+    /// Threads; all by default.
+    #[arg(long, value_name = "N")]
+    threads: Option<u16>,
+    /// PNG to write.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+/// Measures and writes the picture.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(threads) = arguments.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
+    }
+    let is_png = arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    ensure!(is_png, "--out {}: the file's name must end in .png", arguments.out.display());
+    let _output = OutputFile::take(&arguments.out, |_| true)?;
+    let material = NeuralTexture::read(&arguments.material)?;
+    let source = arguments.source.build()?;
+    let (image, errors) = side_by_side(&*source, &material, arguments.paths);
+    write_png(&arguments.out, &image, 0.0)?;
+    for (distance, error) in DISTANCES.iter().zip(errors) {
+        out!("at {distance} tiles: {error:.1} dB");
+    }
+    // Another seed than that of any fit by default: none of these questions was asked.
+    let [psnr, noise] = error_over(&*source, &material, arguments.questions as usize, 2 * arguments.paths, 1 << 40);
+    out!("over directions and places: {psnr:.1} dB, with the noise of the source at {noise:.1} dB");
+    Ok(())
+}

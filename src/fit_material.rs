@@ -1,0 +1,114 @@
+//! `headtail fit-material`: fit a neural material to a bidirectional texture.
+
+use std::{
+    path::PathBuf,
+    sync::atomic::Ordering,
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, Result};
+use clap::Args;
+use headtail_render::{brdf::NeuralTexture, fabric::SourceKind};
+use headtail_train::neural_texture::{Fit, Settings, State, error_over};
+
+use crate::{
+    output::OutputFile,
+    progress,
+    terminal::{out, say},
+};
+
+/// Steps between two savings of the state.
+const SAVE_EVERY: usize = 250;
+/// Questions and light paths that the error is measured with.
+const QUESTIONS: usize = 2048;
+const PATHS: u32 = 256;
+
+/// Fit a neural material to cloth or layers, whose light paths are traced while it learns.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  headtail fit-material --source welt --out checkpoints/welt.safetensors
+  headtail fit-material --source satin --steps 1000 --out out/satin.safetensors
+  headtail render --scene cloth --material neural:out/satin.safetensors,repeat=24 --env studio --out out/cloth.exr
+
+Sources: welt (a rough striped weave), satin (metallic threads), velvet (pressed, glossy pile), lacquer (a clear coat over a
+diffuse pattern), anodized (a tinted coat over brushed metal). A command that was interrupted goes on where it was when it is
+given again; what it needs for that is beside the file, in FILE.state.")]
+pub struct Arguments {
+    /// What is fitted: welt, satin, velvet, lacquer or anodized.
+    #[arg(long, value_name = "NAME")]
+    source: SourceKind,
+    /// File to write.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Texels along a side of the texture's finest level: a power of two.
+    #[arg(long, value_name = "N", default_value_t = 64)]
+    side: usize,
+    /// Training steps.
+    #[arg(long, value_name = "N", default_value_t = 4000)]
+    steps: usize,
+    /// Samples of a step.
+    #[arg(long, value_name = "N", default_value_t = 8192)]
+    batch: usize,
+    /// Light paths of a sample.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    paths: u32,
+    /// Seed of weights and samples.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Threads; all by default. The result does not depend on their number.
+    #[arg(long, value_name = "N")]
+    threads: Option<u16>,
+}
+
+/// Fits and writes the material.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let start = Instant::now();
+    let stop = progress::stop_flag()?;
+    if let Some(threads) = arguments.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
+    }
+    let _output = OutputFile::take(&arguments.out, |there| NeuralTexture::read(there).is_ok())?;
+    let Arguments { side, steps, batch, paths, seed, .. } = *arguments;
+    let settings = Settings { side, steps, batch, paths, seed };
+    settings.check()?;
+    let name = arguments.source.name();
+    let source = arguments.source.build()?;
+    let kept = arguments.out.with_added_extension("state");
+    let state = if kept.exists() { Some(State::read(&kept, &settings, name)?) } else { None };
+    let mut fit = Fit::new(settings, &*source, state)?;
+
+    let bar = progress::bar(steps as u64, name);
+    bar.set_position(fit.step() as u64);
+    let mut mean = None;
+    while fit.step() < steps {
+        let loss = fit.advance();
+        let recent = mean.map_or(loss, |mean: f32| mean + 0.02 * (loss - mean));
+        mean = Some(recent);
+        bar.set_position(fit.step() as u64);
+        bar.set_message(format!("squared relative error {recent:.4}"));
+        let stopped = stop.load(Ordering::Relaxed);
+        if stopped || fit.step() % SAVE_EVERY == 0 {
+            fit.state.write(&kept, &settings, name)?;
+        }
+        if stopped {
+            let what = format!("{} of {steps} steps are done; the same command goes on from there", fit.step());
+            return Err(progress::Interrupted::new(what).into());
+        }
+    }
+    bar.finish_and_clear();
+
+    let mut material = fit.material(name)?;
+    let [psnr, noise] = error_over(&*source, &material, QUESTIONS, PATHS, seed);
+    material.set_psnr(psnr);
+    material.write(&arguments.out)?;
+    if kept.exists() {
+        std::fs::remove_file(&kept).with_context(|| kept.display().to_string())?;
+    }
+    let seconds = Duration::as_secs_f64(&start.elapsed());
+    out!("{}: {psnr:.1} dB against its source, whose own noise is at {noise:.1} dB", arguments.out.display());
+    if let Some(mean) = mean {
+        say!("squared relative error of single light paths at the end: {mean:.4}");
+    }
+    say!("{seconds:.0} s");
+    Ok(())
+}

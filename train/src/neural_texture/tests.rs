@@ -1,0 +1,94 @@
+use std::f32::consts::FRAC_1_PI;
+
+use glam::Vec3;
+use headtail_render::{
+    fabric::{Layered, Query},
+    random::{Purpose, Stream},
+};
+
+use super::{samples::answers, *};
+
+/// A surface that is diffuse and of one colour.
+struct Plain;
+
+impl Source for Plain {
+    fn reflect(&self, queries: &[Query], _samples: u32, _seed: u64) -> Vec<Vec3> {
+        queries.iter().map(|query| query.wi.z * FRAC_1_PI * Vec3::new(0.8, 0.4, 0.2)).collect()
+    }
+}
+
+fn small(steps: usize) -> Settings {
+    Settings { side: 8, steps, batch: 512, paths: 1, seed: 3 }
+}
+
+#[test]
+fn the_renderer_computes_what_the_tensor_library_does() {
+    for seed in 0..3 {
+        let layout = Layout::new(16);
+        let mut random = Stream::new(seed, Purpose::Test, 0);
+        let initial = layout.initial_weights(seed);
+        // Larger texels and a shift: what a trained material has.
+        let weights: Vec<f32> = initial.iter().map(|w| 2.0 * w + 0.1 * (random.uniform() - 0.5)).collect();
+        let material = layout.material(&weights, Description::new("test", LEAKY_SLOPE)).unwrap();
+        let samples = Samples::questions(16, 600, &mut random);
+        let device = Backend::Flex.device().unwrap();
+        let expected = predict(16, &weights, &samples, &device);
+        let found = answers(&material, &samples.queries);
+        for ((query, found), expected) in samples.queries.iter().zip(found).zip(expected) {
+            let error = ((found - expected) / expected).abs().max_element();
+            assert!(error < 1e-5, "{query:?}: {found} {expected}");
+        }
+    }
+}
+
+#[test]
+fn a_plain_surface_is_learned() {
+    let settings = small(150);
+    let mut fit = Fit::new(settings, &Plain, None).unwrap();
+    let losses: Vec<f32> = (0..150).map(|_| fit.advance()).collect();
+    assert!(losses[149] < 0.02 * losses[0], "{} {}", losses[0], losses[149]);
+    let material = fit.material("plain").unwrap();
+    // 1 % of an albedo of 0.5 is 46 dB.
+    let [psnr, _] = error_over(&Plain, &material, 1000, 2, 1);
+    assert!(psnr > 30.0, "{psnr}");
+}
+
+fn advance(fit: &mut Fit<'_>, steps: usize) {
+    for _ in 0..steps {
+        assert!(fit.advance().is_finite());
+    }
+}
+
+#[test]
+fn a_fit_that_was_interrupted_ends_as_one_that_was_not() {
+    let (settings, source) = (small(4), Layered::lacquer());
+    let mut whole = Fit::new(settings, &source, None).unwrap();
+    advance(&mut whole, 4);
+    let mut first = Fit::new(settings, &source, None).unwrap();
+    advance(&mut first, 2);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("state");
+    first.state.write(&path, &settings, "lacquer").unwrap();
+    let state = State::read(&path, &settings, "lacquer").unwrap();
+    assert_eq!(state, first.state);
+    let mut second = Fit::new(settings, &source, Some(state)).unwrap();
+    advance(&mut second, 2);
+    assert_eq!(second.state, whole.state);
+
+    let error = |settings: &Settings, name: &str| State::read(&path, settings, name).unwrap_err().to_string();
+    assert!(error(&small(5), "lacquer").contains("other settings") && error(&settings, "satin").contains("other"));
+    std::fs::write(&path, b"nothing").unwrap();
+    assert!(error(&settings, "lacquer").contains("is no state of a fit"));
+}
+
+#[test]
+fn settings_out_of_range_are_named() {
+    for (settings, word) in [
+        (Settings { side: 48, ..small(1) }, "side = 48"),
+        (Settings { steps: 0, ..small(1) }, "steps = 0"),
+        (Settings { batch: 1, ..small(1) }, "batch = 1"),
+        (Settings { paths: 0, ..small(1) }, "paths = 0"),
+    ] {
+        assert!(settings.check().unwrap_err().to_string().contains(word), "{word}");
+    }
+}
