@@ -67,6 +67,7 @@ impl Page<'_> {
             }
         }
         .into_string()
+            + "\n"
     }
 }
 

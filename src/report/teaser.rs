@@ -50,7 +50,7 @@ pub fn teaser(comparison: &Comparison, summary: &Summary, exposure: f32) -> Resu
         return Ok(Chart { name, drawings: Vec::new() });
     };
     let crops = Crop::two_worst(&worst.image, &comparison.reference, &comparison.measured);
-    let numbers = ["MSE".to_owned(), "lower".to_owned(), "FLIP".to_owned()];
+    let numbers = ["MSE".to_owned(), "times lower".to_owned(), "FLIP".to_owned()];
     columns.push(Column { name: "reference", image: &comparison.reference, numbers });
     let best = summary.ranking(&budget.name, Measure::Mse).into_iter().find_map(|group| image(&group.sampler));
     let large = best.unwrap_or(worst);

@@ -46,8 +46,8 @@ window.addEventListener("load", () => {
     // Linear values under the page's tone curve are the picture's own 8 bits but for the steps of both.
     found.same = farthest(pixels(get("before")), pixels(get(choice.value))) <= 3;
     const plain = mean(pixels(get("before")));
-    await change(get("exposure"), 2, "input");
-    found.exposed = mean(pixels(get("before"))) > plain + 5 && location.hash.includes("exposure=2");
+    await change(get("exposure"), -2, "input");
+    found.exposed = mean(pixels(get("before"))) < plain - 5 && location.hash.includes("exposure=-2");
     await change(get("exposure"), 0, "input");
     await change(get("mode"), "difference", "change");
     const differs = mean(pixels(get("difference")).filter((_, k) => k % 4 < 3)) > 0.5 && !get("difference").hidden && get("before").hidden;
