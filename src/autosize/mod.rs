@@ -105,11 +105,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let seconds = start.elapsed().as_secs_f64();
     contest.write_records(&choice, seconds)?;
     say!("the best: {} ({})", winner.name, contest.place("winner", winner).display());
-    match choice.cheapest == choice.winner {
-        true => say!("nothing cheaper is within 5 % of it"),
-        false => {
-            say!("the cheapest within 5 % of it: {} ({})", cheapest.name, contest.place("cheapest", cheapest).display())
-        }
+    if choice.cheapest == choice.winner {
+        say!("nothing cheaper is within 5 % of it");
+    } else {
+        say!("the cheapest within 5 % of it: {} ({})", cheapest.name, contest.place("cheapest", cheapest).display());
     }
     if !winner.recipe.is_prepared() {
         say!("no preparation pays within {} s of rendering: {}", arguments.render_seconds, contest.why_not());

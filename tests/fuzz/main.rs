@@ -154,9 +154,9 @@ fn fuzz_checkpoints(made: &Path, [manifest, state]: &[Vec<u8>; 2], weights: usiz
         fuzz(name, std::slice::from_ref(input), |_, bytes| {
             let sums = bytes.len() % 8 != 7;
             if name.ends_with("manifest") {
-                set_up(bytes, state, sums)
+                set_up(bytes, state, sums);
             } else {
-                set_up(manifest, bytes, sums)
+                set_up(manifest, bytes, sums);
             }
             goes_on() || bytes == &input[..]
         });

@@ -14,6 +14,9 @@ use crate::error::{Error, Result};
 /// The first bytes of every Radiance file; what program wrote it follows.
 pub(super) const MAGIC: &[u8] = b"#?";
 
+/// Runs of runs could code any row by a few bytes. What writers make of a constant picture has about a thousand pixels to a byte.
+const MOST_PIXELS_PER_BYTE: u64 = 1 << 12;
+
 /// Reads the open `file` of `file_size` bytes; `path` is for the messages.
 pub(super) fn read(path: &Path, file: File, file_size: u64) -> Result<Image> {
     // Not strict: the decoder would insist on `#?RADIANCE`, and refuse a map for a comment it cannot parse.
@@ -21,7 +24,7 @@ pub(super) fn read(path: &Path, file: File, file_size: u64) -> Result<Image> {
     let (width, height) = decoder.dimensions();
     let (width, height) = (width as usize, height as usize);
     check_size(path, "dimensions", width, height)?;
-    let least = least_row_bytes(width) * height as u64;
+    let least = (least_row_bytes(width) * height as u64).max((width * height) as u64 / MOST_PIXELS_PER_BYTE);
     if file_size < least {
         let reason = format!("{width} x {height} pixels take at least {least} bytes, the file has {file_size}");
         return Err(Error::invalid(path, "dimensions", reason));
