@@ -61,6 +61,7 @@ fn small(command: &str) -> String {
     let mut added = String::new();
     match words[0].as_str() {
         "render" | "compare" | "view" if !has("--width") => added += &format!(" {SMALL}"),
+        "bake" if has("--visibility") => added += &format!(" {SMALL} --spp 1"),
         "composite" => added += " --spp 1",
         "fit" if !has("--print-config") => {
             added += " --set steps=12 --set conditions=4 --set validation_conditions=2";
@@ -118,6 +119,10 @@ fn commands_of_the_documentation_run() {
         let (commands, _) = commands(&fs::read_to_string(root.join(&page)).unwrap());
         let here = folder();
         fs::write(here.path().join("room.hdr"), room()).unwrap();
+        fs::create_dir(here.path().join("checkpoints")).unwrap();
+        for name in ["welt.safetensors", "satin.safetensors"] {
+            fs::copy(root.join("checkpoints").join(name), here.path().join("checkpoints").join(name)).unwrap();
+        }
         fs::write(here.path().join("spot.glb"), pyramid()).unwrap();
         fs::write(here.path().join("run.toml"), "learning_rate = 2e-3\n").unwrap();
         for command in &commands {

@@ -101,7 +101,7 @@ impl SceneVisibility {
             return Err(invalid("format_version", reason));
         }
         let (eye, angle) = (Vec3A::from(description.eye), description.angle);
-        if !eye.is_finite() || !(angle > 0.0 && angle.is_finite()) {
+        if !(eye.is_finite() && angle > 0.0 && angle.is_finite()) {
             return Err(invalid("eye and angle", "are no position and no positive angle".to_owned()));
         }
         let take = |name: &str, dtype, rest: &[usize]| {

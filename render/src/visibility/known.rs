@@ -91,7 +91,7 @@ impl Known {
     }
 
     /// How many cells.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.found.len()
     }
 
