@@ -1,7 +1,7 @@
 """Geometric means over the comparisons in a folder, by material and budget: python3 geometric_means.py OUT.
 
 Each folder is called MATERIAL-SCENE-MAP and holds the results.csv of `headtail compare`. Prints a Markdown table: the mean squared error of
-`mis`, and of the best form of MIS (mis, mis2, mis-comp), over that of the sampler, its least value, and the time over that of `mis`.
+`mis`, of the best form of MIS (of mis, mis2, mis-comp those that are there) and of `patches`, over that of the sampler, its least value, and the time over that of `mis`.
 """
 
 import collections
@@ -31,7 +31,8 @@ def read(folder):
             for row in csv.DictReader(file):
                 if row["run"].isdigit():
                     # Files of samplers have other names under other maps.
-                    sampler = row["sampler"].split(":")[0] if row["sampler"].endswith(".safetensors") else row["sampler"]
+                    kind, colon, file = row["sampler"].partition(":")
+                    sampler = kind + colon + "FILE" if file.endswith(".safetensors") else row["sampler"]
                     runs[row["budget"], sampler].append((float(row["mse"]), float(row["seconds"])))
         for (budget, sampler), values in runs.items():
             figures[material, budget][view][sampler] = tuple(mean(column) for column in zip(*values))
@@ -39,18 +40,21 @@ def read(folder):
 
 
 def main(folder):
-    print("| material | budget | views | sampler | over mis | least | over the best MIS | least | below 1 | time over mis |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    print("| material | budget | views | sampler | over mis | least | over the best MIS | least | below 1 | over patches | least | time over mis |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |")
     for (material, budget), views in sorted(read(folder).items()):
         for sampler in next(iter(views.values())):
             if sampler == "mis" or not all(sampler in view for view in views.values()):
                 continue
             over_mis = [view["mis"][0] / view[sampler][0] for view in views.values()]
-            over_best = [min(view[form][0] for form in FORMS_OF_MIS) / view[sampler][0] for view in views.values()]
+            forms = [form for form in FORMS_OF_MIS if all(form in view for view in views.values())]
+            over_best = [min(view[form][0] for form in forms) / view[sampler][0] for view in views.values()]
+            over_patches = [view["patches"][0] / view[sampler][0] for view in views.values()]
             time = geometric_mean([view[sampler][1] / view["mis"][1] for view in views.values()])
             figures = [geometric_mean(over_mis), min(over_mis), geometric_mean(over_best), min(over_best)]
             cells = [material, budget, str(len(views)), sampler, *(f"{figure:.2f}" for figure in figures)]
-            print("| " + " | ".join([*cells, str(sum(ratio < 1 for ratio in over_best)), f"{time:.2f}"]) + " |")
+            cells += [str(sum(ratio < 1 for ratio in over_best)), f"{geometric_mean(over_patches):.2f}", f"{min(over_patches):.2f}"]
+            print("| " + " | ".join([*cells, f"{time:.2f}"]) + " |")
 
 
 if __name__ == "__main__":

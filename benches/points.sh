@@ -2,7 +2,7 @@
 # Samplers at equal samples and at equal time with the same points, over scenes and maps, and the geometric means of what they gain:
 #
 #     bash benches/points.sh DATA OUT
-#     SAMPLES=4,16 SECONDS_EACH=0.25,1 MAPS=studio SCENES=cloth bash benches/points.sh DATA OUT
+#     SAMPLES=4,16 SECONDS_EACH=0.25,1 MAPS=studio SCENES=cloth MATERIALS=lambert SAMPLERS=mis,patches bash benches/points.sh DATA OUT
 #
 # Some twenty minutes on four cores; what is there already is not made again. DATA holds envmaps/*.hdr and scenes/*.glb, OUT takes the results.
 set -euo pipefail
@@ -23,15 +23,18 @@ for map in "${maps[@]}"; do
     mkdir -p "$out"
     [ -f "$table" ] || $headtail bake --direct --env "$map" --out "$table"
     for scene in "${scenes[@]}"; do
-        for material in lambert:albedo=0.5 ggx:alpha=0.4; do
+        for material in ${MATERIALS:-lambert:albedo=0.5 ggx:alpha=0.4}; do
             folder="$out/${material%%:*}-$(name "$scene")-$(name "$map")"
             [ -f "$folder/results.csv" ] && continue
-            list="mis,mis2,mis-comp,ris:4,patches,patches+vis"
-            [[ "$material" != lambert* ]] || list="$list,direct:$table"
             ground=()
             [[ "$scene" != */* ]] || ground=(--ground)
-            $headtail compare --scene "$scene" "${ground[@]}" --material "$material" --env "$map" --points "$points" --samplers "$list" \
-                --width "${WIDTH:-96}" --height "${HEIGHT:-72}" "${budgets[@]}" --runs "${RUNS:-3}" --reference-spp "${REFERENCE:-2048}" \
+            view=(--scene "$scene" "${ground[@]}" --material "$material" --env "$map" --width "${WIDTH:-96}" --height "${HEIGHT:-72}")
+            seen="$folder-visibility.safetensors"
+            [ -f "$seen" ] || $headtail bake --visibility "${view[@]}" --out "$seen"
+            list="mis,mis2,mis-comp,ris:4,patches,patches+vis,patches+vis:$seen"
+            [[ "$material" != lambert* ]] || list="$list,direct:$table"
+            [ -z "${SAMPLERS:-}" ] || list="$SAMPLERS,patches+vis:$seen"
+            $headtail compare "${view[@]}" --points "$points" --samplers "$list" "${budgets[@]}" --runs "${RUNS:-3}" --reference-spp "${REFERENCE:-2048}" \
                 --reference-cache "$out/references" --out "$folder"
         done
     done

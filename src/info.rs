@@ -5,18 +5,20 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::Args;
 use headtail_render::{
+    brdf::{NeuralTexture, neural},
     environment::Environment,
     export::{ExportedSampler, Intermediate},
     file::read_text,
     image::{read_radiance, text_attributes},
     scene::{FspyProject, Scene, UpAxis},
     spec::SamplerSpec,
+    visibility::SceneVisibility,
 };
 use serde_json::{Map, Value, json};
 
 use crate::terminal::{out, print_json};
 
-/// Say what a file is: a sampler, a map or picture, a scene, a checkpoint, a project of fSpy, or a folder of results.
+/// Say what a file is: a sampler, a map or picture, a scene, a material, learned visibility, a checkpoint, a project of fSpy, or a folder of results.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail info out/room/sampler.safetensors
@@ -59,10 +61,8 @@ fn facts(path: &Path) -> Result<Facts> {
         "hdr" | "exr" | "pic" | "rgbe" => picture(path),
         _ => {
             // Named otherwise; a sampler's own words are the best where it is none of all.
-            if let Ok(facts) = picture(path) {
-                return Ok(facts);
-            }
-            sampler(path)
+            let others = [picture, visibility, neural_material, measured_materials];
+            others.into_iter().find_map(|read| read(path).ok()).map_or_else(|| sampler(path), Ok)
         }
     }
 }
@@ -116,6 +116,31 @@ fn picture(path: &Path) -> Result<Facts> {
     }
     facts.extend(attributes.into_iter().map(|(name, value)| (name, value.into())));
     Ok(facts)
+}
+
+fn visibility(path: &Path) -> Result<Facts> {
+    let visibility = SceneVisibility::read(path)?;
+    Ok(vec![
+        fact("file", "what is seen of the sky in a scene"),
+        fact("render with", format!("--sampler patches+vis:{}", path.display())),
+        fact("cells", visibility.cells()),
+        fact("shadow rays", visibility.rays()),
+        fact("environment", visibility.environment.clone()),
+        fact("environment hash", visibility.environment_hash.clone()),
+        fact("scene hash", visibility.scene_hash),
+    ])
+}
+
+fn neural_material(path: &Path) -> Result<Facts> {
+    NeuralTexture::read(path)?;
+    let use_as = format!("--material neural:{}", path.display());
+    Ok(vec![fact("file", "a neural material over texture coordinates"), fact("render with", use_as)])
+}
+
+fn measured_materials(path: &Path) -> Result<Facts> {
+    let names: Vec<String> = neural::read_networks(path)?.into_iter().map(|(name, _)| name).collect();
+    let use_as = format!("--material nbrdf:{}#{}", path.display(), names[0]);
+    Ok(vec![fact("file", "measured materials as networks"), fact("render with", use_as), fact("names", json!(names))])
 }
 
 fn scene(path: &Path) -> Result<Facts> {

@@ -1,6 +1,11 @@
 //! Small good inputs, made here.
 
-use std::{fs, io::Cursor, path::Path, sync::atomic::AtomicBool};
+use std::{
+    fs,
+    io::Cursor,
+    path::Path,
+    sync::{Arc, atomic::AtomicBool},
+};
 
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Layer, LayerAttributes, LineOrder, SmallVec,
@@ -10,10 +15,14 @@ use glam::Vec3A;
 use headtail_model::HeadConfig;
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
-    environment::Environment,
+    environment::{Environment, built_in},
+    estimator::LearnedVisibility,
     export::{ExportedSampler, Intermediate},
     image::{Image, encode_exr, encode_png_rgb8},
-    scene::{Camera, FspyProject, UpAxis},
+    integrator::{View, learn_visibility},
+    patches::{Detail, PatchSampler},
+    sampler::EnvironmentLight,
+    scene::{Camera, FspyProject, Scene, UpAxis},
     tail::{Tail, TailKind},
 };
 use headtail_train::{
@@ -110,6 +119,28 @@ pub fn gltf() -> Vec<Vec<u8>> {
     let chunks = [chunk(b"JSON", &json(""), b' '), chunk(b"BIN\0", &bin, 0)].concat();
     let glb = [&b"glTF"[..], &2_u32.to_le_bytes(), &(12 + chunks.len() as u32).to_le_bytes(), &chunks].concat();
     vec![glb, json(r#","uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAA""#)]
+}
+
+/// What is seen in a scene, in few cells.
+pub fn visibility(folder: &Path) -> Vec<u8> {
+    let environment = Arc::new(built_in("overcast").unwrap());
+    let scene = Scene::built_in("plane").unwrap();
+    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical).unwrap();
+    let patches = PatchSampler::new(light, Detail::Leaves).unwrap();
+    // Enough for some ten cells.
+    let estimator = LearnedVisibility::new(patches, environment.clone(), 60_000).unwrap();
+    let camera = scene.camera();
+    let (scene, camera, environment) = (&scene, &camera, &*environment);
+    let view = View { scene, camera, environment, width: 16, height: 12, unshadowed: false, depth: 1 };
+    let learned = learn_visibility(view, &estimator, None, (1, 0), &AtomicBool::new(false), &|_| {});
+    let path = folder.join("visibility");
+    learned.write(&path).unwrap();
+    fs::read(&path).unwrap()
+}
+
+/// Two rows of small weights.
+pub fn measured() -> Vec<u8> {
+    (0..2 * 675).flat_map(|k| (((k * 37) % 19) as f32 * 0.01 - 0.09).to_le_bytes()).collect()
 }
 
 /// A project of fSpy with a small picture.

@@ -15,10 +15,12 @@ use std::{
 };
 
 use headtail_render::{
+    brdf::neural::read_networks,
     export::ExportedSampler,
     image::{read_radiance, text_attributes},
     scene::{FspyProject, MaterialSpec, Scene, UpAxis},
     spec::SamplerSpec,
+    visibility::SceneVisibility,
 };
 use headtail_train::{CheckpointFolder, ConfigBuilder, Preset};
 use mutation::Mutation;
@@ -97,6 +99,16 @@ fn no_input_makes_a_reader_panic_or_take_much_memory() {
     }
     if is_wanted("sampler") {
         fuzz("sampler", &samplers, |path, _| ExportedSampler::read(path).is_ok());
+    }
+    if is_wanted("visibility") {
+        fuzz("visibility", &[corpus::visibility(made.path())], |path, _| SceneVisibility::read(path).is_ok());
+    }
+    if is_wanted("nbrdf") {
+        let read = |path: &Path, _: &[u8]| {
+            fs::write(path.with_extension("names.txt"), "a\nb\n").unwrap();
+            read_networks(path).is_ok()
+        };
+        fuzz("nbrdf.f32", &[corpus::measured()], read);
     }
     if is_wanted("fspy") {
         let read = |path: &Path, _: &[u8]| {

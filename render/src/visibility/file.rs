@@ -1,6 +1,6 @@
 //! The file of a scene's visibility.
 
-use std::{collections::HashMap, fs, path::Path};
+use std::{collections::HashMap, path::Path};
 
 use glam::Vec3A;
 use safetensors::{
@@ -83,11 +83,7 @@ impl SceneVisibility {
     /// # Errors
     /// One sentence that names the file and the field: the file is not of this format or is damaged.
     pub fn read(path: &Path) -> Result<Self> {
-        let size = fs::metadata(path).map_err(|error| Error::io(path, error))?.len();
-        if size > LARGEST_FILE {
-            return Err(Error::invalid(path, "size", format!("{size} bytes; at most {LARGEST_FILE} are read")));
-        }
-        let bytes = fs::read(path).map_err(|error| Error::io(path, error))?;
+        let bytes = file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))?;
         let invalid = |field: &str, reason: String| Error::invalid(path, field, reason);
         let foreign =
             |reason: String| invalid("header", format!("this is no visibility written by headtail ({reason})"));

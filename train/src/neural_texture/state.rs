@@ -1,6 +1,6 @@
 //! All that the next step of a fit depends on, and its file.
 
-use std::{fs, path::Path, sync::Arc};
+use std::{path::Path, sync::Arc};
 
 use headtail_render::file;
 use safetensors::{Dtype, SafeTensors, serialize, tensor::TensorView};
@@ -10,6 +10,9 @@ use crate::{
     Error, FitConfig, Result,
     optimizer::{OptimizerState, Schedule},
 };
+
+/// Larger files are refused before they are read.
+const LARGEST_FILE: u64 = 1 << 28;
 
 /// Weights and what the optimisers remember of them.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,7 +79,7 @@ impl State {
     /// When the file is damaged, or was written by a fit of other settings.
     pub fn read(path: &Path, settings: &Settings, source: &str) -> Result<Self> {
         let wrong = |reason: &str| Error::ConfigFile { name: path.display().to_string(), reason: reason.to_owned() };
-        let bytes = fs::read(path).map_err(|error| wrong(&error.to_string()))?;
+        let bytes = file::read(path, LARGEST_FILE).map_err(|error| wrong(&error.to_string()))?;
         let damaged = |_| wrong("is no state of a fit: remove it to begin anew");
         let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
         let about = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail-fit"));

@@ -2,7 +2,6 @@
 
 use std::{
     collections::HashMap,
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -57,11 +56,7 @@ pub fn read_networks(path: &Path) -> Result<Vec<(String, Network)>> {
 }
 
 fn read_bounded(path: &Path) -> Result<Vec<u8>> {
-    let size = fs::metadata(path).map_err(|error| Error::io(path, error))?.len();
-    if size > LARGEST_FILE {
-        return Err(Error::invalid(path, "size", format!("{size} bytes; at most {LARGEST_FILE} are read")));
-    }
-    fs::read(path).map_err(|error| Error::io(path, error))
+    file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))
 }
 
 /// Names must be there, apart, and as many as there may be.

@@ -1,6 +1,6 @@
 //! The file of a neural material: safetensors, half-precision texels, f32 networks; nothing in it is trusted.
 
-use std::{collections::HashMap, fs, path::Path};
+use std::{collections::HashMap, path::Path};
 
 use half::f16;
 use safetensors::{
@@ -57,11 +57,7 @@ impl NeuralTexture {
     /// One sentence that names the file and the field: it is not of this format, is damaged, or holds a field, a tensor or a version that
     /// this reader does not know.
     pub fn read(path: &Path) -> Result<Self> {
-        let size = fs::metadata(path).map_err(|error| Error::io(path, error))?.len();
-        if size > LARGEST_FILE {
-            return Err(Error::invalid(path, "size", format!("{size} bytes; at most {LARGEST_FILE} are read")));
-        }
-        let bytes = fs::read(path).map_err(|error| Error::io(path, error))?;
+        let bytes = file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))?;
         Self::from_bytes(path, &bytes)
     }
 
