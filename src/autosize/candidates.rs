@@ -58,8 +58,8 @@ static HEADS: [HeadShape; 7] = [
 pub const STEPS: [usize; 3] = [250, 1000, 4000];
 
 /// Samplers that need no file, on every surface.
-const PLAIN: [&str; 9] =
-    ["cosine", "mis", "mis2", "mis-comp", "ris:4", "ris:8", "patches", "patches:fine", "ris:4:patches"];
+const PLAIN: [&str; 10] =
+    ["cosine", "mis", "mis2", "mis-comp", "ris:4", "ris:8", "patches", "patches:fine", "patches+vis", "ris:4:patches"];
 
 /// Tables of several sizes.
 const TABLES: [((usize, usize), (usize, usize)); 4] =
