@@ -500,8 +500,10 @@ fn extreme_weights_never_panic() {
         let names: Vec<String> = Parts::of(&bytes).header.as_object().unwrap().keys().cloned().collect();
         for name in names.iter().filter(|name| name.contains("linear")) {
             for value in [0.0, f32::MAX, -f32::MAX, 1e20, f32::MIN_POSITIVE, -1e3] {
-                let read = folder.read(&Parts::of(&bytes).values(name, value)).unwrap();
-                draws(&read, 50);
+                // Some make no density and are refused.
+                if let Ok(read) = folder.read(&Parts::of(&bytes).values(name, value)) {
+                    draws(&read, 50);
+                }
             }
         }
     }

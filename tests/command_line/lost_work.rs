@@ -29,7 +29,7 @@ fn closed_outputs_lose_nothing() {
         (format!("render {view} --sampler mis --spp 1 --timings --out render.exr"), "render.png"),
         (format!("compare {view} --samplers mis --runs 1 --spp 1 --reference-spp 1 --out compare"), "compare/report.html"),
         ("chart compare --out chart.html".into(), "chart.html"),
-        ("inspect table --out inspect.png".into(), "inspect.png"),
+        ("inspect table --out inspect.svg".into(), "inspect.svg"),
         ("export table --target wgsl --out shader".into(), "shader/layout.json"),
         ("view --env overcast --width 16 --height 16 --out view.exr".into(), "view.fspy"),
         ("scenes --out scenes --spp 1 --width 16".into(), "scenes/temple.png"),
@@ -186,7 +186,7 @@ fn outputs_are_found_wrong_before_the_work() {
     symlink("/dev/null", path.join("null.exr")).unwrap();
     assert!(refused(path, &format!("{render} --out null.exr")).contains("device"));
     succeed(path, "bake --direct --env overcast --normals 4x6 --cells 4x4 --out table");
-    assert!(refused(path, "inspect table --out picture.jpg").contains(".png"));
+    assert!(refused(path, "inspect table --out picture.jpg").contains(".svg"));
 }
 
 #[test]
@@ -248,7 +248,7 @@ fn absurd_weights_are_refused() {
         &format!("render --scene sphere --env overcast --sampler head:absurd --spp 1 {SMALL} --out a.exr"),
     );
     assert!(said.contains("weights: they make no density"), "{said}");
-    assert!(refused(path, "inspect absurd --out a.png").contains("no density"));
+    assert!(refused(path, "inspect absurd --out a.svg").contains("no density"));
 }
 
 #[test]

@@ -116,7 +116,7 @@ fn data_is_json_and_nothing_else() {
     assert_eq!(runs[1]["sampler"], "brdf");
     let fitted = json("fit --env overcast --material lambert --steps 2 --set conditions=4 --json --out f");
     assert!(fitted["kl"].is_f64());
-    assert!(json("inspect f/sampler.safetensors --json --out f.png")["kl"].is_f64());
+    assert!(json("inspect f/sampler.safetensors --json --out f.svg")["kl"].is_f64());
     assert_eq!(json("info f/sampler.safetensors --json")["tail"], "hierarchical");
 }
 
