@@ -98,13 +98,20 @@ fn networks_give_what_their_definition_says() {
                 );
             }
         }
-        // The bound is one of errors, not of anything.
-        let [mut allowed, mut reflected] = [0.0; 2];
-        for pair in pairs.iter().skip(1).step_by(2) {
-            let (expected, errors) = oracle(&network, *pair);
-            (allowed, reflected) = (allowed + errors[0], reflected + expected[0]);
+        // The bound is for the worst case, in which all roundings have one sign, and loose where peaks are narrow. Roundings that are as
+        // often up as down leave a hundredth of it and less: no channel is off by more than that of what is reflected in all.
+        let [mut off, mut reflected] = [[0.0; OUTPUTS]; 2];
+        for (pair, value) in pairs.iter().zip(network.of_pairs(&pairs)) {
+            let (expected, _) = oracle(&network, *pair);
+            for (k, value) in value.to_array().into_iter().enumerate() {
+                off[k] += (f64::from(value) - expected[k]).abs();
+                reflected[k] += expected[k];
+            }
         }
-        assert!(allowed < 0.5 * reflected, "{name}: {allowed} of {reflected}");
+        for (off, reflected) in off.into_iter().zip(reflected) {
+            println!("{name}: {:.1e}", off / reflected);
+            assert!(off < 1e-5 * reflected, "{name}: off by {off:e} of {reflected}");
+        }
     }
 }
 
