@@ -111,7 +111,7 @@ fn means_agree_with_mis_where_most_and_where_little_is_occluded() {
 #[test]
 #[ignore = "takes minutes"]
 fn means_agree_with_mis_in_six_scenes() {
-    means_agree_with_mis(&["temple", "dishes", "diorama", "droid", "bedroom", "cloth"], 24, 1024, 5e-5);
+    means_agree_with_mis(&["temple", "dishes", "diorama", "droid", "bedroom", "cloth"], 48, 1024, 5e-5);
 }
 
 #[test]
