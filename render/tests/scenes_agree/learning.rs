@@ -105,7 +105,7 @@ fn means_agree_with_mis(scenes: &[&str], renderings: u64, spp: u32, sharpness: f
 
 #[test]
 fn means_agree_with_mis_where_most_and_where_little_is_occluded() {
-    means_agree_with_mis(&["bedroom", "droid"], 24, 64, 1e-3);
+    means_agree_with_mis(&["bedroom", "droid"], 12, 64, 2e-3);
 }
 
 #[test]
@@ -186,7 +186,7 @@ fn damaged_files_of_visibility_are_refused() {
     let cells = read(&bytes).unwrap().cells();
     let mut random = Stream::new(3, Purpose::Weights, 0);
     let estimator = learned(&setting.environment);
-    for _ in 0..1000 {
+    for _ in 0..300 {
         let mut damaged = bytes.clone();
         for _ in 0..3 {
             // Most of a file are counts; half of the damage goes into what comes before.
