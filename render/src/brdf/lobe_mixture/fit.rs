@@ -54,8 +54,10 @@ struct Quadrature {
 }
 
 /// The points of all nodes; they are those of the balance heuristic over all techniques.
+///
+/// Made by one thread: one that waits for others within a `LazyLock` may be given work that waits for the same one.
 static QUADRATURES: LazyLock<Vec<Quadrature>> =
-    LazyLock::new(|| (0..NODES).into_par_iter().map(|node| Quadrature::new(cosine_of(node).max(GRAZING))).collect());
+    LazyLock::new(|| (0..NODES).map(|node| Quadrature::new(cosine_of(node).max(GRAZING))).collect());
 
 impl Quadrature {
     fn new(cos: f32) -> Self {
