@@ -7,7 +7,7 @@ use clap::Args;
 use glam::{Affine3A, Vec3A};
 use headtail_render::{
     environment::Environment,
-    estimator::Estimator,
+    estimator::{Estimator, LearnedVisibility},
     export::{ExportedSampler, Intermediate},
     head::Condition,
     integrator::{Budget, View},
@@ -21,7 +21,7 @@ use crate::progress;
 use crate::terminal::{detail, note, warning};
 
 /// What may be learned of a scene, unless another number is given.
-pub const VISIBILITY_MEGABYTES: u32 = 64;
+pub const VISIBILITY_MEGABYTES: u32 = (LearnedVisibility::MEMORY >> 20) as u32;
 
 /// Which picture to take.
 #[derive(Args, Clone, Debug)]
@@ -201,6 +201,22 @@ pub struct OpenedView {
 }
 
 impl ViewArguments {
+    /// A view with the scene's own materials, shadows and light from one surface, rendered with Sobol points.
+    pub fn of(scene: &str, env: &str, camera: CameraArguments) -> Self {
+        Self {
+            scene: scene.to_owned(),
+            env: env.to_owned(),
+            camera,
+            ground: false,
+            material: None,
+            unshadowed: false,
+            depth: 1,
+            points: PointsArgument::Named(PointSet::Sobol),
+            visibility_memory: VISIBILITY_MEGABYTES,
+            threads: None,
+        }
+    }
+
     /// Opens scene and environment and sets the number of threads.
     pub fn open(&self) -> Result<OpenedView> {
         if let Some(threads) = self.threads {

@@ -12,7 +12,7 @@ use headtail_train::{FitConfig, TrainingLight, exported_sampler};
 
 use crate::terminal::say;
 use crate::{
-    arguments::{CameraArguments, PointsArgument, TailArgument, VISIBILITY_MEGABYTES, ViewArguments, open_environment},
+    arguments::{CameraArguments, PointsArgument, TailArgument, ViewArguments, open_environment},
     bake, compare, fit,
     output::OutputFolder,
     progress,
@@ -75,16 +75,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
     say!("3. Render the temple with each sampler and compare.");
     let view = ViewArguments {
-        scene: "temple".into(),
-        env: arguments.env.clone(),
-        camera: CameraArguments::of_size(320, 240),
-        ground: false,
-        material: None,
-        unshadowed: false,
-        depth: 1,
         points: arguments.points,
-        visibility_memory: VISIBILITY_MEGABYTES,
-        threads: None,
+        ..ViewArguments::of("temple", &arguments.env, CameraArguments::of_size(320, 240))
     };
     let samplers = vec![
         SamplerSpec::brdf(),

@@ -34,7 +34,7 @@ pub struct Place<'a> {
 impl Default for Place<'_> {
     /// In no scene in particular; 64 MiB.
     fn default() -> Self {
-        Self { scene: None, memory: 64 << 20 }
+        Self { scene: None, memory: LearnedVisibility::MEMORY }
     }
 }
 
@@ -243,15 +243,13 @@ fn learned(
     environment: &Arc<Environment>,
     place: Place<'_>,
 ) -> Result<LearnedVisibility> {
-    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
-    let estimator = LearnedVisibility::new(PatchSampler::new(light, detail)?, environment.clone(), place.memory)?;
+    let estimator = LearnedVisibility::new(environment.clone(), detail, place.memory)?;
     let Some(file) = file else {
         return Ok(estimator);
     };
     let scene = place.scene.ok_or_else(|| Error::invalid(file, "visibility", "is of one scene, and none is named"))?;
-    let visibility = SceneVisibility::read(file)?;
-    let checked = visibility.check(&scene.geometry_hash(), environment.hash());
-    checked.and_then(|()| estimator.knowing(&visibility)).map_err(|error| error.in_file(file))
+    let visibility = SceneVisibility::open(file, scene, environment)?;
+    estimator.knowing(&visibility).map_err(|error| error.in_file(file))
 }
 
 /// The sampler of a file, alone or in a mixture with BRDF sampling.
@@ -305,8 +303,8 @@ impl FromStr for SamplerSpec {
 /// The source of a part of a SPEC, which `whole` is.
 fn source_of(text: &str, whole: &str) -> Result<Source> {
     const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, patches:fine, patches+vis, patches:fine+vis, \
-                         patches+vis:FILE,                          head:FILE, baked:FILE, \
-                         direct:FILE, head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, oracle";
+                         patches+vis:FILE, head:FILE, baked:FILE, direct:FILE, \
+                          head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, oracle";
     let wrong = |reason: String| Error::argument(format!("sampler '{whole}'"), reason);
     let (name, file) = text.split_once(':').map_or((text, None), |(name, file)| (name, Some(file)));
     let (base, mixed) = name.strip_suffix("+mis").map_or((name, false), |base| (base, true));

@@ -18,11 +18,11 @@ use self::{
 };
 use crate::terminal::say;
 use crate::{
-    arguments::{CameraArguments, VISIBILITY_MEGABYTES, ViewArguments},
+    arguments::{CameraArguments, ViewArguments},
     output::OutputFolder,
     progress,
 };
-use headtail_render::{points::PointSet, scene::MaterialSpec};
+use headtail_render::scene::MaterialSpec;
 
 /// Find the smallest sampler that is good enough for a scene under a map.
 #[derive(Args)]
@@ -79,17 +79,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let output = OutputFolder::take(&arguments.out, &["autosize.html"])?;
     output.begin(&[])?;
     output.file("autosize.html")?;
+    let camera = CameraArguments::of_size(arguments.width, arguments.height);
     let view = ViewArguments {
-        scene: arguments.scene.clone(),
-        env: arguments.env.clone(),
-        camera: CameraArguments::of_size(arguments.width, arguments.height),
         ground: arguments.ground,
         material: arguments.material.clone(),
-        unshadowed: false,
-        depth: 1,
-        points: crate::arguments::PointsArgument::Named(PointSet::Sobol),
-        visibility_memory: VISIBILITY_MEGABYTES,
-        threads: None,
+        ..ViewArguments::of(&arguments.scene, &arguments.env, camera)
     };
     let opened = view.open()?;
     let material = HeadMaterial::of(arguments.material.as_ref(), opened.is_diffuse());

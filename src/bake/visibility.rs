@@ -5,12 +5,7 @@ use std::{path::PathBuf, sync::atomic::Ordering, time::Instant};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use headtail_render::{
-    estimator::LearnedVisibility,
-    integrator::learn_visibility,
-    patches::{Detail, PatchSampler},
-    sampler::EnvironmentLight,
-    scene::MaterialSpec,
-    tail::TailKind,
+    estimator::LearnedVisibility, integrator::learn_visibility, patches::Detail, points::PointSet, scene::MaterialSpec,
     visibility::SceneVisibility,
 };
 
@@ -57,17 +52,15 @@ pub struct Arguments {
 
 impl Arguments {
     fn view(&self, env: &str) -> Result<ViewArguments> {
+        let scene = self.scene.as_ref().context("--scene: name the scene that --visibility is of")?;
         Ok(ViewArguments {
-            scene: self.scene.clone().context("--scene: name the scene that --visibility is of")?,
-            env: env.to_owned(),
-            camera: self.camera.clone(),
             ground: self.ground,
             material: self.material.clone(),
-            unshadowed: false,
             depth: self.depth,
-            points: PointsArgument::Named(headtail_render::points::PointSet::Independent),
+            points: PointsArgument::Named(PointSet::Independent),
             visibility_memory: self.visibility_memory,
             threads: self.threads,
+            ..ViewArguments::of(scene, env, self.camera.clone())
         })
     }
 
@@ -76,15 +69,8 @@ impl Arguments {
         let start = Instant::now();
         let opened = self.view(env)?.open()?;
         let map = &opened.environment;
-        let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical)?;
-        let patches = PatchSampler::new(light, Detail::Leaves)?;
-        let estimator = LearnedVisibility::new(patches, map.clone(), opened.visibility_bytes())?;
-        let before = self.resume.as_ref().map(|file| {
-            let before = SceneVisibility::read(file)?;
-            before.check(&opened.scene().geometry_hash(), map.hash()).map_err(|error| error.in_file(file))?;
-            Ok::<_, anyhow::Error>(before)
-        });
-        let before = before.transpose()?;
+        let estimator = LearnedVisibility::new(map.clone(), Detail::Leaves, opened.visibility_bytes())?;
+        let before = self.resume.as_ref().map(|file| SceneVisibility::open(file, opened.scene(), map)).transpose()?;
         // Other samples than those that the file was learned from, unless they are of another seed anyway.
         let seed = self.seed ^ before.as_ref().map_or(0, SceneVisibility::rays);
         let stop = progress::stop_flag()?;

@@ -57,8 +57,7 @@ pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, 
     if arguments.ground {
         scene.add_ground();
     }
-    let visibility = SceneVisibility::read(file)?;
-    visibility.check(&scene.geometry_hash(), environment.hash()).map_err(|error| error.in_file(file))?;
+    let visibility = SceneVisibility::open(file, &scene, &environment)?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let patches = PatchSampler::new(light, Detail::Leaves)?;
     let known = Known::new(&visibility, &patches.energies(), usize::MAX)?;

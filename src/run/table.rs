@@ -9,7 +9,7 @@ use headtail_train::{ConfigBuilder, FitConfig, Material, Preset};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-use crate::arguments::{CameraArguments, PointsArgument, Triple, VISIBILITY_MEGABYTES, ViewArguments};
+use crate::arguments::{CameraArguments, Triple, ViewArguments};
 
 /// A run as its file has it: any part of the keys.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -215,16 +215,9 @@ impl MeasuredView {
             None => Some(parse(&material.to_string())?),
         };
         Ok(ViewArguments {
-            scene: self.picture.scene.clone(),
-            env: env.to_owned(),
-            camera: self.picture.camera(),
             ground: self.picture.ground,
             material,
-            unshadowed: false,
-            depth: 1,
-            points: PointsArgument::Named(headtail_render::points::PointSet::Sobol),
-            visibility_memory: VISIBILITY_MEGABYTES,
-            threads: None,
+            ..ViewArguments::of(&self.picture.scene, env, self.picture.camera())
         })
     }
 

@@ -20,8 +20,7 @@ use headtail_render::{
     export::{ExportedSampler, Intermediate},
     image::{Image, encode_exr, encode_png_rgb8},
     integrator::{View, learn_visibility},
-    patches::{Detail, PatchSampler},
-    sampler::EnvironmentLight,
+    patches::Detail,
     scene::{Camera, FspyProject, Scene, UpAxis},
     tail::{Tail, TailKind},
 };
@@ -125,10 +124,8 @@ pub fn gltf() -> Vec<Vec<u8>> {
 pub fn visibility(folder: &Path) -> Vec<u8> {
     let environment = Arc::new(built_in("overcast").unwrap());
     let scene = Scene::built_in("plane").unwrap();
-    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical).unwrap();
-    let patches = PatchSampler::new(light, Detail::Leaves).unwrap();
     // Enough for some ten cells.
-    let estimator = LearnedVisibility::new(patches, environment.clone(), 60_000).unwrap();
+    let estimator = LearnedVisibility::new(environment.clone(), Detail::Leaves, 60_000).unwrap();
     let camera = scene.camera();
     let (scene, camera, environment) = (&scene, &camera, &*environment);
     let view = View { scene, camera, environment, width: 16, height: 12, unshadowed: false, depth: 1 };

@@ -7,9 +7,10 @@ use crate::{
     columns::Arena,
     environment::Environment,
     error::Result,
-    patches::PatchSampler,
+    patches::{Detail, PatchSampler},
     points::Points,
-    sampler::{BrdfSampler, Covering, OneSampleMis},
+    sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis},
+    tail::TailKind,
     tile::Rows,
     visibility::{CacheSize, Cells, Known, SceneVisibility, Unoccluded, VisibilityCache, Weighting},
 };
@@ -18,6 +19,7 @@ use crate::{
 const CELL_PIXELS: f32 = 8.0;
 /// Cells for a pixel if they are so wide, those of all levels.
 const CELLS_PER_PIXEL: f32 = 0.045;
+
 /// One direction from patches of sky, beside BRDF sampling where surfaces are glossy, with masses that know what is seen of the sky.
 #[derive(Clone, Debug)]
 pub struct LearnedVisibility {
@@ -28,11 +30,16 @@ pub struct LearnedVisibility {
 }
 
 impl LearnedVisibility {
-    /// An estimator that learns with at most `memory` bytes.
+    /// The bytes that it learns with where nobody says otherwise.
+    pub const MEMORY: usize = 64 << 20;
+
+    /// An estimator over the patches of a map's sky, in this detail, that learns with at most `memory` bytes.
     ///
     /// # Errors
-    /// The sampler leaves a part of the light out.
-    pub fn new(sampler: PatchSampler, environment: Arc<Environment>, memory: usize) -> Result<Self> {
+    /// The map has no light, or is too large.
+    pub fn new(environment: Arc<Environment>, detail: Detail, memory: usize) -> Result<Self> {
+        let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+        let sampler = PatchSampler::new(light, detail)?;
         Ok(Self { sampler: Covering::new(sampler)?, environment, memory, known: None })
     }
 

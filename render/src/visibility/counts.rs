@@ -1,44 +1,20 @@
 //! Shadow rays counted by cell and patch.
 
-use std::{
-    collections::HashMap,
-    hash::{BuildHasherDefault, Hasher},
-    sync::{
-        Mutex, PoisonError,
-        atomic::{AtomicU64, Ordering::Relaxed},
-    },
+use std::sync::{
+    Mutex, PoisonError,
+    atomic::{AtomicU64, Ordering::Relaxed},
 };
 
 use rayon::prelude::*;
 
 use super::{
     cells::{CellKey, LEVELS},
+    places::Places,
     weights::PATCHES,
 };
 
 /// Observations that make a cell.
 const LEAST_RAYS: usize = 8;
-
-/// A hash of keys that are spread enough by a product.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct KeyHasher(u64);
-
-impl Hasher for KeyHasher {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            self.write_u64(u64::from(byte));
-        }
-    }
-
-    fn write_u64(&mut self, key: u64) {
-        let product = (self.0 ^ key ^ (key >> 29)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        self.0 = product ^ (product >> 32);
-    }
-}
 
 /// A shadow ray from a cell that is not there yet: its patch, and in the lowest bit whether it came through.
 type Ray = (CellKey, u16);
@@ -46,7 +22,7 @@ type Ray = (CellKey, u16);
 /// The cells with their counts.
 #[derive(Debug, Default)]
 pub struct Counts {
-    places: HashMap<CellKey, u32, BuildHasherDefault<KeyHasher>>,
+    places: Places,
     /// Of each cell, the place of the one that it lies in.
     parents: Vec<Option<u32>>,
     keys: Vec<CellKey>,
@@ -59,17 +35,8 @@ pub struct Counts {
 impl Counts {
     /// The finest cell that a key lies in, and how many levels above it.
     #[inline]
-    pub fn find(&self, mut key: CellKey) -> Option<(u32, usize)> {
-        if self.places.is_empty() {
-            return None;
-        }
-        for level in 0..LEVELS {
-            if let Some(&cell) = self.places.get(&key) {
-                return Some((cell, level));
-            }
-            key = key.parent();
-        }
-        None
+    pub fn find(&self, key: CellKey) -> Option<(u32, usize)> {
+        self.places.find(key)
     }
 
     /// How many cells.
@@ -132,7 +99,7 @@ impl Counts {
                 .iter()
                 .filter(|group| group.len() >= LEAST_RAYS || level + 1 == LEVELS)
                 .map(|group| (group.len(), group[0].0))
-                .filter(|(_, key)| !self.places.contains_key(key))
+                .filter(|&(_, key)| self.places.get(key).is_none())
                 .collect();
             // Where memory is short, the cells that are seen most.
             new.sort_unstable_by_key(|&(count, key)| (std::cmp::Reverse(count), key));
@@ -143,8 +110,8 @@ impl Counts {
             }
             let mut left = Vec::new();
             for group in groups {
-                match self.places.get(&group[0].0) {
-                    Some(&place) => {
+                match self.places.get(group[0].0) {
+                    Some(place) => {
                         for (_, ray) in group {
                             let rays = &mut self.rays[place as usize * PATCHES + usize::from(ray >> 1)];
                             *rays.get_mut() += 1 | u64::from(ray & 1) << 32;
@@ -159,7 +126,7 @@ impl Counts {
 
     /// Adds a cell that there is not yet, after those that it lies in, with its rays: for each patch those that came through, and all.
     pub fn restore(&mut self, key: CellKey, rays: impl Iterator<Item = [u32; 2]>) {
-        let parent = self.places.get(&key.parent()).copied();
+        let parent = self.places.get(key.parent());
         self.push(key, parent);
         let cell = self.cells() - 1;
         for (own, [seen, all]) in self.rays[cell * PATCHES..].iter_mut().zip(rays) {
@@ -169,7 +136,7 @@ impl Counts {
 
     /// Adds a cell and all that it lies in; its place.
     fn insert(&mut self, key: CellKey, level: usize) -> u32 {
-        if let Some(&cell) = self.places.get(&key) {
+        if let Some(cell) = self.places.get(key) {
             return cell;
         }
         let parent = (level + 1 < LEVELS).then(|| self.insert(key.parent(), level + 1));

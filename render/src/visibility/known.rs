@@ -1,16 +1,21 @@
 //! What was learned of a scene beforehand, for renderings that begin with it.
 
-use std::{collections::HashMap, hash::BuildHasherDefault};
+use std::path::Path;
 
 use glam::Vec3A;
 
 use super::{
-    cells::{CellKey, Cells, LEVELS},
-    counts::{Counts, KeyHasher},
+    cells::{CellKey, Cells},
+    counts::Counts,
     estimate::{self, Visibility},
+    places::Places,
     weights::{PATCHES, Weights},
 };
-use crate::error::{Error, Result};
+use crate::{
+    environment::Environment,
+    error::{Error, Result},
+    scene::Scene,
+};
 
 /// The shadow rays of a scene under a map, counted by cell and patch. It holds for every material and from every viewpoint, but for this scene and this
 /// map alone. Its file is described at [`Self::read`].
@@ -37,14 +42,17 @@ impl SceneVisibility {
         (0..self.cells()).flat_map(|cell| self.counts.rays(cell)).map(|[_, all]| u64::from(all)).sum()
     }
 
+    /// Reads a file ([`Self::read`]) that must have been learned in this scene under this map.
+    ///
     /// # Errors
-    /// It was learned in another scene, or under another map.
-    pub fn check(&self, scene_hash: &str, environment_hash: &str) -> Result<()> {
-        let wrong = |what: &str| Err(Error::argument("visibility", format!("was learned {what}")));
-        if self.environment_hash != environment_hash {
-            return wrong(&format!("under another map, {}", self.environment));
+    /// One sentence that names the file: it cannot be read, or was learned in another scene or under another map.
+    pub fn open(path: &Path, scene: &Scene, environment: &Environment) -> Result<Self> {
+        let visibility = Self::read(path)?;
+        let wrong = |what: &str| Err(Error::invalid(path, "visibility", format!("was learned {what}")));
+        if visibility.environment_hash != environment.hash() {
+            return wrong(&format!("under another map, {}", visibility.environment));
         }
-        if self.scene_hash != scene_hash { wrong("in another scene") } else { Ok(()) }
+        if visibility.scene_hash != scene.geometry_hash() { wrong("in another scene") } else { Ok(visibility) }
     }
 }
 
@@ -52,7 +60,7 @@ impl SceneVisibility {
 #[derive(Debug)]
 pub struct Known {
     cells: Cells,
-    places: HashMap<CellKey, u32, BuildHasherDefault<KeyHasher>>,
+    places: Places,
     found: Vec<(Visibility, Weights)>,
 }
 
@@ -104,19 +112,13 @@ impl Known {
 
     /// The finest cell that a key lies in, and how many levels above it.
     #[inline]
-    pub(super) fn find(&self, mut key: CellKey) -> Option<(u32, usize)> {
-        for level in 0..LEVELS {
-            if let Some(&cell) = self.places.get(&key) {
-                return Some((cell, level));
-            }
-            key = key.parent();
-        }
-        None
+    pub(super) fn find(&self, key: CellKey) -> Option<(u32, usize)> {
+        self.places.find(key)
     }
 
     /// The visibility in exactly this cell.
     pub(super) fn visibility(&self, key: CellKey) -> Option<&Visibility> {
-        self.places.get(&key).map(|&cell| &self.found[cell as usize].0)
+        self.places.get(key).map(|cell| &self.found[cell as usize].0)
     }
 
     /// The weights of a cell by its number.

@@ -14,6 +14,7 @@ mod counts;
 mod estimate;
 mod file;
 mod known;
+mod places;
 mod weights;
 
 pub use cells::Cells;

@@ -1,21 +1,14 @@
 //! Estimators that learn visibility before they render: the mean stays, whatever they have learned.
 
 use headtail_render::{
-    estimator::LearnedVisibility,
-    integrator::learn_visibility,
-    patches::{Detail, PatchSampler},
-    sampler::EnvironmentLight,
-    spec::Place,
-    tail::TailKind,
+    estimator::LearnedVisibility, integrator::learn_visibility, patches::Detail, spec::Place,
     visibility::SceneVisibility,
 };
 
 use super::*;
 
 fn learned(environment: &Arc<Environment>) -> LearnedVisibility {
-    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical).unwrap();
-    let patches = PatchSampler::new(light, Detail::Leaves).unwrap();
-    LearnedVisibility::new(patches, environment.clone(), 64 << 20).unwrap()
+    LearnedVisibility::new(environment.clone(), Detail::Leaves, LearnedVisibility::MEMORY).unwrap()
 }
 
 #[test]
