@@ -4,34 +4,32 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3A};
 
-use super::{Coverage, Draws, EnvironmentLight, Sampler, prepared};
+use super::{Coverage, Draws, EnvironmentLight, Sampler, prefiltered::Prefiltered, prepared};
 use crate::{
     color::luminance,
     columns::{Arena, gather, scatter},
     discrete::remap,
     environment::{Environment, compact_emitters},
     error::{Error, Result},
-    latlong,
     simd::{LANES, Lanes},
     tail::{Tail, TailKind},
     tile::Rows,
 };
 
-/// Points at which the light of an emitter, and of the rest, is judged for a shading point.
-const POINTS: usize = 8;
+/// Points at which the light of an emitter is judged for a shading point.
+const POINTS: usize = 4;
 /// Least share of samples of each emitter: a disc on the horizon may be seen by a corner that no point shows.
 const LEAST_SHARE: f32 = 0.01;
+/// What the rest counts for, over an emitter of equal light: its samples spread more.
+const REST_SPREAD: f32 = 1.6;
 /// Least share of the rest.
 const LEAST_REST: f32 = 0.05;
-/// Columns and rows of the coarse map of the rest.
-const COARSE: (usize, usize) = (64, 32);
 
-/// The compact emitters of a map, and a coarse map of the rest.
+/// The compact emitters of a map, and what the rest looks like to lobes.
 #[derive(Clone, Debug)]
 pub struct CompactEmitters {
     emitters: Vec<Emitter>,
-    /// Mean luminance of the rest, `[COARSE.1 * COARSE.0]`.
-    coarse: Vec<f32>,
+    rest: Prefiltered,
 }
 
 #[derive(Clone, Debug)]
@@ -61,7 +59,7 @@ impl CompactEmitters {
             Error::argument("compact_emitters", "the map and the file differ by no emitter, or by too many")
         })?;
         let emitters = parts.iter().map(|part| Emitter::new(environment, part)).collect::<Result<_>>()?;
-        Ok(Self { emitters, coarse: coarse(width, height, &clean) })
+        Ok(Self { emitters, rest: Prefiltered::new(width, height, &clean) })
     }
 
     /// How many there are.
@@ -79,7 +77,10 @@ impl CompactEmitters {
         for (light, emitter) in of_emitters.chunks_exact_mut(at.strips()).zip(&self.emitters) {
             emitter.reflected(at, light, arena);
         }
-        self.reflected_rest(at, of_rest, arena);
+        self.rest.reflected(at, of_rest, arena);
+        for light in of_rest.as_flattened_mut() {
+            *light *= REST_SPREAD;
+        }
         for strip in 0..at.strips() {
             let mut total = [0.0; LANES];
             for part in 0..=count {
@@ -99,49 +100,11 @@ impl CompactEmitters {
             }
         }
     }
-
-    /// The light of the rest that shading points reflect, by a few BRDF samples in the coarse map.
-    fn reflected_rest(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        out.as_flattened_mut().fill(0.0);
-        let mut columns = arena.columns::<11>(at.strips());
-        for k in 0..POINTS {
-            let [u_0, u_1, x, y, z, pdf, red, green, blue, v_0, v_1] = columns.get_mut();
-            u_0.as_flattened_mut().fill((k as f32 + 0.5) / POINTS as f32);
-            u_1.as_flattened_mut().fill(radical_inverse(k));
-            at.sample_brdf([u_0, u_1], [x, y, z], pdf, arena);
-            at.brdf_cosine([x, y, z], [red, green, blue], arena);
-            latlong::squares([x, y, z], [v_0, v_1]);
-            for (strip, out) in out.iter_mut().enumerate() {
-                for lane in 0..LANES {
-                    let column = ((v_0[strip][lane] * COARSE.0 as f32) as usize).min(COARSE.0 - 1);
-                    let row = ((v_1[strip][lane] * COARSE.1 as f32) as usize).min(COARSE.1 - 1);
-                    let reflected = Vec3A::new(red[strip][lane], green[strip][lane], blue[strip][lane]);
-                    let value = luminance(reflected) / pdf[strip][lane] * self.coarse[row * COARSE.0 + column];
-                    out[lane] += if (pdf[strip][lane] > 0.0) & value.is_finite() { value / POINTS as f32 } else { 0.0 };
-                }
-            }
-        }
-    }
 }
 
 /// Van der Corput's sequence in base 2, shifted off 0.
 fn radical_inverse(k: usize) -> f32 {
     (k as u32).reverse_bits() as f32 / 4_294_967_296.0 + 0.5 / POINTS as f32
-}
-
-/// Means over cells of the sphere.
-fn coarse(width: usize, height: usize, luminance: &[f32]) -> Vec<f32> {
-    let mut sums = vec![(0.0_f64, 0.0_f64); COARSE.0 * COARSE.1];
-    for (k, &value) in luminance.iter().enumerate() {
-        let v = (k / width) as f32 / (height - 1) as f32;
-        let row = ((v * COARSE.1 as f32) as usize).min(COARSE.1 - 1);
-        let weight = f64::from(latlong::sin_theta(v));
-        let cell = &mut sums[row * COARSE.0 + (k % width) * COARSE.0 / width];
-        *cell = (cell.0 + weight * f64::from(value), cell.1 + weight);
-    }
-    let mean: f64 = sums.iter().map(|sum| sum.0).sum::<f64>() / sums.iter().map(|sum| sum.1).sum::<f64>();
-    // Maps smaller than the grid leave cells without a texel.
-    sums.iter().map(|&(sum, weight)| if weight > 0.0 { sum / weight } else { mean } as f32).collect()
 }
 
 impl Emitter {
@@ -156,9 +119,7 @@ impl Emitter {
         let power = light.tail().light().power() as f32;
         Ok(Self { light, power, towards })
     }
-}
 
-impl Emitter {
     /// The light of the emitter that shading points reflect, by a few points of it.
     fn reflected(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
         out.as_flattened_mut().fill(0.0);

@@ -9,6 +9,7 @@ mod emitter;
 mod light;
 mod one_sample_mis;
 mod oracle;
+mod prefiltered;
 mod product;
 mod single;
 
