@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use headtail_render::{
-    export::{ExportedSampler, flat_patches, flat_table},
+    export::{ExportedSampler, flat_exported, flat_patches},
     file::replace,
     patches::Detail,
     tail::{Tail, TailKind},
@@ -82,7 +82,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         (None, Some(_)) => bail!("--env: a file has its map already"),
         (None, None) => {
             let file = PathBuf::from(&arguments.sampler);
-            flat_table(&ExportedSampler::read(&file)?).map_err(|error| error.in_file(&file))?
+            flat_exported(&ExportedSampler::read(&file)?).map_err(|error| error.in_file(&file))?
         }
     };
     let (shader, target) = (Shader::new(&arrays)?, Target::from(arguments.target));

@@ -62,10 +62,14 @@ pub struct Shader {
 const WARP: &str = include_str!("../wgsl/warp.wgsl");
 const PATCHES: &str = include_str!("../wgsl/patches.wgsl");
 const TABLE: &str = include_str!("../wgsl/table.wgsl");
+const NETWORK: &str = include_str!("../wgsl/network.wgsl");
+const SPLINE: &str = include_str!("../wgsl/spline.wgsl");
+const HEAD: &str = include_str!("../wgsl/head.wgsl");
 const EXAMPLE: &str = include_str!("../wgsl/example.wgsl");
 
 impl Shader {
-    /// The shader of a sampler's arrays (see [`headtail_render::export::flat_patches`] and [`headtail_render::export::flat_table`]).
+    /// The shader of a sampler's arrays (see [`headtail_render::export::flat_patches`] and
+    /// [`headtail_render::export::flat_exported`]).
     ///
     /// # Errors
     /// The arrays are not those of a sampler, or hold more numbers than a device can address.
@@ -94,20 +98,23 @@ impl Shader {
         constant("width", tail[1]);
         constant("rows", tail[0] - 1);
         constant("levels", shape_of(arrays, "tail.levels")?[0]);
-        let product = if let Ok(table) = shape_of(arrays, "table.along") {
-            let numbers = arrays.iter().find(|array| array.name == "table.shape").map(|array| &array.numbers);
-            let Some(FlatNumbers::Integers(grid)) = numbers else { return Err(missing("table.shape")) };
-            for (name, &count) in ["polar", "azimuth"].into_iter().zip(grid) {
+        let concepts = if let Ok(table) = shape_of(arrays, "table.along") {
+            for (name, &count) in ["polar", "azimuth"].into_iter().zip(integers_of(arrays, "table.shape")?) {
                 constant(name, count as usize);
             }
             constant("table_rows", table[1]);
             constant("table_columns", table[2]);
-            TABLE
+            vec![TABLE]
+        } else if let Ok(layers) = integers_of(arrays, "head.layers") {
+            for (name, value) in head_constants(layers, integers_of(arrays, "head.shape")?)? {
+                constant(name, value);
+            }
+            vec![NETWORK, SPLINE, HEAD]
         } else {
             shape_of(arrays, "patches.clusters")?;
-            PATCHES
+            vec![PATCHES]
         };
-        let source = [&source, WARP, product, EXAMPLE].join("\n");
+        let source = [&[&*source, WARP][..], &concepts, &[EXAMPLE]].concat().join("\n");
         let layout = serde_json::to_string_pretty(&layout).unwrap_or_default();
         Ok(Self { source, floats, integers, layout })
     }
@@ -167,6 +174,45 @@ fn append<T: Copy>(all: &mut Vec<T>, numbers: &[T]) -> usize {
     let start = all.len();
     all.extend_from_slice(numbers);
     start
+}
+
+/// The sizes of a head's networks, and how its numbers between layers lie in one list: what networks see (and two features behind it), two rows of
+/// hidden numbers that layers alternate between, logits. Layers write whole blocks of four.
+fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, usize)>> {
+    let &[condition, coupled, encoder, elevation, azimuth, selection, elevation_bins, azimuth_bins] = shape else {
+        return Err(missing("head.shape"));
+    };
+    let outputs: Vec<usize> = layers.chunks_exact(4).map(|layer| layer[1] as usize).collect();
+    let of_encoder = if encoder > 0 { outputs.get(encoder as usize - 1).copied().unwrap_or(0) } else { 0 };
+    let seen = condition as usize + of_encoder;
+    let widest = outputs.iter().copied().max().unwrap_or(0).next_multiple_of(4);
+    let hidden = seen + 4;
+    let logits = hidden + 2 * widest;
+    let own = [
+        ("head_condition", condition),
+        ("head_coupled", coupled),
+        ("head_encoder_layers", encoder),
+        ("head_elevation_layers", elevation),
+        ("head_azimuth_layers", azimuth),
+        ("head_selection_layers", selection),
+        ("head_elevation_bins", elevation_bins),
+        ("head_azimuth_bins", azimuth_bins),
+    ];
+    let places = [
+        ("head_seen", seen),
+        ("head_widest", widest),
+        ("head_hidden", hidden),
+        ("head_logits", logits),
+        ("head_units", logits + widest),
+    ];
+    Ok(own.into_iter().map(|(name, number)| (name, number as usize)).chain(places).collect())
+}
+
+fn integers_of<'a>(arrays: &'a [FlatArray], name: &str) -> Result<&'a [u32]> {
+    match arrays.iter().find(|array| array.name == name).map(|array| &array.numbers) {
+        Some(FlatNumbers::Integers(numbers)) => Ok(numbers),
+        _ => Err(missing(name)),
+    }
 }
 
 fn missing(name: &str) -> Error {

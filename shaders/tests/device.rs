@@ -11,7 +11,7 @@ use headtail_render::{
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
     brdf::{Ggx, Kernel, Lambert},
     environment::Environment,
-    export::{ExportedSampler, Intermediate, flat_patches, flat_table},
+    export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
     patches::{Detail, PatchSampler},
     random::{Purpose, Stream},
     sampler::{EnvironmentLight, Sampler},
@@ -172,7 +172,7 @@ fn shaders_draw_what_the_native_samplers_draw() {
     compare("patches, glossy", &shader, &patches, true);
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap()).unwrap();
     let exported = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
-    let shader = Shader::new(&flat_table(&exported).unwrap()).unwrap();
+    let shader = Shader::new(&flat_exported(&exported).unwrap()).unwrap();
     let native = exported.open(&map).unwrap();
     compare("table", &shader, &native, false);
 }

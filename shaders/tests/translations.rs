@@ -1,20 +1,23 @@
 //! Every shader is valid, and has a translation to every language.
 
+use std::path::Path;
+
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     environment::Environment,
-    export::{ExportedSampler, Intermediate, flat_patches, flat_table},
+    export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
     patches::Detail,
     tail::{Tail, TailKind},
 };
 use headtail_shaders::{Shader, Target};
 
-fn shaders() -> [Shader; 2] {
+fn shaders() -> [Shader; 3] {
     let map = Environment::open("studio").unwrap();
     let tail = Tail::of_environment(TailKind::Hierarchical, &map).unwrap();
     let table = direct_bake(&tail, NormalGrid::new(4, 8).unwrap(), CellGrid::new(8, 8).unwrap()).unwrap();
     let exported = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
-    [flat_patches(&tail, Detail::Leaves).unwrap(), flat_table(&exported).unwrap()]
+    let head = ExportedSampler::read(Path::new("../checkpoints/studio-head.safetensors")).unwrap();
+    [flat_patches(&tail, Detail::Leaves).unwrap(), flat_exported(&exported).unwrap(), flat_exported(&head).unwrap()]
         .map(|arrays| Shader::new(&arrays).unwrap())
 }
 

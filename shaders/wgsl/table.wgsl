@@ -53,7 +53,7 @@ fn headtail_of_mass(mass: f32, total: f32) -> f32 {
 }
 
 // All samples are drawn here: the table is for diffuse surfaces.
-fn headtail_share(lobes: vec4<f32>) -> f32 {
+fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
     return 1.0;
 }
 

@@ -30,20 +30,17 @@ pub fn flat_patches(tail: &Tail, detail: Detail) -> Result<Vec<FlatArray>> {
     Ok([tail.flat(), patches.flat(tail.grid().columns(), tail.grid().rows())].concat())
 }
 
-/// The arrays of a file's table over its tail.
+/// The arrays of a file's table or head over its tail.
 ///
 /// # Errors
-/// The file holds a head, another tail, or leaves out compact emitters.
-pub fn flat_table(exported: &ExportedSampler) -> Result<Vec<FlatArray>> {
+/// The file holds another tail, or leaves out compact emitters.
+pub fn flat_exported(exported: &ExportedSampler) -> Result<Vec<FlatArray>> {
     if exported.compact_emitters {
         return Err(Error::argument("compact_emitters", "there is no form for other devices of them"));
     }
-    let table = match &exported.intermediate {
+    let intermediate = match &exported.intermediate {
         Intermediate::Bake(table) | Intermediate::DirectBake(table) => table.flat(),
-        Intermediate::Head(_) => {
-            let reason = "holds a head, of which there is no form for other devices; bake it first";
-            return Err(Error::argument("intermediate.kind", reason));
-        }
+        Intermediate::Head(head) => head.flat(),
     };
-    Ok([hierarchical(&exported.tail)?.flat(), table].concat())
+    Ok([hierarchical(&exported.tail)?.flat(), intermediate].concat())
 }
