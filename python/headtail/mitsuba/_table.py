@@ -34,8 +34,9 @@ class Table:
         east = np.roll(sums, -1, 1)
         return np.stack([sums[:-1], east[:-1], sums[1:], east[1:]], -1)
 
-    def prepare(self, n):
-        """The cell of the grid of normals, four weights and the total mass."""
+    def prepare(self, at):
+        """The cell of the grid of normals around a shading point's, and four weights."""
+        n = at.n
         a = fast_atan2(n.x, -n.z) * (self.azimuth * dr.inv_two_pi)
         a = dr.select(a < 0, a + self.azimuth, a)
         p = dr.maximum(fast_atan2(dr.sqrt(n.x * n.x + n.z * n.z), n.y), 0) * ((self.polar - 1) * dr.inv_pi)
