@@ -24,9 +24,9 @@ use crate::terminal::say;
 
 DIR/headtail.EXT has the functions headtail_sample, headtail_pdf and headtail_share and, as an example, a compute shader headtail_draw. \
 DIR/floats.bin and DIR/integers.bin are the buffers of bindings 0 and 1 (little-endian, 32 bits), DIR/layout.json says what lies where. \
-There are shaders of tables and of patches, over the hierarchical tail.")]
+There are shaders of tables and heads over every tail, and of patches; of files with compact emitters there are none.")]
 pub struct Arguments {
-    /// A table that `bake` wrote, or patches, or patches:fine, which need --env.
+    /// A table that `bake` wrote or a head that `fit` wrote, or patches, or patches:fine, which need --env.
     #[arg(value_name = "FILE|patches")]
     sampler: String,
     /// The map of patches: a built-in environment or a .hdr or .exr file.

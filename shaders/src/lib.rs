@@ -59,7 +59,11 @@ pub struct Shader {
     pub layout: String,
 }
 
-const WARP: &str = include_str!("../wgsl/warp.wgsl");
+const SQUARE: &str = include_str!("../wgsl/square.wgsl");
+const GRID: &str = include_str!("../wgsl/grid.wgsl");
+const HIERARCHICAL: &str = include_str!("../wgsl/hierarchical.wgsl");
+const ROW_COLUMN: &str = include_str!("../wgsl/row_column.wgsl");
+const FLOW: &str = include_str!("../wgsl/flow.wgsl");
 const PATCHES: &str = include_str!("../wgsl/patches.wgsl");
 const TABLE: &str = include_str!("../wgsl/table.wgsl");
 const NETWORK: &str = include_str!("../wgsl/network.wgsl");
@@ -94,10 +98,20 @@ impl Shader {
         if floats.len().max(integers.len()) > u32::MAX as usize / 4 {
             return Err(Error::argument("sampler", "holds more numbers than a device can address"));
         }
-        let tail = shape_of(arrays, "tail.nodes")?;
-        constant("width", tail[1]);
-        constant("rows", tail[0] - 1);
-        constant("levels", shape_of(arrays, "tail.levels")?[0]);
+        let tail = if let Ok(cells) = shape_of(arrays, "tail.cells") {
+            constant("side", cells[0].isqrt());
+            vec![FLOW]
+        } else {
+            let nodes = shape_of(arrays, "tail.nodes")?;
+            constant("width", nodes[1]);
+            constant("rows", nodes[0] - 1);
+            if let Ok(levels) = shape_of(arrays, "tail.levels") {
+                constant("levels", levels[0]);
+                vec![GRID, HIERARCHICAL]
+            } else {
+                vec![GRID, ROW_COLUMN]
+            }
+        };
         let concepts = if let Ok(table) = shape_of(arrays, "table.along") {
             for (name, &count) in ["polar", "azimuth"].into_iter().zip(integers_of(arrays, "table.shape")?) {
                 constant(name, count as usize);
@@ -114,7 +128,7 @@ impl Shader {
             shape_of(arrays, "patches.clusters")?;
             vec![PATCHES]
         };
-        let source = [&[&*source, WARP][..], &concepts, &[EXAMPLE]].concat().join("\n");
+        let source = [&[&*source, SQUARE][..], &tail, &concepts, &[EXAMPLE]].concat().join("\n");
         let layout = serde_json::to_string_pretty(&layout).unwrap_or_default();
         Ok(Self { source, floats, integers, layout })
     }

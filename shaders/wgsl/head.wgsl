@@ -88,12 +88,11 @@ fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) 
 // The solid-angle pdf with which `headtail_sample` draws a unit direction.
 fn headtail_pdf(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, wi: vec3<f32>) -> f32 {
     let x = headtail_square(wi);
-    let cell = headtail_cell(x.xy);
-    let y = headtail_inverse(cell);
+    let y = headtail_pull_back(x.xy);
     headtail_see(n, wo, lobes.w);
     headtail_elevation(y.x);
     let v = headtail_spline_inverse(y.y, HEADTAIL_HEAD_ELEVATION_BINS, false);
     headtail_azimuth(select(y.y, v.x, HEADTAIL_HEAD_COUPLED == 1u));
     let u = headtail_spline_inverse(y.x, HEADTAIL_HEAD_AZIMUTH_BINS, true);
-    return u.y * v.y * headtail_density(cell) * x.z;
+    return u.y * v.y * y.z * x.z;
 }

@@ -7,7 +7,8 @@ from headtail import HeadtailError
 
 from ._network import Layer, Network
 from ._spline import Spline
-from ._warp import Tail, directions, squares
+from ._tails import tail_of
+from ._warp import directions, squares
 
 NORMAL, VIEW, WIDTH = 3, 10, 12
 SELECTION_FLOOR = 0.02
@@ -17,7 +18,7 @@ class Head:
     """The sampler of a head of `arrays` (see `Head::flat` in the crate headtail-render) over its tail."""
 
     def __init__(self, arrays, loops=None):
-        self.tail = Tail(arrays)
+        self.tail = tail_of(arrays)
         self.condition, coupled, encoder, elevation, azimuth, selection, *_ = (int(number) for number in arrays["head.shape"])
         if self.condition not in (NORMAL, VIEW, WIDTH):
             raise HeadtailError("file: holds a head for measured materials, of which Mitsuba's BSDFs say nothing")
@@ -69,7 +70,7 @@ class Head:
     def pdf(self, seen, wi, active=True):
         """The solid-angle pdf with which `sample` draws a direction."""
         x, factor = squares(wi)
-        y, density = self.tail.inverse(*self.tail.cell(x), active)
+        y, density = self.tail.pull_back(x, active)
         z, by_v = self.elevation_spline(seen, y.x).inverse(y.y)
         _, by_u = self.azimuth_spline(seen, z if self.is_coupled else y.y).inverse(y.x)
         return positive(by_u * by_v * density * factor)

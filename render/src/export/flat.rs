@@ -5,27 +5,17 @@ use crate::{
     error::{Error, Result},
     flat::FlatArray,
     patches::{Detail, Patches},
-    tail::{Hierarchical, Tail},
+    tail::Tail,
 };
-
-/// The quad-tree tail of a sampler.
-fn hierarchical(tail: &Tail) -> Result<&Hierarchical> {
-    match tail {
-        Tail::Hierarchical(tail) => Ok(tail),
-        Tail::RowColumn(_) | Tail::Flow(_) => {
-            let reason =
-                format!("is {}; there is a form for other devices of the hierarchical one alone", tail.kind().name());
-            Err(Error::argument("tail", reason))
-        }
-    }
-}
 
 /// The arrays of `patches` over a tail.
 ///
 /// # Errors
 /// The tail is not the hierarchical one.
 pub fn flat_patches(tail: &Tail, detail: Detail) -> Result<Vec<FlatArray>> {
-    let tail = hierarchical(tail)?;
+    let Tail::Hierarchical(tail) = tail else {
+        return Err(Error::argument("tail", format!("is {}; patches are over the hierarchical one", tail.kind().name())));
+    };
     let patches = Patches::new(tail, detail);
     Ok([tail.flat(), patches.flat(tail.grid().columns(), tail.grid().rows())].concat())
 }
@@ -33,7 +23,7 @@ pub fn flat_patches(tail: &Tail, detail: Detail) -> Result<Vec<FlatArray>> {
 /// The arrays of a file's table or head over its tail.
 ///
 /// # Errors
-/// The file holds another tail, or leaves out compact emitters.
+/// The file leaves out compact emitters.
 pub fn flat_exported(exported: &ExportedSampler) -> Result<Vec<FlatArray>> {
     if exported.compact_emitters {
         return Err(Error::argument("compact_emitters", "there is no form for other devices of them"));
@@ -42,5 +32,5 @@ pub fn flat_exported(exported: &ExportedSampler) -> Result<Vec<FlatArray>> {
         Intermediate::Bake(table) | Intermediate::DirectBake(table) => table.flat(),
         Intermediate::Head(head) => head.flat(),
     };
-    Ok([hierarchical(&exported.tail)?.flat(), intermediate].concat())
+    Ok([exported.tail.flat(), intermediate].concat())
 }
