@@ -60,10 +60,12 @@ pub struct Shader {
 }
 
 const SQUARE: &str = include_str!("../wgsl/square.wgsl");
-const GRID: &str = include_str!("../wgsl/grid.wgsl");
+const CELLS: &str = include_str!("../wgsl/cells.wgsl");
+const WINDOWS: &str = include_str!("../wgsl/windows.wgsl");
 const HIERARCHICAL: &str = include_str!("../wgsl/hierarchical.wgsl");
 const ROW_COLUMN: &str = include_str!("../wgsl/row_column.wgsl");
 const FLOW: &str = include_str!("../wgsl/flow.wgsl");
+const COMPACT: &str = include_str!("../wgsl/compact.wgsl");
 const PATCHES: &str = include_str!("../wgsl/patches.wgsl");
 const TABLE: &str = include_str!("../wgsl/table.wgsl");
 const NETWORK: &str = include_str!("../wgsl/network.wgsl");
@@ -98,37 +100,18 @@ impl Shader {
         if floats.len().max(integers.len()) > u32::MAX as usize / 4 {
             return Err(Error::argument("sampler", "holds more numbers than a device can address"));
         }
-        let tail = if let Ok(cells) = shape_of(arrays, "tail.cells") {
-            constant("side", cells[0].isqrt());
-            vec![FLOW]
-        } else {
-            let nodes = shape_of(arrays, "tail.nodes")?;
-            constant("width", nodes[1]);
-            constant("rows", nodes[0] - 1);
-            if let Ok(levels) = shape_of(arrays, "tail.levels") {
-                constant("levels", levels[0]);
-                vec![GRID, HIERARCHICAL]
-            } else {
-                vec![GRID, ROW_COLUMN]
+        let tail = tail_concepts(arrays, &mut constant)?;
+        let concepts = density_concepts(arrays, &mut constant)?;
+        let mut parts = [&[SQUARE][..], &tail, &concepts].concat().join("\n");
+        if let Ok(emitters) = shape_of(arrays, "compact.windows") {
+            constant("emitters", emitters[0]);
+            constant("emitters_and_rest", emitters[0] + 1);
+            for name in ["sample", "pdf", "share"] {
+                parts = parts.replace(&format!("fn headtail_{name}("), &format!("fn headtail_rest_{name}("));
             }
-        };
-        let concepts = if let Ok(table) = shape_of(arrays, "table.along") {
-            for (name, &count) in ["polar", "azimuth"].into_iter().zip(integers_of(arrays, "table.shape")?) {
-                constant(name, count as usize);
-            }
-            constant("table_rows", table[1]);
-            constant("table_columns", table[2]);
-            vec![TABLE]
-        } else if let Ok(layers) = integers_of(arrays, "head.layers") {
-            for (name, value) in head_constants(layers, integers_of(arrays, "head.shape")?)? {
-                constant(name, value);
-            }
-            vec![NETWORK, SPLINE, HEAD]
-        } else {
-            shape_of(arrays, "patches.clusters")?;
-            vec![PATCHES]
-        };
-        let source = [&[&*source, SQUARE][..], &tail, &concepts, &[EXAMPLE]].concat().join("\n");
+            parts = [&parts, COMPACT].join("\n");
+        }
+        let source = [&source, &parts, EXAMPLE].join("\n");
         let layout = serde_json::to_string_pretty(&layout).unwrap_or_default();
         Ok(Self { source, floats, integers, layout })
     }
@@ -188,6 +171,52 @@ fn append<T: Copy>(all: &mut Vec<T>, numbers: &[T]) -> usize {
     let start = all.len();
     all.extend_from_slice(numbers);
     start
+}
+
+/// The shaders of a tail and of the cells and windows that it or compact emitters take, and their sizes.
+fn tail_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)) -> Result<Vec<&'static str>> {
+    let own = if let Ok(cells) = shape_of(arrays, "tail.cells") {
+        constant("side", cells[0].isqrt());
+        FLOW
+    } else if let Ok(levels) = shape_of(arrays, "tail.levels") {
+        constant("levels", levels[0]);
+        HIERARCHICAL
+    } else {
+        ROW_COLUMN
+    };
+    // The map's columns of texels and rows of cells, where one of the arrays says them.
+    let of_shape = |name: &str| integers_of(arrays, name).map(|shape| [shape[0] as usize, shape[1] as usize]);
+    let of_nodes = || shape_of(arrays, "tail.nodes").map(|nodes| [nodes[1], nodes[0] - 1]);
+    let size = of_shape("tail.shape").or_else(|_| of_shape("compact.shape")).or_else(|_| of_nodes());
+    match size {
+        Ok([width, rows]) => {
+            constant("width", width);
+            constant("rows", rows);
+            Ok(vec![CELLS, WINDOWS, own])
+        }
+        Err(_) if own == FLOW => Ok(vec![own]),
+        Err(error) => Err(error),
+    }
+}
+
+/// The shaders of a density over Y, and their sizes.
+fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)) -> Result<Vec<&'static str>> {
+    if let Ok(table) = shape_of(arrays, "table.along") {
+        for (name, &count) in ["polar", "azimuth"].into_iter().zip(integers_of(arrays, "table.shape")?) {
+            constant(name, count as usize);
+        }
+        constant("table_rows", table[1]);
+        constant("table_columns", table[2]);
+        return Ok(vec![TABLE]);
+    }
+    if let Ok(layers) = integers_of(arrays, "head.layers") {
+        for (name, value) in head_constants(layers, integers_of(arrays, "head.shape")?)? {
+            constant(name, value);
+        }
+        return Ok(vec![NETWORK, SPLINE, HEAD]);
+    }
+    shape_of(arrays, "patches.clusters")?;
+    Ok(vec![PATCHES])
 }
 
 /// The sizes of a head's networks, and how its numbers between layers lie in one list: what networks see (and two features behind it), two rows of

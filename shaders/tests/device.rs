@@ -5,19 +5,19 @@
 
 use std::{borrow::Cow, path::Path, sync::Arc};
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
     brdf::{Ggx, Kernel, Lambert},
-    environment::Environment,
+    environment::{Environment, without_compact_emitters},
     export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
     head::{Condition, Head, Linear, Mode},
     patches::{Detail, PatchSampler},
     random::{Purpose, Stream},
     sampler::{EnvironmentLight, Sampler},
     spline::logit_count,
-    tail::TailKind,
+    tail::{Tail, TailKind, WarpMap},
 };
 use headtail_shaders::Shader;
 use wgpu::util::DeviceExt;
@@ -174,7 +174,7 @@ fn shaders_draw_what_the_native_samplers_draw() {
     compare("patches, glossy", &shader, &patches, COUNT, true);
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap()).unwrap();
     let exported = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
-    let shader = Shader::new(&flat_exported(&exported).unwrap()).unwrap();
+    let shader = Shader::new(&flat_exported(&exported, None).unwrap()).unwrap();
     let native = exported.open(&map).unwrap();
     compare("table", &shader, &native, COUNT, false);
 }
@@ -231,8 +231,40 @@ fn shaders_of_heads_draw_what_the_native_heads_draw() {
             true,
         ),
     ] {
-        let shader = Shader::new(&flat_exported(&exported).unwrap()).unwrap();
+        let shader = Shader::new(&flat_exported(&exported, None).unwrap()).unwrap();
         let native = exported.sampler(&studio, false).unwrap();
         compare(name, &shader, &*native, count, glossy);
+    }
+}
+
+/// A smooth warp that gathers points around one, as under a lamp.
+fn gathered(cells: usize) -> WarpMap {
+    let node = |k: usize| {
+        let (u, v) = ((k % cells) as f32 / cells as f32, (k / cells) as f32 / cells as f32);
+        let turn = std::f32::consts::TAU;
+        let down = if k >= cells * cells { 1.0 } else { v + 0.12 * (turn * v).sin() };
+        Vec2::new(u + 0.14 * (turn * u).sin() + 0.9 * v, down)
+    };
+    let nodes: Vec<Vec2> = (0..cells * (cells + 1)).map(node).collect();
+    WarpMap::new(cells, &nodes).unwrap()
+}
+
+#[test]
+fn shaders_over_other_tails_draw_what_the_native_samplers_draw() {
+    let map = Arc::new(Environment::open("sunset").unwrap());
+    let (width, height, luminance) = (map.width(), map.height(), map.luminance());
+    let rest = without_compact_emitters(width, height, &luminance).expect("the map has a sun");
+    let tails = [
+        ("row-column tail", Tail::new(TailKind::RowColumn, width, height, &luminance), &luminance),
+        ("flow tail", Tail::flow(gathered(64), width, height, &luminance), &luminance),
+        ("compact emitters", Tail::new(TailKind::Hierarchical, width, height, &rest), &rest),
+    ];
+    for (name, tail, light) in tails {
+        let tail = Arc::new(tail.unwrap());
+        let head = Intermediate::Head(head(Condition::Normal, Mode::Coupled, &[], &[16], [4, 5]));
+        let exported = ExportedSampler::of_tail(head, tail, light.clone(), &map, None);
+        let shader = Shader::new(&flat_exported(&exported, Some(&map)).unwrap()).unwrap();
+        let native = exported.sampler(&map, false).unwrap();
+        compare(name, &shader, &*native, COUNT / 4, false);
     }
 }

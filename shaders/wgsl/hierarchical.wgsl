@@ -1,4 +1,25 @@
-// The quad-tree tail.
+// The quad-tree tail, and the density of the map's light: bilinear in the cells between texels.
+
+// The densities at the corners of a cell: upper left, upper right, lower left, lower right.
+fn headtail_corners(cell: vec2<u32>) -> vec4<f32> {
+    let next = select(cell.x + 1u, 0u, cell.x + 1u == HEADTAIL_WIDTH);
+    let upper = HEADTAIL_TAIL_NODES + cell.y * HEADTAIL_WIDTH;
+    let lower = upper + HEADTAIL_WIDTH;
+    return vec4<f32>(
+        headtail_floats[upper + cell.x],
+        headtail_floats[upper + next],
+        headtail_floats[lower + cell.x],
+        headtail_floats[lower + next],
+    );
+}
+
+// |dy/dx| at a cell's position.
+fn headtail_density(cell: vec4<f32>) -> f32 {
+    let c = headtail_corners(vec2<u32>(cell.xy));
+    let west = (1.0 - cell.w) * c.x + cell.w * c.z;
+    let east = (1.0 - cell.w) * c.y + cell.w * c.w;
+    return (1.0 - cell.z) * west + cell.z * east;
+}
 
 // x of a point y of Y, and the density |dy/dx| there.
 fn headtail_tail(y: vec2<f32>) -> vec3<f32> {
@@ -29,12 +50,7 @@ fn headtail_tail(y: vec2<f32>) -> vec3<f32> {
     let west = (1.0 - down) * c.x + down * c.z;
     let east = (1.0 - down) * c.y + down * c.w;
     let across = headtail_sample_linear(headtail_remap(u, sides.x, sides.y), west, east);
-    let x = (f32(cell.x) + across + 0.5) / f32(HEADTAIL_WIDTH);
-    return vec3<f32>(
-        select(x, clamp(x - 1.0, 0.0, HEADTAIL_BELOW_ONE), x >= 1.0),
-        min((f32(cell.y) + down) / f32(HEADTAIL_ROWS), 1.0),
-        (1.0 - across) * west + across * east,
-    );
+    return vec3<f32>(headtail_point(cell, vec2<f32>(across, down)), (1.0 - across) * west + across * east);
 }
 
 // y of a cell's position: down the tree to the cell's rectangle.

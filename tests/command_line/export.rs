@@ -14,7 +14,10 @@ fn shaders_are_written_with_their_buffers() {
         assert!(said.contains(&format!("table-{target}/{file} written")), "{said}");
         assert!(fs::metadata(at.join(format!("table-{target}/{file}"))).unwrap().len() > 1000);
     }
-    succeed(at, "fit --env overcast --material lambert --steps 1 --set conditions=4 --set validation_conditions=2 --tail row-column --out head");
+    succeed(
+        at,
+        "fit --env overcast --material lambert --steps 1 --set conditions=4 --set validation_conditions=2 --tail row-column --out head",
+    );
     succeed(at, "export head/sampler.safetensors --target hlsl --out head-hlsl");
     succeed(at, "export patches --env overcast --target glsl --out patches");
     let layout = fs::read_to_string(at.join("patches/layout.json")).unwrap();
@@ -31,7 +34,10 @@ fn what_has_no_shader_is_refused_with_a_sentence() {
     let at = folder.path();
     let run = "--steps 1 --set conditions=4 --set validation_conditions=2 --out head";
     succeed(at, &format!("fit --env sunset --material lambert --compact-emitters {run}"));
-    assert!(fail(at, "export head/sampler.safetensors --target wgsl --out x").contains("compact_emitters: there is no form for other devices"));
+    assert!(
+        fail(at, "export head/sampler.safetensors --target wgsl --out x")
+            .contains("compact_emitters: there is no form for other devices")
+    );
     assert!(fail(at, "export patches --target wgsl --out x").contains("give --env MAP"));
     assert!(fail(at, "export missing --target wgsl --out x").contains("missing"));
 }

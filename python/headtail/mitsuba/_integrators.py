@@ -7,6 +7,7 @@ import numpy as np
 import headtail
 from headtail import HeadtailError
 
+from ._compact import WithCompactEmitters
 from ._head import NORMAL, Head
 from ._patches import Patches, Point
 from ._surface import Surfaces
@@ -54,7 +55,10 @@ class Light:
             sampler = headtail.Sampler.from_spec(spec, map)
         arrays = sampler._native.arrays()
         kind = Table if "table.along" in arrays else Head if "head.layers" in arrays else Patches
-        self.product = kind(arrays)
+        # `rest` is what draws all light but that of compact emitters.
+        self.rest = self.product = kind(arrays)
+        if "compact.windows" in arrays:
+            self.product = WithCompactEmitters(arrays, self.rest)
 
     def radiance(self, ray, wi, active):
         """What arrives from a direction in world space."""
@@ -71,12 +75,12 @@ class Light:
                 return [self.patches_alone(sampler, si, bsdf, n, wo, active)]
             return [self.patches_beside_bsdf(sampler, si, bsdf, n, wo, active)]
         # What a head that sees no directions has learned of its share is for diffuse surfaces.
-        sees_views = isinstance(self.product, Head) and self.product.condition != NORMAL
+        sees_views = isinstance(self.rest, Head) and self.rest.condition != NORMAL
         *lobes, can_draw = self.surfaces.lobes(bsdf, si, active) if sees_views else (None, active)
         prepared = self.product.prepare(Point(n, wo, lobes if sees_views else None))
         if self.surfaces.are_diffuse:
             return [self.product_alone(sampler, si, bsdf, prepared, active)]
-        if sees_views and self.product.has_selection:
+        if sees_views and self.rest.has_selection:
             share = dr.select(can_draw, self.product.share(prepared), 0)
             return [self.product_beside_bsdf(sampler, si, bsdf, prepared, share, active)]
         return self.product_and_bsdf(sampler, si, bsdf, prepared, active)

@@ -54,13 +54,11 @@ def upload(array):
     return kind(np.ascontiguousarray(array).ravel())
 
 
-class Grid:
-    """The density of the map's light over X: bilinear in the cells between the texels `nodes`, [height, width]."""
+class Cells:
+    """The cells between the texels of a map: columns of texels, rows of cells."""
 
-    def __init__(self, nodes):
-        self.width, self.rows = nodes.shape[1], nodes.shape[0] - 1
-        east = np.roll(nodes, -1, 1)
-        self.corners = upload(np.stack([nodes[:-1], east[:-1], nodes[1:], east[1:]], -1))
+    def __init__(self, width, rows):
+        self.width, self.rows = width, rows
 
     def cell(self, x):
         """The number of the cell of a point of X, and the position inside."""
@@ -72,11 +70,6 @@ class Grid:
         inside = mi.Point2f(dr.clip(across - mi.Float(column), 0, 1), dr.clip(down - mi.Float(row), 0, 1))
         return row * self.width + column, inside
 
-    def density(self, cell, inside, active=True):
-        """|dy/dx| at a position in a cell."""
-        a, b, c, d = dr.gather(mi.Vector4f, self.corners, cell, active)
-        return dr.lerp(dr.lerp(a, c, inside.y), dr.lerp(b, d, inside.y), inside.x)
-
     def point(self, column, row, across, down):
         """The point of X at a position in a cell."""
         x = mi.Point2f((mi.Float(column) + across + 0.5) / self.width, (mi.Float(row) + down) / self.rows)
@@ -84,12 +77,15 @@ class Grid:
         return x
 
 
-class Tail(Grid):
+class Tail(Cells):
     """The quad-tree warp of `arrays` (see `Hierarchical::flat` in the crate headtail-render)."""
 
     def __init__(self, arrays):
         cuts, levels = arrays["tail.cuts"], arrays["tail.levels"]
-        super().__init__(arrays["tail.nodes"])
+        nodes = arrays["tail.nodes"]
+        super().__init__(nodes.shape[1], nodes.shape[0] - 1)
+        east = np.roll(nodes, -1, 1)
+        self.corners = upload(np.stack([nodes[:-1], east[:-1], nodes[1:], east[1:]], -1))
         self.levels = [tuple(int(number) for number in level) for level in levels]
         self.cuts = upload(cuts)
         self._numpy_cuts, self._rectangles = cuts, None
@@ -116,6 +112,11 @@ class Tail(Grid):
         west, east = dr.lerp(a, c, inside_v), dr.lerp(b, d, inside_v)
         inside_u = sample_linear(remap(u, left, right), west, east)
         return self.point(column, row, inside_u, inside_v), dr.lerp(west, east, inside_u)
+
+    def density(self, cell, inside, active=True):
+        """|dy/dx| at a position in a cell."""
+        a, b, c, d = dr.gather(mi.Vector4f, self.corners, cell, active)
+        return dr.lerp(dr.lerp(a, c, inside.y), dr.lerp(b, d, inside.y), inside.x)
 
     def pull_back(self, x, active=True):
         """y of a point of X, and |dy/dx|."""

@@ -1,10 +1,14 @@
 //! Whole samplers as flat arrays, for implementations on other devices.
 
+use std::sync::Arc;
+
 use super::{ExportedSampler, Intermediate};
 use crate::{
+    environment::Environment,
     error::{Error, Result},
     flat::FlatArray,
     patches::{Detail, Patches},
+    sampler::CompactEmitters,
     tail::Tail,
 };
 
@@ -14,23 +18,32 @@ use crate::{
 /// The tail is not the hierarchical one.
 pub fn flat_patches(tail: &Tail, detail: Detail) -> Result<Vec<FlatArray>> {
     let Tail::Hierarchical(tail) = tail else {
-        return Err(Error::argument("tail", format!("is {}; patches are over the hierarchical one", tail.kind().name())));
+        return Err(Error::argument(
+            "tail",
+            format!("is {}; patches are over the hierarchical one", tail.kind().name()),
+        ));
     };
     let patches = Patches::new(tail, detail);
     Ok([tail.flat(), patches.flat(tail.grid().columns(), tail.grid().rows())].concat())
 }
 
-/// The arrays of a file's table or head over its tail.
+/// The arrays of a file's table or head over its tail, and of its compact emitters, which take the map that the file was made for.
 ///
 /// # Errors
-/// The file leaves out compact emitters.
-pub fn flat_exported(exported: &ExportedSampler) -> Result<Vec<FlatArray>> {
-    if exported.compact_emitters {
-        return Err(Error::argument("compact_emitters", "there is no form for other devices of them"));
-    }
+/// The map is another one, or there is none and the file has compact emitters.
+pub fn flat_exported(exported: &ExportedSampler, map: Option<&Arc<Environment>>) -> Result<Vec<FlatArray>> {
     let intermediate = match &exported.intermediate {
         Intermediate::Bake(table) | Intermediate::DirectBake(table) => table.flat(),
         Intermediate::Head(head) => head.flat(),
     };
-    Ok([exported.tail.flat(), intermediate].concat())
+    let mut arrays = [exported.tail.flat(), intermediate].concat();
+    if let Some(map) = map {
+        exported.check_environment(map)?;
+    }
+    if exported.compact_emitters {
+        let reason = "are the difference between the map and the file: give the map";
+        let map = map.ok_or_else(|| Error::argument("compact_emitters", reason))?;
+        arrays.extend(CompactEmitters::new(map, &exported.luminance.2)?.flat());
+    }
+    Ok(arrays)
 }

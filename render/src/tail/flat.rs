@@ -41,19 +41,53 @@ impl Hierarchical {
 impl RowColumn {
     /// All that the warp reads.
     ///
-    /// - `tail.nodes` `[height, width]`: the density at the texels of the map.
-    /// - `tail.marginal` `[height]`: the marginal density at the rows of texels; `tail.above` `[height]`: the share of the light above each.
-    /// - `tail.before` `[height, width + 1]`: the integral of each row from its first texel's centre to each next one.
+    /// - `tail.shape` `[2]`: columns of texels of the map, rows of cells.
+    /// - `tail.windows` `[1, 8]`, `tail.numbers` `[numbers]`: see [`Self::window`].
     pub fn flat(&self) -> Vec<FlatArray> {
-        let [marginal, above, before] = self.tables();
-        let rows = marginal.len();
+        let mut numbers = Vec::new();
+        let window = self.window(&mut numbers);
         vec![
-            nodes(self.grid()),
-            FlatArray::floats("tail.marginal", vec![rows], marginal.to_vec()),
-            FlatArray::floats("tail.above", vec![rows], above.to_vec()),
-            FlatArray::floats("tail.before", vec![rows, before.len() / rows], before.to_vec()),
+            FlatArray::integers("tail.shape", vec![2], vec![self.grid().columns() as u32, self.grid().rows() as u32]),
+            FlatArray::integers("tail.windows", vec![1, 8], window.to_vec()),
+            FlatArray::floats("tail.numbers", vec![numbers.len()], numbers),
         ]
     }
+
+    /// The part of the map that has light: its first row of cells and how many, its first column and how many, and where in `numbers`, to which they are
+    /// appended, these begin: densities at the texels around its cells `[rows + 1, columns + 1]`; marginal densities at its rows of texels `[rows + 1]`, and
+    /// the share of the light above each; the integral of each row of texels from the part's left edge on, `[rows + 1, columns + 1]`.
+    pub(crate) fn window(&self, numbers: &mut Vec<f32>) -> [u32; 8] {
+        let (width, height) = (self.grid().columns(), self.grid().rows());
+        let nodes: Vec<f32> = self.grid().nodes().collect();
+        let [marginal, above, before] = self.tables();
+        let is_lit = |row: &usize| marginal[*row] > 0.0 || marginal[row + 1] > 0.0;
+        let (first, last) = ends((0..height).filter(is_lit));
+        let rows = first..last + 2;
+        let is_lit = |column: &usize| {
+            let next = (column + 1) % width;
+            rows.clone().any(|row| nodes[row * width + column] > 0.0 || nodes[row * width + next] > 0.0)
+        };
+        let (left, right) = ends((0..width).filter(is_lit));
+        let start = numbers.len();
+        for row in rows.clone() {
+            numbers.extend((left..right + 2).map(|column| nodes[row * width + column % width]));
+        }
+        let of_marginal = numbers.len();
+        numbers.extend(&marginal[rows.clone()]);
+        let of_above = numbers.len();
+        numbers.extend(&above[rows.clone()]);
+        let of_before = numbers.len();
+        for row in rows {
+            numbers.extend(&before[row * (width + 1)..][left..right + 2]);
+        }
+        [first, last + 1 - first, left, right + 1 - left, start, of_marginal, of_above, of_before].map(|n| n as u32)
+    }
+}
+
+/// The least and the largest number of a list; 0 of an empty one.
+fn ends(mut list: impl Iterator<Item = usize>) -> (usize, usize) {
+    let first = list.next().unwrap_or(0);
+    (first, list.last().unwrap_or(first))
 }
 
 impl FlowTail {
