@@ -106,12 +106,12 @@ impl Caller {
         let mut bytes = match self.below(20) {
             0 => return None,
             1 => vec![0xff, 0xfe, 0x80],
-            2 => (0..self.below(40)).map(|_| 1 + self.below(255) as u8).collect(),
+            2 => (0..self.below(40)).map(|_| b' ' + self.below(224) as u8).collect(),
             _ => texts[self.below(texts.len())].as_bytes().to_vec(),
         };
         if self.one_in(8) && !bytes.is_empty() {
             let place = self.below(bytes.len());
-            bytes[place] = 1 + self.below(127) as u8;
+            bytes[place] = b' ' + self.below(95) as u8;
         }
         CString::new(bytes).ok()
     }

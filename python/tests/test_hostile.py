@@ -14,7 +14,7 @@ CALLS = int(os.environ.get("HEADTAIL_FUZZ_INPUTS", 1500))
 RIGHT = (HeadtailError, TypeError, ValueError, OSError, OverflowError, AttributeError, MemoryError)
 
 NUMBERS = [0, -1, 1, 2, 7, 0.5, float("nan"), float("inf"), 1e38, -1e-40, 2**31, 2**32, 2**63, 2**64, -(2**63), 1 << 100]
-THINGS = [None, True, "", "studio", "overcast", "patches", "mis", "x\0y", "/", "\udcff", b"studio", [], [1, 2], (2, 3), {}, {"a": {"b": 1}}, object(), print]
+THINGS = [None, True, "", "overcast", "patches", "mis", "x\0y", "/", "\udcff", b"studio", [], [1, 2], (2, 3), {}, {"a": {"b": 1}}, object(), print]
 
 
 class Calls:
@@ -23,6 +23,7 @@ class Calls:
     def __init__(self, files, samplers):
         self.random = np.random.default_rng(4)
         self.files, self.samplers = files, samplers
+        self.map = Environment.from_array(self.random.random((8, 16, 3), dtype=np.float32))
 
     def one_of(self, list):
         return list[self.random.integers(len(list))]
@@ -42,20 +43,25 @@ class Calls:
             return self.one_of(NUMBERS)
         if kind == 1:
             return self.one_of(THINGS)
-        return self.array() if kind == 2 else self.one_of([*self.samplers, *self.files, Environment("overcast")])
+        return self.array() if kind == 2 else self.one_of([*self.samplers, *self.files, self.map])
 
     def mostly(self, *list):
         """One of a list, or anything."""
         return self.one_of(list) if self.random.random() < 0.8 else self.thing()
+
+    def times(self, *list):
+        """How often or how much: what would take hours or all memory and is no mistake is left out."""
+        wrong = [number for number in NUMBERS if not 7 < number < 2**63] + [thing for thing in THINGS if thing is not True]
+        return self.one_of(list if self.random.random() < 0.8 else wrong)
 
     def some(self, **arguments):
         """Some of the arguments."""
         return {name: make() for name, make in arguments.items() if self.random.random() < 0.4}
 
     def call(self):
-        env = lambda: self.mostly("overcast", Environment("overcast"))
+        env = lambda: self.mostly(self.map)
         sampler = self.one_of(self.samplers)
-        small, count = (lambda: self.mostly(1, 2, 8)), (lambda: self.mostly((2, 3), (4, 4), (4, 6)))
+        small, count = (lambda: self.times(1, 2, 8)), (lambda: self.mostly((2, 3), (4, 4), (4, 6)))
         n = lambda: self.mostly(directions(6, 1), directions(1, 2))
         surface = {"wo": n, "alpha": lambda: self.mostly(0.3, 1.0), "f0": lambda: self.mostly(0.5)}
         functions = {
@@ -64,18 +70,18 @@ class Calls:
             "from_spec": lambda: Sampler.from_spec(self.mostly("patches", "mis", "ris:2", "direct:x", "mis2", "head:", f"head:{self.one_of(self.files)}"), env()),
             "open": lambda: Sampler.open(self.mostly(*self.files), **self.some(env=env)),
             "save": lambda: sampler.save(self.mostly(self.files[0].parent / "saved", "/", "/nowhere/x")),
-            "environment": lambda: Environment(self.mostly("studio", *self.files)),
+            "environment": lambda: Environment(self.mostly(*self.files)),
             "from_array": lambda: Environment.from_array(self.array(), **self.some(name=self.thing)),
-            "radiance": lambda: Environment("overcast").radiance(self.mostly(directions(6, 2)), **self.some(out=self.thing)),
-            "bake": lambda: headtail.bake(self.mostly("overcast", sampler), **self.some(normals=count, cells=count, tail=lambda: self.mostly("row-column"))),
+            "radiance": lambda: self.map.radiance(self.mostly(directions(6, 2)), **self.some(out=self.thing)),
+            "bake": lambda: headtail.bake(self.mostly(self.map, sampler), **self.some(normals=count, cells=count, tail=lambda: self.mostly("row-column"))),
             "scene": lambda: Scene(self.mostly("plane", "sphere", *self.files), **self.some(material=lambda: self.mostly("lambert", "ggx:alpha=0.3"), ground=small)),
             "render": lambda: headtail.render(
-                self.mostly("plane"), self.mostly("mis", sampler), width=self.mostly(8, 1), height=self.mostly(6, 3),
+                self.mostly("plane"), self.mostly("mis", sampler), width=self.times(8, 1), height=self.times(6, 3),
                 **self.some(env=env, spp=small, seed=small, depth=small, fov=small, look_at=self.thing, points=lambda: self.mostly("sobol", "independent")),
             ),
             "compare": lambda: headtail.compare(
-                self.mostly("plane"), env(), self.mostly(["mis"], ["mis", "patches"]), width=self.mostly(8), height=self.mostly(6),
-                reference_spp=self.mostly(1, 2), runs=self.mostly(1), **self.some(spp=lambda: self.mostly((1,), (1, 2)), seed=small),
+                self.mostly("plane"), env(), self.mostly(["mis"], ["mis", "patches"]), width=self.times(8), height=self.times(6),
+                reference_spp=self.times(1, 2), runs=self.times(1), **self.some(spp=lambda: self.times((1,), (1, 2), (0,), (-1, 2)), seed=small),
             ),
         }
         if hasattr(headtail, "fit"):
@@ -84,7 +90,7 @@ class Calls:
                 **self.some(head=lambda: self.mostly({"bins": 4}, {"hidden": 8}, {"bins": 1}), preset=self.thing, seed=small, tail=lambda: self.mostly("row-column")),
             )
             functions["settings"] = lambda: headtail.settings(self.thing(), **self.some(head=self.thing, steps=self.thing))
-        name = self.one_of(["sample", "pdf", *functions])
+        name = self.one_of(["sample", "pdf"] * 6 + list(functions))
         return name, functions[name]
 
 
