@@ -34,10 +34,10 @@ fn what_has_no_shader_is_refused_with_a_sentence() {
     let at = folder.path();
     let run = "--steps 1 --set conditions=4 --set validation_conditions=2 --out head";
     succeed(at, &format!("fit --env sunset --material lambert --compact-emitters {run}"));
-    assert!(
-        fail(at, "export head/sampler.safetensors --target wgsl --out x")
-            .contains("compact_emitters: there is no form for other devices")
-    );
+    let file = "head/sampler.safetensors --target wgsl --out x";
+    assert!(fail(at, &format!("export {file}")).contains("give the map"));
+    assert!(fail(at, &format!("export {file} --env studio")).contains("was made for the environment 'sunset'"));
+    succeed(at, &format!("export {file} --env sunset"));
     assert!(fail(at, "export patches --target wgsl --out x").contains("give --env MAP"));
     assert!(fail(at, "export missing --target wgsl --out x").contains("missing"));
 }

@@ -30,6 +30,15 @@ def environment_of(emitter):
     return headtail.Environment.from_array(texels[..., :3] * scale, "scene")
 
 
+def product_of(arrays, loops=None):
+    """(the sampler of arrays, the sampler of all light but that of compact emitters). `loops` is as in `Network`."""
+    if "head.layers" in arrays:
+        rest = Head(arrays, loops)
+    else:
+        rest = (Table if "table.along" in arrays else Patches)(arrays)
+    return (WithCompactEmitters(arrays, rest) if "compact.windows" in arrays else rest), rest
+
+
 class Light:
     """The environment of a scene with its sampler, made on first use."""
 
@@ -53,12 +62,8 @@ class Light:
             sampler = headtail.bake(map)
         else:
             sampler = headtail.Sampler.from_spec(spec, map)
-        arrays = sampler._native.arrays()
-        kind = Table if "table.along" in arrays else Head if "head.layers" in arrays else Patches
         # `rest` is what draws all light but that of compact emitters.
-        self.rest = self.product = kind(arrays)
-        if "compact.windows" in arrays:
-            self.product = WithCompactEmitters(arrays, self.rest)
+        self.product, self.rest = product_of(sampler._native.arrays())
 
     def radiance(self, ray, wi, active):
         """What arrives from a direction in world space."""
