@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use headtail_render::{
-    export::{ExportedSampler, flat_patches, flat_table},
+    export::{ExportedSampler, flat_exported, flat_patches},
     file::replace,
     patches::Detail,
     tail::{Tail, TailKind},
@@ -24,12 +24,12 @@ use crate::terminal::say;
 
 DIR/headtail.EXT has the functions headtail_sample, headtail_pdf and headtail_share and, as an example, a compute shader headtail_draw. \
 DIR/floats.bin and DIR/integers.bin are the buffers of bindings 0 and 1 (little-endian, 32 bits), DIR/layout.json says what lies where. \
-There are shaders of tables and of patches, over the hierarchical tail.")]
+There are shaders of tables and heads over every tail, and of patches. A file with compact emitters takes its map: --env MAP.")]
 pub struct Arguments {
-    /// A table that `bake` wrote, or patches, or patches:fine, which need --env.
+    /// A table that `bake` wrote or a head that `fit` wrote, or patches, or patches:fine, which need --env.
     #[arg(value_name = "FILE|patches")]
     sampler: String,
-    /// The map of patches: a built-in environment or a .hdr or .exr file.
+    /// The map of patches, or of a file with compact emitters: a built-in environment or a .hdr or .exr file.
     #[arg(long, value_name = "MAP")]
     env: Option<String>,
     /// The language.
@@ -79,10 +79,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             flat_patches(&Tail::of_environment(TailKind::Hierarchical, &*open_environment(map)?)?, detail)?
         }
         (Some(_), None) => bail!("{} needs the map: give --env MAP", arguments.sampler),
-        (None, Some(_)) => bail!("--env: a file has its map already"),
-        (None, None) => {
-            let file = PathBuf::from(&arguments.sampler);
-            flat_table(&ExportedSampler::read(&file)?).map_err(|error| error.in_file(&file))?
+        (None, map) => {
+            let (file, map) = (PathBuf::from(&arguments.sampler), map.as_deref().map(open_environment).transpose()?);
+            flat_exported(&ExportedSampler::read(&file)?, map.as_ref()).map_err(|error| error.in_file(&file))?
         }
     };
     let (shader, target) = (Shader::new(&arrays)?, Target::from(arguments.target));

@@ -4,8 +4,8 @@ World space is right-handed with Y up; directions are unit vectors that point aw
 is over solid angle, and a pdf of 0 means that there is no sample. A map's layout is that of Mitsuba 3's `envmap` without a transform.
 """
 
+from . import _native
 from ._environment import Environment
-from ._fit import fit, settings
 from ._native import HeadtailError
 from ._render import Rendering, Scene, compare, render
 from ._sampler import Draws, Sampler, bake
@@ -19,7 +19,11 @@ __all__ = [
     "Scene",
     "bake",
     "compare",
-    "fit",
     "render",
-    "settings",
 ]
+
+# A build can leave training out.
+if hasattr(_native, "fit"):
+    from ._fit import fit, settings  # noqa: F401
+
+    __all__ += ["fit", "settings"]

@@ -83,6 +83,8 @@ class Sampler:
 def bake(source, *, normals=(16, 32), cells=(32, 32), tail="hierarchical"):
     """The table of a map (light x cosine itself, no training), or of a trained head: a `Sampler`."""
     if isinstance(source, Sampler):
+        if not hasattr(_native, "bake_head"):
+            raise _native.HeadtailError("bake: heads are baked by builds with training alone")
         return Sampler(_native.bake_head(source._native, _grid(normals, "normals"), _grid(cells, "cells")))
     return Sampler(_native.Sampler.direct(environment(source)._native, _grid(normals, "normals"), _grid(cells, "cells"), tail))
 

@@ -7,7 +7,7 @@ use headtail_render::{
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
     environment,
     estimator::{Estimator, SingleSample},
-    export::{ExportedSampler, Intermediate, flat_patches, flat_table},
+    export::{ExportedSampler, Intermediate, flat_patches, flat_exported},
     flat::{FlatArray, FlatNumbers},
     image::Image,
     sampler::{self, Covering},
@@ -111,7 +111,7 @@ impl Sampler {
         };
         let arrays = py.detach(|| match (patches, &self.exported) {
             (Some(detail), _) => flat_patches(&Tail::of_environment(TailKind::Hierarchical, &self.map)?, detail),
-            (None, Some(exported)) => flat_table(exported),
+            (None, Some(exported)) => flat_exported(exported, self.has_map.then_some(&self.map)),
             (None, None) => Err(headtail_render::Error::argument(
                 &*self.name,
                 "has no form for other devices: use patches or a table",

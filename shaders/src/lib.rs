@@ -59,13 +59,23 @@ pub struct Shader {
     pub layout: String,
 }
 
-const WARP: &str = include_str!("../wgsl/warp.wgsl");
+const SQUARE: &str = include_str!("../wgsl/square.wgsl");
+const CELLS: &str = include_str!("../wgsl/cells.wgsl");
+const WINDOWS: &str = include_str!("../wgsl/windows.wgsl");
+const HIERARCHICAL: &str = include_str!("../wgsl/hierarchical.wgsl");
+const ROW_COLUMN: &str = include_str!("../wgsl/row_column.wgsl");
+const FLOW: &str = include_str!("../wgsl/flow.wgsl");
+const COMPACT: &str = include_str!("../wgsl/compact.wgsl");
 const PATCHES: &str = include_str!("../wgsl/patches.wgsl");
 const TABLE: &str = include_str!("../wgsl/table.wgsl");
+const NETWORK: &str = include_str!("../wgsl/network.wgsl");
+const SPLINE: &str = include_str!("../wgsl/spline.wgsl");
+const HEAD: &str = include_str!("../wgsl/head.wgsl");
 const EXAMPLE: &str = include_str!("../wgsl/example.wgsl");
 
 impl Shader {
-    /// The shader of a sampler's arrays (see [`headtail_render::export::flat_patches`] and [`headtail_render::export::flat_table`]).
+    /// The shader of a sampler's arrays (see [`headtail_render::export::flat_patches`] and
+    /// [`headtail_render::export::flat_exported`]).
     ///
     /// # Errors
     /// The arrays are not those of a sampler, or hold more numbers than a device can address.
@@ -90,24 +100,18 @@ impl Shader {
         if floats.len().max(integers.len()) > u32::MAX as usize / 4 {
             return Err(Error::argument("sampler", "holds more numbers than a device can address"));
         }
-        let tail = shape_of(arrays, "tail.nodes")?;
-        constant("width", tail[1]);
-        constant("rows", tail[0] - 1);
-        constant("levels", shape_of(arrays, "tail.levels")?[0]);
-        let product = if let Ok(table) = shape_of(arrays, "table.along") {
-            let numbers = arrays.iter().find(|array| array.name == "table.shape").map(|array| &array.numbers);
-            let Some(FlatNumbers::Integers(grid)) = numbers else { return Err(missing("table.shape")) };
-            for (name, &count) in ["polar", "azimuth"].into_iter().zip(grid) {
-                constant(name, count as usize);
+        let tail = tail_concepts(arrays, &mut constant)?;
+        let concepts = density_concepts(arrays, &mut constant)?;
+        let mut parts = [&[SQUARE][..], &tail, &concepts].concat().join("\n");
+        if let Ok(emitters) = shape_of(arrays, "compact.windows") {
+            constant("emitters", emitters[0]);
+            constant("emitters_and_rest", emitters[0] + 1);
+            for name in ["sample", "pdf", "share"] {
+                parts = parts.replace(&format!("fn headtail_{name}("), &format!("fn headtail_rest_{name}("));
             }
-            constant("table_rows", table[1]);
-            constant("table_columns", table[2]);
-            TABLE
-        } else {
-            shape_of(arrays, "patches.clusters")?;
-            PATCHES
-        };
-        let source = [&source, WARP, product, EXAMPLE].join("\n");
+            parts = [&parts, COMPACT].join("\n");
+        }
+        let source = [&source, &parts, EXAMPLE].join("\n");
         let layout = serde_json::to_string_pretty(&layout).unwrap_or_default();
         Ok(Self { source, floats, integers, layout })
     }
@@ -167,6 +171,91 @@ fn append<T: Copy>(all: &mut Vec<T>, numbers: &[T]) -> usize {
     let start = all.len();
     all.extend_from_slice(numbers);
     start
+}
+
+/// The shaders of a tail and of the cells and windows that it or compact emitters take, and their sizes.
+fn tail_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)) -> Result<Vec<&'static str>> {
+    let own = if let Ok(cells) = shape_of(arrays, "tail.cells") {
+        constant("side", cells[0].isqrt());
+        FLOW
+    } else if let Ok(levels) = shape_of(arrays, "tail.levels") {
+        constant("levels", levels[0]);
+        HIERARCHICAL
+    } else {
+        ROW_COLUMN
+    };
+    // The map's columns of texels and rows of cells, where one of the arrays says them.
+    let of_shape = |name: &str| integers_of(arrays, name).map(|shape| [shape[0] as usize, shape[1] as usize]);
+    let of_nodes = || shape_of(arrays, "tail.nodes").map(|nodes| [nodes[1], nodes[0] - 1]);
+    let size = of_shape("tail.shape").or_else(|_| of_shape("compact.shape")).or_else(|_| of_nodes());
+    match size {
+        Ok([width, rows]) => {
+            constant("width", width);
+            constant("rows", rows);
+            Ok(vec![CELLS, WINDOWS, own])
+        }
+        Err(_) if own == FLOW => Ok(vec![own]),
+        Err(error) => Err(error),
+    }
+}
+
+/// The shaders of a density over Y, and their sizes.
+fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)) -> Result<Vec<&'static str>> {
+    if let Ok(table) = shape_of(arrays, "table.along") {
+        for (name, &count) in ["polar", "azimuth"].into_iter().zip(integers_of(arrays, "table.shape")?) {
+            constant(name, count as usize);
+        }
+        constant("table_rows", table[1]);
+        constant("table_columns", table[2]);
+        return Ok(vec![TABLE]);
+    }
+    if let Ok(layers) = integers_of(arrays, "head.layers") {
+        for (name, value) in head_constants(layers, integers_of(arrays, "head.shape")?)? {
+            constant(name, value);
+        }
+        return Ok(vec![NETWORK, SPLINE, HEAD]);
+    }
+    shape_of(arrays, "patches.clusters")?;
+    Ok(vec![PATCHES])
+}
+
+/// The sizes of a head's networks, and how its numbers between layers lie in one list: what networks see (and two features behind it), two rows of
+/// hidden numbers that layers alternate between, logits. Layers write whole blocks of four.
+fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, usize)>> {
+    let &[condition, coupled, encoder, elevation, azimuth, selection, elevation_bins, azimuth_bins] = shape else {
+        return Err(missing("head.shape"));
+    };
+    let outputs: Vec<usize> = layers.chunks_exact(4).map(|layer| layer[1] as usize).collect();
+    let of_encoder = if encoder > 0 { outputs.get(encoder as usize - 1).copied().unwrap_or(0) } else { 0 };
+    let seen = condition as usize + of_encoder;
+    let widest = outputs.iter().copied().max().unwrap_or(0).next_multiple_of(4);
+    let hidden = seen + 4;
+    let logits = hidden + 2 * widest;
+    let own = [
+        ("head_condition", condition),
+        ("head_coupled", coupled),
+        ("head_encoder_layers", encoder),
+        ("head_elevation_layers", elevation),
+        ("head_azimuth_layers", azimuth),
+        ("head_selection_layers", selection),
+        ("head_elevation_bins", elevation_bins),
+        ("head_azimuth_bins", azimuth_bins),
+    ];
+    let places = [
+        ("head_seen", seen),
+        ("head_widest", widest),
+        ("head_hidden", hidden),
+        ("head_logits", logits),
+        ("head_units", logits + widest),
+    ];
+    Ok(own.into_iter().map(|(name, number)| (name, number as usize)).chain(places).collect())
+}
+
+fn integers_of<'a>(arrays: &'a [FlatArray], name: &str) -> Result<&'a [u32]> {
+    match arrays.iter().find(|array| array.name == name).map(|array| &array.numbers) {
+        Some(FlatNumbers::Integers(numbers)) => Ok(numbers),
+        _ => Err(missing(name)),
+    }
 }
 
 fn missing(name: &str) -> Error {

@@ -3,19 +3,21 @@
 //! Points and densities agree to rounding, but where rounding puts a point on the other side of a border (of a patch, a cell of a table, a texel):
 //! there densities jump, and few points are near to borders.
 
-use std::{borrow::Cow, sync::Arc};
+use std::{borrow::Cow, path::Path, sync::Arc};
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
     brdf::{Ggx, Kernel, Lambert},
-    environment::Environment,
-    export::{ExportedSampler, Intermediate, flat_patches, flat_table},
+    environment::{Environment, without_compact_emitters},
+    export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
+    head::{Condition, Head, Linear, Mode},
     patches::{Detail, PatchSampler},
     random::{Purpose, Stream},
     sampler::{EnvironmentLight, Sampler},
-    tail::TailKind,
+    spline::logit_count,
+    tail::{Tail, TailKind, WarpMap},
 };
 use headtail_shaders::Shader;
 use wgpu::util::DeviceExt;
@@ -47,12 +49,12 @@ struct Answer {
 }
 
 /// Points everywhere; among normals and directions are the poles, and directions along the seam of the map.
-fn queries(glossy: bool) -> (Vec<Query>, Vec<f32>) {
+fn queries(count: usize, glossy: bool) -> (Vec<Query>, Vec<f32>) {
     let mut random = Stream::new(11, Purpose::Test, u64::from(glossy));
     let special =
         [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [-1e-7, 0.0, -1.0], [1e-4, 1.0, -1e-4], [1.0, 0.0, 0.0]];
-    let mut alphas = Vec::with_capacity(COUNT);
-    let queries = (0..COUNT).map(|k| {
+    let mut alphas = Vec::with_capacity(count);
+    let queries = (0..count).map(|k| {
         let mut direction = |every: usize| -> [f32; 3] {
             let own = random.direction().to_array();
             if k % every == 0 {
@@ -128,8 +130,8 @@ fn draw_on_device(shader: &Shader, queries: &[Query]) -> Option<Vec<Answer>> {
 }
 
 /// Compares a shader with its native sampler; prints how far they are apart.
-fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, glossy: bool) {
-    let (queries, alphas) = queries(glossy);
+fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glossy: bool) {
+    let (queries, alphas) = queries(count, glossy);
     let start = std::time::Instant::now();
     let answers = draw_on_device(shader, &queries).expect("a device: install mesa-vulkan-drivers");
     let seconds = start.elapsed().as_secs_f64();
@@ -138,7 +140,7 @@ fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, glossy: bool) {
     let given: Vec<[f32; 3]> = queries.iter().map(|q| [q.wi[0], q.wi[1], q.wi[2]]).collect();
     let surface = if glossy { SurfaceList::Glossy { alpha: &alphas, f0: &[1.0] } } else { SurfaceList::Diffuse };
     let at = PointList { n: &n, wo: &wo, surface };
-    let (mut wi, mut pdf, mut of_given) = (vec![[0.0; 3]; COUNT], vec![0.0; COUNT], vec![0.0; COUNT]);
+    let (mut wi, mut pdf, mut of_given) = (vec![[0.0; 3]; count], vec![0.0; count], vec![0.0; count]);
     batch::sample(sampler, &at, Numbers::Given(&u), DrawList { wi: &mut wi, pdf: &mut pdf, radiance: None }).unwrap();
     batch::pdf(sampler, &at, &given, &mut of_given).unwrap();
     let near = |a: f32, b: f32| (a - b).abs() <= TOLERANCE * a.abs().max(b.abs());
@@ -150,15 +152,15 @@ fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, glossy: bool) {
         pdfs += usize::from(!near(answer.pdf, pdf[k]));
         givens += usize::from(!near(answer.pdf_of_given, of_given[k]));
     }
-    let share = |count: usize| count as f64 / COUNT as f64;
+    let share = |far: usize| far as f64 / count as f64;
     println!(
         "{name}: beyond {TOLERANCE}: directions {:.1e}, their pdfs {:.1e}, pdfs of given directions {:.1e}; {seconds:.2} s on the device",
         share(directions),
         share(pdfs),
         share(givens)
     );
-    for count in [directions, pdfs, givens] {
-        assert!(share(count) < ACROSS, "{name}: {count} of {COUNT}");
+    for far in [directions, pdfs, givens] {
+        assert!(share(far) < ACROSS, "{name}: {far} of {count}");
     }
 }
 
@@ -168,11 +170,101 @@ fn shaders_draw_what_the_native_samplers_draw() {
     let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical).unwrap();
     let shader = Shader::new(&flat_patches(light.tail(), Detail::Leaves).unwrap()).unwrap();
     let patches = PatchSampler::new(light.clone(), Detail::Leaves).unwrap();
-    compare("patches, diffuse", &shader, &patches, false);
-    compare("patches, glossy", &shader, &patches, true);
+    compare("patches, diffuse", &shader, &patches, COUNT, false);
+    compare("patches, glossy", &shader, &patches, COUNT, true);
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap()).unwrap();
     let exported = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
-    let shader = Shader::new(&flat_table(&exported).unwrap()).unwrap();
+    let shader = Shader::new(&flat_exported(&exported, None).unwrap()).unwrap();
     let native = exported.open(&map).unwrap();
-    compare("table", &shader, &native, false);
+    compare("table", &shader, &native, COUNT, false);
+}
+
+/// Layers of random weights between sizes, of such a size that numbers neither grow nor shrink much on their way.
+fn layers(sizes: &[usize], random: &mut Stream) -> Vec<Linear> {
+    let mut layer = |pair: &[usize]| {
+        let [inputs, outputs] = [pair[0], pair[1]];
+        let reach = (3.0 / inputs as f32).sqrt();
+        let mut numbers =
+            |count: usize| -> Vec<f32> { (0..count).map(|_| reach * (2.0 * random.uniform() - 1.0)).collect() };
+        let (weight, bias) = (numbers(inputs * outputs), numbers(outputs));
+        Linear::new("layer", inputs, outputs, &weight, bias).unwrap()
+    };
+    sizes.windows(2).map(&mut layer).collect()
+}
+
+/// A head of random weights.
+fn head(condition: Condition, mode: Mode, encoder: &[usize], hidden: &[usize], bins: [usize; 2]) -> Head {
+    let mut random = Stream::new(17, Purpose::Test, hidden.len() as u64);
+    let encoder = [&[condition.length()], encoder].concat();
+    let seen = condition.length() + if encoder.len() > 1 { encoder[encoder.len() - 1] } else { 0 };
+    let features = [if mode == Mode::Coupled { 2 } else { 0 }, 1];
+    let networks = [0, 1].map(|k| {
+        let sizes = [&[seen + features[k]], hidden, &[logit_count(bins[k])]].concat();
+        layers(&sizes, &mut random)
+    });
+    let encoder = layers(&encoder, &mut random);
+    let selection = layers(&[seen, 13, 1], &mut random);
+    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_selection(selection).unwrap()
+}
+
+#[test]
+fn shaders_of_heads_draw_what_the_native_heads_draw() {
+    let read = |name: &str| ExportedSampler::read(Path::new(name)).unwrap();
+    let studio = Arc::new(Environment::open("studio").unwrap());
+    let trained = read("../checkpoints/studio-head.safetensors");
+    let of_head =
+        |head: Head| ExportedSampler::new(Intermediate::Head(head), TailKind::Hierarchical, &studio, None).unwrap();
+    let (coupled, autoregressive) = (Mode::Coupled, Mode::Autoregressive);
+    for (name, exported, count, glossy) in [
+        ("head of a checkpoint", trained, COUNT, false),
+        (
+            "head, 4 layers, 61 wide",
+            of_head(head(Condition::Normal, autoregressive, &[9, 30], &[61; 3], [32, 17])),
+            COUNT / 16,
+            false,
+        ),
+        ("head, widest, most bins", of_head(head(Condition::Ggx, coupled, &[], &[256], [64; 2])), COUNT / 16, true),
+        (
+            "head for widths",
+            of_head(head(Condition::GgxRoughness, coupled, &[33], &[64; 2], [2, 16])),
+            COUNT / 16,
+            true,
+        ),
+    ] {
+        let shader = Shader::new(&flat_exported(&exported, None).unwrap()).unwrap();
+        let native = exported.sampler(&studio, false).unwrap();
+        compare(name, &shader, &*native, count, glossy);
+    }
+}
+
+/// A smooth warp that gathers points around one, as under a lamp.
+fn gathered(cells: usize) -> WarpMap {
+    let node = |k: usize| {
+        let (u, v) = ((k % cells) as f32 / cells as f32, (k / cells) as f32 / cells as f32);
+        let turn = std::f32::consts::TAU;
+        let down = if k >= cells * cells { 1.0 } else { v + 0.12 * (turn * v).sin() };
+        Vec2::new(u + 0.14 * (turn * u).sin() + 0.9 * v, down)
+    };
+    let nodes: Vec<Vec2> = (0..cells * (cells + 1)).map(node).collect();
+    WarpMap::new(cells, &nodes).unwrap()
+}
+
+#[test]
+fn shaders_over_other_tails_draw_what_the_native_samplers_draw() {
+    let map = Arc::new(Environment::open("sunset").unwrap());
+    let (width, height, luminance) = (map.width(), map.height(), map.luminance());
+    let rest = without_compact_emitters(width, height, &luminance).expect("the map has a sun");
+    let tails = [
+        ("row-column tail", Tail::new(TailKind::RowColumn, width, height, &luminance), &luminance),
+        ("flow tail", Tail::flow(gathered(64), width, height, &luminance), &luminance),
+        ("compact emitters", Tail::new(TailKind::Hierarchical, width, height, &rest), &rest),
+    ];
+    for (name, tail, light) in tails {
+        let tail = Arc::new(tail.unwrap());
+        let head = Intermediate::Head(head(Condition::Normal, Mode::Coupled, &[], &[16], [4, 5]));
+        let exported = ExportedSampler::of_tail(head, tail, light.clone(), &map, None);
+        let shader = Shader::new(&flat_exported(&exported, Some(&map)).unwrap()).unwrap();
+        let native = exported.sampler(&map, false).unwrap();
+        compare(name, &shader, &*native, COUNT / 4, false);
+    }
 }

@@ -1,21 +1,34 @@
 //! Every shader is valid, and has a translation to every language.
 
+use std::{path::Path, sync::Arc};
+
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
-    environment::Environment,
-    export::{ExportedSampler, Intermediate, flat_patches, flat_table},
+    environment::{Environment, without_compact_emitters},
+    export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
     patches::Detail,
     tail::{Tail, TailKind},
 };
 use headtail_shaders::{Shader, Target};
 
-fn shaders() -> [Shader; 2] {
+fn shaders() -> Vec<Shader> {
     let map = Environment::open("studio").unwrap();
     let tail = Tail::of_environment(TailKind::Hierarchical, &map).unwrap();
     let table = direct_bake(&tail, NormalGrid::new(4, 8).unwrap(), CellGrid::new(8, 8).unwrap()).unwrap();
     let exported = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
-    [flat_patches(&tail, Detail::Leaves).unwrap(), flat_table(&exported).unwrap()]
-        .map(|arrays| Shader::new(&arrays).unwrap())
+    let sunset = Arc::new(Environment::open("sunset").unwrap());
+    let (width, height) = (sunset.width(), sunset.height());
+    let rest = without_compact_emitters(width, height, &sunset.luminance()).expect("the map has a sun");
+    let row_column = Tail::new(TailKind::RowColumn, width, height, &rest).unwrap();
+    let head = ExportedSampler::read(Path::new("../checkpoints/studio-head.safetensors")).unwrap();
+    let beside_a_sun = ExportedSampler::of_tail(head.intermediate.clone(), Arc::new(row_column), rest, &sunset, None);
+    let arrays = [
+        flat_patches(&tail, Detail::Leaves),
+        flat_exported(&exported, None),
+        flat_exported(&head, None),
+        flat_exported(&beside_a_sun, Some(&sunset)),
+    ];
+    arrays.into_iter().map(|arrays| Shader::new(&arrays.unwrap()).unwrap()).collect()
 }
 
 #[test]

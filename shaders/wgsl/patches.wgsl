@@ -125,7 +125,7 @@ fn headtail_within(start: f32, end: f32, inside: f32) -> f32 {
 }
 
 // The share of samples to draw here, beside sampling the BSDF; 1 for diffuse surfaces.
-fn headtail_share(lobes: vec4<f32>) -> f32 {
+fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
     if (!(lobes.y > 0.0)) { return 1.0; }
     let of_lobe = clamp(0.5 * pow(0.05 / lobes.w, 1.25), 0.03, 0.9);
     let reflected = lobes.y * max(lobes.z, 0.3);

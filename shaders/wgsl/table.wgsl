@@ -53,7 +53,7 @@ fn headtail_of_mass(mass: f32, total: f32) -> f32 {
 }
 
 // All samples are drawn here: the table is for diffuse surfaces.
-fn headtail_share(lobes: vec4<f32>) -> f32 {
+fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
     return 1.0;
 }
 
@@ -87,9 +87,8 @@ fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) 
 fn headtail_pdf(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, wi: vec3<f32>) -> f32 {
     let b = headtail_prepare(n);
     let x = headtail_square(wi);
-    let cell = headtail_cell(x.xy);
-    let y = headtail_inverse(cell);
+    let y = headtail_pull_back(x.xy);
     let row = min(u32(y.y * f32(HEADTAIL_TABLE_ROWS)), HEADTAIL_TABLE_ROWS - 1u);
     let column = min(u32(y.x * f32(HEADTAIL_TABLE_COLUMNS)), HEADTAIL_TABLE_COLUMNS - 1u);
-    return headtail_of_mass(headtail_mass(b, row, column), headtail_down(b, HEADTAIL_TABLE_ROWS - 1u)) * headtail_density(cell) * x.z;
+    return headtail_of_mass(headtail_mass(b, row, column), headtail_down(b, HEADTAIL_TABLE_ROWS - 1u)) * y.z * x.z;
 }

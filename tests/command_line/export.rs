@@ -14,6 +14,11 @@ fn shaders_are_written_with_their_buffers() {
         assert!(said.contains(&format!("table-{target}/{file} written")), "{said}");
         assert!(fs::metadata(at.join(format!("table-{target}/{file}"))).unwrap().len() > 1000);
     }
+    succeed(
+        at,
+        "fit --env overcast --material lambert --steps 1 --set conditions=4 --set validation_conditions=2 --tail row-column --out head",
+    );
+    succeed(at, "export head/sampler.safetensors --target hlsl --out head-hlsl");
     succeed(at, "export patches --env overcast --target glsl --out patches");
     let layout = fs::read_to_string(at.join("patches/layout.json")).unwrap();
     let layout: serde_json::Value = serde_json::from_str(&layout).unwrap();
@@ -27,8 +32,12 @@ fn shaders_are_written_with_their_buffers() {
 fn what_has_no_shader_is_refused_with_a_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    succeed(at, "bake --direct --env overcast --tail row-column --normals 4x6 --cells 4x4 --out table");
-    assert!(fail(at, "export table --target wgsl --out x").contains("of the hierarchical one alone"));
+    let run = "--steps 1 --set conditions=4 --set validation_conditions=2 --out head";
+    succeed(at, &format!("fit --env sunset --material lambert --compact-emitters {run}"));
+    let file = "head/sampler.safetensors --target wgsl --out x";
+    assert!(fail(at, &format!("export {file}")).contains("give the map"));
+    assert!(fail(at, &format!("export {file} --env studio")).contains("was made for the environment 'sunset'"));
+    succeed(at, &format!("export {file} --env sunset"));
     assert!(fail(at, "export patches --target wgsl --out x").contains("give --env MAP"));
     assert!(fail(at, "export missing --target wgsl --out x").contains("missing"));
 }

@@ -7,6 +7,8 @@ import numpy as np
 import headtail
 from headtail import HeadtailError
 
+from ._compact import WithCompactEmitters
+from ._head import NORMAL, Head
 from ._patches import Patches, Point
 from ._surface import Surfaces
 from ._table import Table
@@ -26,6 +28,15 @@ def environment_of(emitter):
     if texels.shape[2] == 1:
         texels = np.repeat(texels, 3, 2)
     return headtail.Environment.from_array(texels[..., :3] * scale, "scene")
+
+
+def product_of(arrays, loops=None):
+    """(the sampler of arrays, the sampler of all light but that of compact emitters). `loops` is as in `Network`."""
+    if "head.layers" in arrays:
+        rest = Head(arrays, loops)
+    else:
+        rest = (Table if "table.along" in arrays else Patches)(arrays)
+    return (WithCompactEmitters(arrays, rest) if "compact.windows" in arrays else rest), rest
 
 
 class Light:
@@ -51,8 +62,8 @@ class Light:
             sampler = headtail.bake(map)
         else:
             sampler = headtail.Sampler.from_spec(spec, map)
-        arrays = sampler._native.arrays()
-        self.product = Table(arrays) if "table.along" in arrays else Patches(arrays)
+        # `rest` is what draws all light but that of compact emitters.
+        self.product, self.rest = product_of(sampler._native.arrays())
 
     def radiance(self, ray, wi, active):
         """What arrives from a direction in world space."""
@@ -68,18 +79,24 @@ class Light:
             if self.surfaces.are_diffuse:
                 return [self.patches_alone(sampler, si, bsdf, n, wo, active)]
             return [self.patches_beside_bsdf(sampler, si, bsdf, n, wo, active)]
-        prepared = self.product.prepare(n)
+        # What a head that sees no directions has learned of its share is for diffuse surfaces.
+        sees_views = isinstance(self.rest, Head) and self.rest.condition != NORMAL
+        *lobes, can_draw = self.surfaces.lobes(bsdf, si, active) if sees_views else (None, active)
+        prepared = self.product.prepare(Point(n, wo, lobes if sees_views else None))
         if self.surfaces.are_diffuse:
-            return [self.table_alone(sampler, si, bsdf, prepared, active)]
-        return self.table_and_bsdf(sampler, si, bsdf, prepared, active)
+            return [self.product_alone(sampler, si, bsdf, prepared, active)]
+        if sees_views and self.rest.has_selection:
+            share = dr.select(can_draw, self.product.share(prepared), 0)
+            return [self.product_beside_bsdf(sampler, si, bsdf, prepared, share, active)]
+        return self.product_and_bsdf(sampler, si, bsdf, prepared, active)
 
     def patches_alone(self, sampler, si, bsdf, n, wo, active):
         """One direction of patches, for diffuse surfaces."""
         local, pdf = self.product.sample(Point(n, wo, None), sampler.next_2d(active), None, None, active)
         return self.weighted(si, bsdf, local, pdf, active)
 
-    def table_alone(self, sampler, si, bsdf, prepared, active):
-        """One direction of the table, for diffuse surfaces."""
+    def product_alone(self, sampler, si, bsdf, prepared, active):
+        """One direction of a table or a head, for diffuse surfaces."""
         local, pdf = self.product.sample(prepared, sampler.next_2d(active), active)
         return self.weighted(si, bsdf, local, pdf, active)
 
@@ -99,15 +116,31 @@ class Light:
         z.x = dr.select(by_product, remap(z.x, 0, share), 0)
         local, pdf = self.product.sample(Point(n, wo, lobes), z, by_bsdf, self.to_map @ si.to_world(drawn.wo), active)
         wi = dr.select(by_bsdf, si.to_world(drawn.wo), self.to_world @ local)
-        value, other = bsdf.eval_pdf(context, si, si.to_local(wi), active)
+        return self.mixed(si, bsdf, share, pdf, wi, by_bsdf, drawn, weight, active)
+
+    def product_beside_bsdf(self, sampler, si, bsdf, prepared, share, active):
+        """One direction of a head or of the BSDF, with the mixture's pdf and the head's own share."""
+        z = sampler.next_2d(active)
+        by_bsdf = active & ~(z.x < share)
+        drawn, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(active), sampler.next_2d(active), by_bsdf)
+        z.x = dr.select(by_bsdf, 0, remap(z.x, 0, share))
+        local, pdf = self.product.sample(prepared, z, active & ~by_bsdf)
+        wi = dr.select(by_bsdf, si.to_world(drawn.wo), self.to_world @ local)
+        pdf = dr.select(by_bsdf, self.product.pdf(prepared, self.to_map @ wi, by_bsdf), pdf)
+        return self.mixed(si, bsdf, share, pdf, wi, by_bsdf, drawn, weight, active)
+
+    @staticmethod
+    def mixed(si, bsdf, share, pdf, wi, by_bsdf, drawn, weight, active):
+        """A direction of the product or of the BSDF, weighted by the mixture's pdf."""
+        value, other = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(wi), active)
         mixed = share * pdf + (1 - share) * other
         # A lobe without width has no density: it is a technique of its own.
         is_delta = by_bsdf & mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
         ratio = dr.select(is_delta, weight / (1 - share), dr.select(mixed > 0, value / mixed, 0))
         return wi, ratio, active & (by_bsdf | (pdf > 0))
 
-    def table_and_bsdf(self, sampler, si, bsdf, prepared, active):
-        """Two directions, one of the table and one of the BSDF, power heuristic."""
+    def product_and_bsdf(self, sampler, si, bsdf, prepared, active):
+        """Two directions, one of a table or a head and one of the BSDF, power heuristic."""
         context = mi.BSDFContext()
         local, pdf = self.product.sample(prepared, sampler.next_2d(active), active)
         wi = self.to_world @ local

@@ -4,7 +4,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ._warp import BELOW_ONE, Tail, directions, remap, squares, upload
+from ._tails import tail_of
+from ._warp import BELOW_ONE, directions, remap, squares, upload
 
 
 def fast_atan2(y, x):
@@ -22,7 +23,7 @@ class Table:
     """The sampler of a table of `arrays` (see `BakedTable::flat` in the crate headtail-render) over its tail."""
 
     def __init__(self, arrays):
-        self.tail = Tail(arrays)
+        self.tail = tail_of(arrays)
         self.polar, self.azimuth, self.rows, self.columns = (int(count) for count in arrays["table.shape"])
         self.down = upload(self.around(arrays["table.down"]))
         self.along = upload(self.around(arrays["table.along"]))
@@ -34,8 +35,9 @@ class Table:
         east = np.roll(sums, -1, 1)
         return np.stack([sums[:-1], east[:-1], sums[1:], east[1:]], -1)
 
-    def prepare(self, n):
-        """The cell of the grid of normals, four weights and the total mass."""
+    def prepare(self, at):
+        """The cell of the grid of normals around a shading point's, and four weights."""
+        n = at.n
         a = fast_atan2(n.x, -n.z) * (self.azimuth * dr.inv_two_pi)
         a = dr.select(a < 0, a + self.azimuth, a)
         p = dr.maximum(fast_atan2(dr.sqrt(n.x * n.x + n.z * n.z), n.y), 0) * ((self.polar - 1) * dr.inv_pi)
@@ -90,7 +92,7 @@ class Table:
         """The solid-angle pdf with which `sample` draws a direction."""
         node, weights = prepared
         x, factor = squares(wi)
-        y, density = self.tail.inverse(*self.tail.cell(x), active)
+        y, density = self.tail.pull_back(x, active)
         row = dr.minimum(mi.UInt32(y.y * self.rows), self.rows - 1)
         column = dr.minimum(mi.UInt32(y.x * self.columns), self.columns - 1)
         mass = self.mass(node, weights, row, column, active)

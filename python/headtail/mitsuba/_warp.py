@@ -54,16 +54,40 @@ def upload(array):
     return kind(np.ascontiguousarray(array).ravel())
 
 
-class Tail:
-    """The warp of `arrays` (see `Hierarchical::flat` in the crate headtail-render)."""
+class Cells:
+    """The cells between the texels of a map: columns of texels, rows of cells."""
+
+    def __init__(self, width, rows):
+        self.width, self.rows = width, rows
+
+    def cell(self, x):
+        """The number of the cell of a point of X, and the position inside."""
+        across = x.x * self.width - 0.5
+        across = dr.select(across < 0, across + self.width, across)
+        down = x.y * self.rows
+        column = mi.UInt32(dr.clip(mi.Int32(across), 0, self.width - 1))
+        row = mi.UInt32(dr.clip(mi.Int32(down), 0, self.rows - 1))
+        inside = mi.Point2f(dr.clip(across - mi.Float(column), 0, 1), dr.clip(down - mi.Float(row), 0, 1))
+        return row * self.width + column, inside
+
+    def point(self, column, row, across, down):
+        """The point of X at a position in a cell."""
+        x = mi.Point2f((mi.Float(column) + across + 0.5) / self.width, (mi.Float(row) + down) / self.rows)
+        x.x = dr.select(x.x >= 1, dr.clip(x.x - 1, 0, BELOW_ONE), x.x)
+        return x
+
+
+class Tail(Cells):
+    """The quad-tree warp of `arrays` (see `Hierarchical::flat` in the crate headtail-render)."""
 
     def __init__(self, arrays):
-        nodes, cuts, levels = arrays["tail.nodes"], arrays["tail.cuts"], arrays["tail.levels"]
-        self.width, self.rows = nodes.shape[1], nodes.shape[0] - 1
-        self.levels = [tuple(int(number) for number in level) for level in levels]
-        self.cuts = upload(cuts)
+        cuts, levels = arrays["tail.cuts"], arrays["tail.levels"]
+        nodes = arrays["tail.nodes"]
+        super().__init__(nodes.shape[1], nodes.shape[0] - 1)
         east = np.roll(nodes, -1, 1)
         self.corners = upload(np.stack([nodes[:-1], east[:-1], nodes[1:], east[1:]], -1))
+        self.levels = [tuple(int(number) for number in level) for level in levels]
+        self.cuts = upload(cuts)
         self._numpy_cuts, self._rectangles = cuts, None
 
     def forward(self, y, active=True):
@@ -87,27 +111,16 @@ class Tail:
         inside_v = sample_linear(remap(v, top, bottom), a + b, c + d)
         west, east = dr.lerp(a, c, inside_v), dr.lerp(b, d, inside_v)
         inside_u = sample_linear(remap(u, left, right), west, east)
-        x = mi.Point2f((mi.Float(column) + inside_u + 0.5) / self.width, (mi.Float(row) + inside_v) / self.rows)
-        x.x = dr.select(x.x >= 1, dr.clip(x.x - 1, 0, BELOW_ONE), x.x)
-        return x, dr.lerp(west, east, inside_u)
-
-    def cell(self, x):
-        """The number of the cell of a point of X, and the position inside."""
-        across = x.x * self.width - 0.5
-        across = dr.select(across < 0, across + self.width, across)
-        down = x.y * self.rows
-        column = mi.UInt32(dr.clip(mi.Int32(across), 0, self.width - 1))
-        row = mi.UInt32(dr.clip(mi.Int32(down), 0, self.rows - 1))
-        inside = mi.Point2f(dr.clip(across - mi.Float(column), 0, 1), dr.clip(down - mi.Float(row), 0, 1))
-        return row * self.width + column, inside
+        return self.point(column, row, inside_u, inside_v), dr.lerp(west, east, inside_u)
 
     def density(self, cell, inside, active=True):
         """|dy/dx| at a position in a cell."""
         a, b, c, d = dr.gather(mi.Vector4f, self.corners, cell, active)
         return dr.lerp(dr.lerp(a, c, inside.y), dr.lerp(b, d, inside.y), inside.x)
 
-    def inverse(self, cell, inside, active=True):
-        """y of a position in a cell, and |dy/dx|."""
+    def pull_back(self, x, active=True):
+        """y of a point of X, and |dy/dx|."""
+        cell, inside = self.cell(x)
         if self._rectangles is None:
             self._rectangles = upload(self.rectangles())
         a, b, c, d = dr.gather(mi.Vector4f, self.corners, cell, active)

@@ -1,49 +1,49 @@
 //! Whole samplers as flat arrays, for implementations on other devices.
 
+use std::sync::Arc;
+
 use super::{ExportedSampler, Intermediate};
 use crate::{
+    environment::Environment,
     error::{Error, Result},
     flat::FlatArray,
     patches::{Detail, Patches},
-    tail::{Hierarchical, Tail},
+    sampler::CompactEmitters,
+    tail::Tail,
 };
-
-/// The quad-tree tail of a sampler.
-fn hierarchical(tail: &Tail) -> Result<&Hierarchical> {
-    match tail {
-        Tail::Hierarchical(tail) => Ok(tail),
-        Tail::RowColumn(_) | Tail::Flow(_) => {
-            let reason =
-                format!("is {}; there is a form for other devices of the hierarchical one alone", tail.kind().name());
-            Err(Error::argument("tail", reason))
-        }
-    }
-}
 
 /// The arrays of `patches` over a tail.
 ///
 /// # Errors
 /// The tail is not the hierarchical one.
 pub fn flat_patches(tail: &Tail, detail: Detail) -> Result<Vec<FlatArray>> {
-    let tail = hierarchical(tail)?;
+    let Tail::Hierarchical(tail) = tail else {
+        return Err(Error::argument(
+            "tail",
+            format!("is {}; patches are over the hierarchical one", tail.kind().name()),
+        ));
+    };
     let patches = Patches::new(tail, detail);
     Ok([tail.flat(), patches.flat(tail.grid().columns(), tail.grid().rows())].concat())
 }
 
-/// The arrays of a file's table over its tail.
+/// The arrays of a file's table or head over its tail, and of its compact emitters, which take the map that the file was made for.
 ///
 /// # Errors
-/// The file holds a head, another tail, or leaves out compact emitters.
-pub fn flat_table(exported: &ExportedSampler) -> Result<Vec<FlatArray>> {
-    if exported.compact_emitters {
-        return Err(Error::argument("compact_emitters", "there is no form for other devices of them"));
-    }
-    let table = match &exported.intermediate {
+/// The map is another one, or there is none and the file has compact emitters.
+pub fn flat_exported(exported: &ExportedSampler, map: Option<&Arc<Environment>>) -> Result<Vec<FlatArray>> {
+    let intermediate = match &exported.intermediate {
         Intermediate::Bake(table) | Intermediate::DirectBake(table) => table.flat(),
-        Intermediate::Head(_) => {
-            let reason = "holds a head, of which there is no form for other devices; bake it first";
-            return Err(Error::argument("intermediate.kind", reason));
-        }
+        Intermediate::Head(head) => head.flat(),
     };
-    Ok([hierarchical(&exported.tail)?.flat(), table].concat())
+    let mut arrays = [exported.tail.flat(), intermediate].concat();
+    if let Some(map) = map {
+        exported.check_environment(map)?;
+    }
+    if exported.compact_emitters {
+        let reason = "are the difference between the map and the file: give the map";
+        let map = map.ok_or_else(|| Error::argument("compact_emitters", reason))?;
+        arrays.extend(CompactEmitters::new(map, &exported.luminance.2)?.flat());
+    }
+    Ok(arrays)
 }

@@ -11,7 +11,7 @@ mod flat;
 mod read;
 mod write;
 
-pub use flat::{flat_patches, flat_table};
+pub use flat::{flat_exported, flat_patches};
 
 use std::sync::Arc;
 

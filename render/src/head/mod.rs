@@ -1,6 +1,7 @@
 //! Native inference of an exported head warp h: Z -> Y.
 
 mod condition;
+mod flat;
 mod inference;
 mod network;
 mod without_tail;

@@ -1,5 +1,7 @@
 //! Compact emitters sampled on their own, in a mixture with a sampler for the rest of the light.
 
+mod flat;
+
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3A};

@@ -58,6 +58,11 @@ impl RowColumn {
         &mut self.grid
     }
 
+    /// Marginal densities, shares above, and integrals of rows, for other devices.
+    pub(super) fn tables(&self) -> [&[f32]; 3] {
+        [&self.marginal, &self.above, &self.before]
+    }
+
     /// The integral of the blended row from its first texel centre to the left edge of a cell.
     fn before(&self, row: usize, t: f32, column: usize) -> f32 {
         let stride = self.grid.columns() + 1;

@@ -162,6 +162,17 @@ impl WarpMap {
         self.nodes.chunks_exact(self.cells + 1).flat_map(|row| &row[..self.cells]).copied().collect()
     }
 
+    /// `p`, `e`, `f` and `g` of a cell, for other devices: from single precision differences of nodes would lose their digits.
+    pub(super) fn cell_numbers(&self, index: usize) -> [f32; 8] {
+        let Cell { p, e, f, g } = cell_of(self.cells, &self.nodes, index);
+        [p.x, p.y, e.x, e.y, f.x, f.y, g.x, g.y].map(|number| number as f32)
+    }
+
+    /// The bounding boxes of all levels, four numbers each.
+    pub(super) fn box_numbers(&self) -> impl Iterator<Item = f32> {
+        self.boxes.iter().flatten().flat_map(|bounds| bounds.0)
+    }
+
     /// `y` in `[0, 1)^2` to `(x, |dx/dy|)`.
     pub fn forward(&self, y: Vec2) -> (Vec2, f32) {
         let at = y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE)) * self.cells as f32;

@@ -1,0 +1,77 @@
+"""Small networks in Dr.Jit: affine layers with leaky ReLU between them."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+BLOCK = 4
+
+
+class Layer:
+    """y = W x + b, of the numbers that `Head::flat` of the crate headtail-render lays out."""
+
+    def __init__(self, numbers, row):
+        self.inputs, self.outputs, weights, biases = (int(number) for number in row)
+        blocks = -(-self.outputs // BLOCK)
+        own = numbers[weights : weights + blocks * self.inputs * BLOCK].reshape(blocks, self.inputs, BLOCK)
+        self.weight = np.ascontiguousarray(own.transpose(0, 2, 1).reshape(-1, self.inputs)[: self.outputs])
+        self.bias = np.ascontiguousarray(numbers[biases : biases + self.outputs])
+
+
+class Network:
+    """Layers one after the other. After each of them, or each but the last, a leaky ReLU follows.
+
+    In the variants on LLVM products of matrices are cooperative vectors. Those of CUDA have them in half precision alone, so that products are loops
+    over local memory there.
+    """
+
+    def __init__(self, layers, slope, ends_leaky=False, loops=None):
+        self.layers, self.slope, self.ends_leaky = layers, slope, ends_leaky
+        self.loops = mi.variant().startswith("cuda") if loops is None else loops
+        if self.loops:
+            self.numbers = [(mi.Float(layer.weight.ravel()), mi.Float(layer.bias)) for layer in layers]
+        elif layers:
+            tensors = [mi.TensorXf(array) for layer in layers for array in (layer.weight, layer.bias)]
+            views = dr.nn.pack(*tensors, layout="inference")
+            self.numbers = list(zip(views[::2], views[1::2]))
+
+    def __call__(self, inputs):
+        """The outputs for a list of numbers."""
+        if not self.layers:
+            return []
+        return self.by_loops(inputs) if self.loops else self.by_vectors(inputs)
+
+    def is_leaky(self, index):
+        return self.ends_leaky or index + 1 < len(self.layers)
+
+    def by_vectors(self, inputs):
+        vector = dr.nn.CoopVec(*inputs)
+        for index, (weight, bias) in enumerate(self.numbers):
+            vector = dr.nn.matvec(weight, vector, bias)
+            if self.is_leaky(index):
+                vector = dr.maximum(vector, vector * self.slope)
+        return list(vector)
+
+    def by_loops(self, inputs):
+        widest = max(len(inputs), *(layer.outputs for layer in self.layers))
+        numbers = dr.alloc_local(mi.Float, widest)
+        for index, number in enumerate(inputs):
+            numbers[index] = number
+        for index, (layer, own) in enumerate(zip(self.layers, self.numbers)):
+            slope = self.slope if self.is_leaky(index) else 1.0
+            numbers = product(*own, layer.inputs, layer.outputs, numbers, widest, slope)
+        return [numbers[index] for index in range(self.layers[-1].outputs)]
+
+
+@dr.syntax
+def product(weight, bias, inputs, outputs, given, widest, slope):
+    """One layer, from local memory to local memory; a slope of 1 is no activation."""
+    out, row = dr.alloc_local(mi.Float, widest), mi.UInt32(0)
+    while row < outputs:
+        total, column = dr.gather(mi.Float, bias, row), mi.UInt32(0)
+        while column < inputs:
+            total = dr.fma(dr.gather(mi.Float, weight, row * inputs + column), given[column], total)
+            column += 1
+        out[row] = dr.maximum(total, slope * total)
+        row += 1
+    return out

@@ -1,0 +1,205 @@
+"""The row-column tail and the flow tail in Dr.Jit, and the choice of a tail by its arrays."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ._warp import BELOW_ONE, Cells, Tail, invert_linear, remap, sample_linear, upload
+
+
+def tail_of(arrays):
+    """The tail of `arrays` (see `Tail::flat` in the crate headtail-render)."""
+    if "tail.levels" in arrays:
+        return Tail(arrays)
+    return Flow(arrays) if "tail.cells" in arrays else RowColumn(arrays)
+
+
+class Windows(Cells):
+    """Row-column warps over parts of a map (see `RowColumn::window` in the crate headtail-render): first a row by its share of the light, then a column
+    within the row. Elsewhere there is no light. The number of a window is one of Python's, or one for each lane.
+    """
+
+    def __init__(self, shape, windows, numbers):
+        super().__init__(*(int(count) for count in shape))
+        self.windows, self.numbers = windows.astype(np.uint32), upload(numbers)
+        self.fields = [upload(np.ascontiguousarray(field)) for field in self.windows.T]
+
+    def window(self, index, active):
+        """First row and how many, first column and how many, and where the four lists begin."""
+        if isinstance(index, int):
+            return [int(number) for number in self.windows[index]]
+        return [dr.gather(mi.UInt32, field, index, active) for field in self.fields]
+
+    def last_at_most(self, most, count, target, value):
+        """The last index below count, which is at most `most`, whose value is at most the target; 0 if there is none."""
+        low, size = mi.UInt32(0), mi.UInt32(count)
+        for _ in range(int(most - 1).bit_length()):
+            half = size >> 1
+            low = dr.select(value(low + half) <= target, low + half, low)
+            size = size - half
+        return low
+
+    def number(self, place, active):
+        return dr.gather(mi.Float, self.numbers, place, active)
+
+    def before(self, window, row, t, column, active):
+        """The integral of the blended row from the left edge of the window to that of a cell."""
+        stride = window[3] + 1
+        upper = window[7] + row * stride + column
+        return dr.lerp(self.number(upper, active), self.number(upper + stride, active), t)
+
+    def edges(self, window, row, t, column, active):
+        """The densities at the left and the right edge of a cell, at a height in it."""
+        stride = window[3] + 1
+        upper = window[4] + row * stride + column
+        a, b, c, d = (self.number(upper + step, active) for step in (0, 1, stride, stride + 1))
+        return dr.lerp(a, c, t), dr.lerp(b, d, t)
+
+    def around(self, start, row, active):
+        """The numbers of a list above and below a row of cells."""
+        return self.number(start + row, active), self.number(start + row + 1, active)
+
+    def forward_in(self, index, y, active=True):
+        """x of a point of Y, and the density |dy/dx| there."""
+        u, v, window = remap(y.x, 0, 1), remap(y.y, 0, 1), self.window(index, active)
+        most_rows, most_columns = self.windows[:, 1].max(), self.windows[:, 3].max()
+        row = self.last_at_most(most_rows, window[1], v, lambda row: self.number(window[6] + row, active))
+        t = sample_linear(remap(v, *self.around(window[6], row, active)), *self.around(window[5], row, active))
+        edge = lambda column: self.before(window, row, t, column, active)
+        goal = u * edge(window[3])
+        column = self.last_at_most(most_columns, window[3], goal, edge)
+        west, east = self.edges(window, row, t, column, active)
+        s = sample_linear(remap(goal, edge(column), edge(column + 1)), west, east)
+        return self.point(window[2] + column, window[0] + row, s, t), dr.lerp(west, east, s)
+
+    def pull_back_in(self, index, x, active=True):
+        """y of a point of X, and |dy/dx|."""
+        window, (cell, inside) = self.window(index, active), self.cell(x)
+        # What is before the window is a large number.
+        row, column = cell // self.width - window[0], cell % self.width - window[2]
+        active = (row < window[1]) & (column < window[3]) & active
+        first, last = self.around(window[6], row, active)
+        v = first + invert_linear(inside.y, *self.around(window[5], row, active)) * (last - first)
+        west, east = self.edges(window, row, inside.y, column, active)
+        edge = lambda column: self.before(window, row, inside.y, column, active)
+        start, total = edge(column), edge(window[3])
+        within = start + invert_linear(inside.x, west, east) * (edge(column + 1) - start)
+        u = dr.select(total > 0, within / total, inside.x)
+        return dr.minimum(mi.Point2f(u, v), BELOW_ONE), dr.lerp(west, east, inside.x)
+
+
+class RowColumn(Windows):
+    """The row-column tail."""
+
+    def __init__(self, arrays):
+        super().__init__(arrays["tail.shape"], arrays["tail.windows"], arrays["tail.numbers"])
+
+    def forward(self, y, active=True):
+        """x of a point of Y, and the density |dy/dx| there."""
+        return self.forward_in(0, y, active)
+
+    def pull_back(self, x, active=True):
+        """y of a point of X, and |dy/dx|."""
+        return self.pull_back_in(0, x, active)
+
+
+def cross(a, b):
+    return a.x * b.y - a.y * b.x
+
+
+class Flow:
+    """A smooth warp of the square as a table, bilinear in each cell."""
+
+    FAR, ROOM = 1e30, 48
+
+    def __init__(self, arrays):
+        self.cells, self.boxes = upload(arrays["tail.cells"]), upload(arrays["tail.boxes"])
+        self.side = round(len(arrays["tail.cells"]) ** 0.5)
+        self.left, self.right = float(arrays["tail.boxes"][0, 0]), float(arrays["tail.boxes"][0, 2])
+
+    def quad(self, index, active):
+        """p, e, f and g of the image p + s e + t f + s t g of a cell."""
+        a, b = (dr.gather(mi.Vector4f, self.cells, 2 * index + k, active) for k in (0, 1))
+        return [mi.Point2f(v.x, v.y) for v in (a, mi.Vector2f(a.z, a.w), b, mi.Vector2f(b.z, b.w))]
+
+    def density(self, quad, st):
+        """|dy/dx| at a position in a cell."""
+        _, e, f, g = quad
+        return dr.rcp((cross(e, f) + st.x * cross(e, g) + st.y * cross(g, f)) * (self.side * self.side))
+
+    def forward(self, y, active=True):
+        """x of a point of Y, and the density |dy/dx| there."""
+        at = mi.Point2f(remap(y.x, 0, 1), remap(y.y, 0, 1)) * self.side
+        column, row = mi.UInt32(at.x), mi.UInt32(at.y)
+        st = at - mi.Point2f(mi.Float(column), mi.Float(row))
+        quad = self.quad(row * self.side + column, active)
+        p, e, f, g = quad
+        x = p + st.x * e + st.y * f + st.x * st.y * g
+        u = x.x - dr.floor(x.x)
+        return mi.Point2f(dr.select(u >= 1, 0, u), dr.clip(x.y, 0, 1)), self.density(quad, st)
+
+    def candidate(self, quad, h, t):
+        """One root of the quadratic: (position, how far outside the cell that is)."""
+        _, e, f, g = quad
+        along = e + t * g
+        s = dr.dot(h - t * f, along) / dr.dot(along, along)
+        outside = dr.maximum(dr.maximum(dr.maximum(-s, s - 1), dr.maximum(-t, t - 1)), 0)
+        known = (abs(s) < 1e6) & (abs(t) < 1e6)
+        return mi.Point2f(dr.select(known, s, 0.5), dr.select(known, t, 0.5)), dr.select(known, outside, self.FAR)
+
+    def invert(self, quad, x):
+        """The position in a cell that is carried to x, and how far outside the cell it is."""
+        p, e, f, g = quad
+        # (h - t f) x (e + t g) = 0.
+        h = x - p
+        a, b, c = cross(g, f), cross(h, g) + cross(e, f), cross(h, e)
+        root = dr.sqrt(dr.maximum(b * b - 4 * a * c, 0))
+        q = -0.5 * (b + dr.select(b < 0, -root, root))
+        first, by_first = self.candidate(quad, h, c / q)
+        second, by_second = self.candidate(quad, h, q / a)
+        return dr.select(by_first <= by_second, first, second), dr.minimum(by_first, by_second)
+
+    def pull_back(self, x, active=True):
+        """y of a point of X, and |dy/dx|: of the cell that the point is least outside of."""
+        index, st = self.search(mi.Point2f(x), mi.Bool(active))
+        st = dr.clip(st, 0, 1)
+        corner = mi.Point2f(mi.Float(index % self.side), mi.Float(index // self.side))
+        y = dr.clip((corner + st) / self.side, 0, BELOW_ONE)
+        return y, self.density(self.quad(index, active), st)
+
+    @dr.syntax
+    def search(self, x, active):
+        """(number of the cell, position in it), down the tree of bounding boxes."""
+        # Each box that waits is one number: level, then its place in the level.
+        waiting = dr.alloc_local(mi.UInt32, self.ROOM)
+        zero = x.x * 0
+        index, outside, at = mi.UInt32(zero), zero + self.FAR, mi.Float(x.x)
+        st = mi.Point2f(zero + 0.5, zero + 0.5)
+        at += dr.ceil(self.left - at)
+        count = dr.select(active & (at <= self.right), mi.UInt32(1), 0)
+        waiting[0] = mi.UInt32(zero)
+        while (count > 0) & (outside > 0):
+            count -= 1
+            box = waiting[count]
+            level, place = box >> 20, box & 0xFFFFF
+            side = mi.UInt32(1) << level
+            # Levels before this one have (4^level - 1) / 3 boxes.
+            bounds = dr.gather(mi.Vector4f, self.boxes, (side * side - 1) // 3 + place)
+            is_inside = (at >= bounds.x) & (at <= bounds.z) & (x.y >= bounds.y) & (x.y <= bounds.w)
+            if is_inside & (side == self.side):
+                found, by = self.invert(self.quad(place, True), mi.Point2f(at, x.y))
+                nearer = by < outside
+                index, st, outside = dr.select(nearer, place, index), dr.select(nearer, found, st), dr.select(nearer, by, outside)
+            if is_inside & (side < self.side):
+                row, column = 2 * (place >> level), 2 * (place & (side - 1))
+                for child in (0, 1, 2, 3):
+                    own = (row + (child >> 1)) * (2 * side) + column + (child & 1)
+                    waiting[count] = ((level + 1) << 20) | own
+                    count += 1
+            # On the next turn of the circle.
+            is_over = (count == 0) & (outside > 0) & (at + 1 <= self.right)
+            at = dr.select(is_over, at + 1, at)
+            if is_over:
+                waiting[0] = mi.UInt32(zero)
+                count = mi.UInt32(1)
+        return index, st

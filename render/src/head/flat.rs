@@ -1,0 +1,58 @@
+//! A head as flat lists, for implementations on other devices.
+
+use super::{Head, Linear, Mode};
+use crate::{flat::FlatArray, spline::bin_count};
+
+/// Outputs whose weights lie together.
+const BLOCK: usize = 4;
+
+impl Head {
+    /// All that a draw and a pdf read. Layers follow each other as in [`Self::layers`]: encoder, elevation's network, azimuth's, selection.
+    ///
+    /// - `head.layers` `[layers, 4]`: inputs, outputs, where the weights begin in `head.weights`, and where the biases do.
+    /// - `head.weights` `[numbers]`: of each layer the weights `[blocks, inputs, 4]`, where a block is four outputs, then the biases `[blocks, 4]`.
+    ///   What is no output is 0.
+    /// - `head.shape` `[8]`: numbers of the condition ([`super::Condition::length`]); 1 for coupled layers, 0 for autoregressive ones; layers of the
+    ///   encoder, of elevation's network, of azimuth's, of the selection; bins of elevation, bins of azimuth.
+    /// - `head.slope` `[1]`: slope of the leaky ReLU for negative arguments.
+    pub fn flat(&self) -> Vec<FlatArray> {
+        let (mut layers, mut weights) = (Vec::new(), Vec::new());
+        for (_, layer) in self.layers() {
+            let start = weights.len();
+            append(layer, &mut weights);
+            let biases = weights.len() - layer.outputs().next_multiple_of(BLOCK);
+            layers.extend([layer.inputs(), layer.outputs(), start, biases].map(|number| number as u32));
+        }
+        let [elevation, azimuth] = [&self.elevation, &self.azimuth];
+        let shape = [
+            self.condition.length(),
+            usize::from(self.mode == Mode::Coupled),
+            self.encoder.layers.len(),
+            elevation.layers().len(),
+            azimuth.layers().len(),
+            self.selection.layers.len(),
+            bin_count(elevation.outputs()),
+            bin_count(azimuth.outputs()),
+        ];
+        vec![
+            FlatArray::integers("head.layers", vec![layers.len() / 4, 4], layers),
+            FlatArray::floats("head.weights", vec![weights.len()], weights),
+            FlatArray::integers("head.shape", vec![shape.len()], shape.map(|number| number as u32).to_vec()),
+            FlatArray::floats("head.slope", vec![1], vec![self.leaky_slope]),
+        ]
+    }
+}
+
+/// The weights of a layer in blocks, then its biases.
+fn append(layer: &Linear, out: &mut Vec<f32>) {
+    let (inputs, outputs) = (layer.inputs(), layer.outputs());
+    for first in (0..outputs).step_by(BLOCK) {
+        for input in 0..inputs {
+            out.extend(
+                (first..first + BLOCK).map(|row| layer.weight().get(row * inputs + input).copied().unwrap_or(0.0)),
+            );
+        }
+    }
+    out.extend(layer.bias());
+    out.resize(out.len().next_multiple_of(BLOCK), 0.0);
+}

@@ -1,0 +1,98 @@
+// A head warp: two splines over Y whose logits are given by networks of the condition.
+
+// What a head for many measured materials is told of one; to be set before the calls. Other heads do not look at it.
+var<private> headtail_latents: array<f32, 6>;
+
+const HEADTAIL_ELEVATION: u32 = HEADTAIL_HEAD_ENCODER_LAYERS;
+const HEADTAIL_AZIMUTH: u32 = HEADTAIL_ELEVATION + HEADTAIL_HEAD_ELEVATION_LAYERS;
+const HEADTAIL_SELECTION: u32 = HEADTAIL_AZIMUTH + HEADTAIL_HEAD_AZIMUTH_LAYERS;
+
+fn headtail_three(place: u32, v: vec3<f32>) {
+    headtail_units[place] = v.x;
+    headtail_units[place + 1u] = v.y;
+    headtail_units[place + 2u] = v.z;
+}
+
+// The condition, and what the encoder makes of it, at the beginning of the list: what all networks see.
+fn headtail_see(n: vec3<f32>, wo: vec3<f32>, alpha: f32) {
+    if (HEADTAIL_HEAD_CONDITION == 3u) {
+        headtail_three(0u, n);
+    } else {
+        let cosine = dot(n, wo);
+        headtail_three(0u, wo);
+        headtail_three(3u, n);
+        headtail_three(6u, 2.0 * cosine * n - wo);
+        headtail_units[9] = cosine;
+        if (HEADTAIL_HEAD_CONDITION == 12u) {
+            headtail_units[10] = alpha;
+            headtail_units[11] = headtail_ln(alpha);
+        }
+        if (HEADTAIL_HEAD_CONDITION == 16u) {
+            for (var k = 0u; k < 6u; k++) { headtail_units[10u + k] = headtail_latents[k]; }
+        }
+    }
+    var start = 0u;
+    for (var k = 0u; k < HEADTAIL_HEAD_ENCODER_LAYERS; k++) {
+        let is_last = k + 1u == HEADTAIL_HEAD_ENCODER_LAYERS;
+        let end = select(HEADTAIL_HEAD_HIDDEN + (k & 1u) * HEADTAIL_HEAD_WIDEST, HEADTAIL_HEAD_CONDITION, is_last);
+        headtail_layer(k, start, end, true);
+        start = end;
+    }
+}
+
+// The logits of the elevation's spline; coupled layers see where on the circle u is.
+fn headtail_elevation(u: f32) {
+    if (HEADTAIL_HEAD_COUPLED == 1u) {
+        let place = headtail_cos_sin_turns(u);
+        headtail_units[HEADTAIL_HEAD_SEEN] = place.x;
+        headtail_units[HEADTAIL_HEAD_SEEN + 1u] = place.y;
+    }
+    headtail_network(HEADTAIL_ELEVATION, HEADTAIL_HEAD_ELEVATION_LAYERS, HEADTAIL_HEAD_LOGITS);
+}
+
+// The logits of the azimuth's spline.
+fn headtail_azimuth(v: f32) {
+    headtail_units[HEADTAIL_HEAD_SEEN] = v;
+    headtail_network(HEADTAIL_AZIMUTH, HEADTAIL_HEAD_AZIMUTH_LAYERS, HEADTAIL_HEAD_LOGITS);
+}
+
+// The share of samples to draw here, beside sampling the BSDF: what the head has learned, or one half.
+fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
+    if (HEADTAIL_HEAD_SELECTION_LAYERS == 0u) { return 0.5; }
+    headtail_see(n, wo, lobes.w);
+    headtail_network(HEADTAIL_SELECTION, HEADTAIL_HEAD_SELECTION_LAYERS, HEADTAIL_HEAD_LOGITS);
+    return 0.02 + 0.96 / (1.0 + headtail_exp(min(-headtail_units[HEADTAIL_HEAD_LOGITS], 88.0)));
+}
+
+// Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.
+fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) -> vec4<f32> {
+    headtail_see(n, wo, lobes.w);
+    var u: vec2<f32>;
+    var v: vec2<f32>;
+    if (HEADTAIL_HEAD_COUPLED == 1u) {
+        headtail_azimuth(z.y);
+        u = headtail_spline_forward(z.x, HEADTAIL_HEAD_AZIMUTH_BINS, true);
+        headtail_elevation(u.x);
+        v = headtail_spline_forward(z.y, HEADTAIL_HEAD_ELEVATION_BINS, false);
+    } else {
+        headtail_elevation(0.0);
+        v = headtail_spline_forward(z.y, HEADTAIL_HEAD_ELEVATION_BINS, false);
+        headtail_azimuth(v.x);
+        u = headtail_spline_forward(z.x, HEADTAIL_HEAD_AZIMUTH_BINS, true);
+    }
+    let x = headtail_tail(vec2<f32>(u.x, v.x));
+    let w = headtail_direction(x.xy);
+    return vec4<f32>(w.xyz, u.y * v.y * x.z * w.w);
+}
+
+// The solid-angle pdf with which `headtail_sample` draws a unit direction.
+fn headtail_pdf(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, wi: vec3<f32>) -> f32 {
+    let x = headtail_square(wi);
+    let y = headtail_pull_back(x.xy);
+    headtail_see(n, wo, lobes.w);
+    headtail_elevation(y.x);
+    let v = headtail_spline_inverse(y.y, HEADTAIL_HEAD_ELEVATION_BINS, false);
+    headtail_azimuth(select(y.y, v.x, HEADTAIL_HEAD_COUPLED == 1u));
+    let u = headtail_spline_inverse(y.x, HEADTAIL_HEAD_AZIMUTH_BINS, true);
+    return u.y * v.y * y.z * x.z;
+}
