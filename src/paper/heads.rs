@@ -2,7 +2,7 @@
 
 use std::{
     path::{Path, PathBuf},
-    sync::{Arc, atomic::AtomicBool},
+    sync::{Arc, Mutex, PoisonError, atomic::AtomicBool},
 };
 
 use anyhow::{Result, bail};
@@ -16,7 +16,7 @@ use headtail_train::{
     fit, native_head,
 };
 
-use super::effort::Effort;
+use super::{effort::Effort, fits::short_name};
 use crate::arguments::make_folder;
 
 /// The heads of a page.
@@ -24,6 +24,8 @@ pub struct Heads {
     folder: PathBuf,
     effort: Effort,
     stop: Arc<AtomicBool>,
+    /// Heads without a tail, which have no files, by map and material.
+    naive: Mutex<Vec<(String, Head)>>,
 }
 
 /// A trained head.
@@ -40,7 +42,7 @@ impl Heads {
     /// Those in a folder.
     pub fn new(folder: &Path, effort: Effort, stop: Arc<AtomicBool>) -> Result<Self> {
         make_folder(folder)?;
-        Ok(Self { folder: folder.to_owned(), effort, stop })
+        Ok(Self { folder: folder.to_owned(), effort, stop, naive: Mutex::default() })
     }
 
     /// How a head is trained that stands for the paper's: this program's fast preset, without the share beside BRDF sampling that it would learn.
@@ -59,7 +61,7 @@ impl Heads {
     /// See [`fit()`]; an interrupted training is an error.
     pub fn of(&self, environment: &Environment, material: Material) -> Result<Trained> {
         let config = self.config(material);
-        let name = format!("{}-{material}-{}", environment.name(), config.steps);
+        let name = format!("{}-{}-{}", environment.name(), short_name(material), config.steps);
         let name: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
         let file = self.folder.join(name).with_extension("safetensors");
         if let Ok(exported) = ExportedSampler::read(&file)
@@ -75,6 +77,23 @@ impl Heads {
         self.check(&fitted.summary)?;
         exported_sampler(&fitted.head, &config, &fitted.summary, environment, &light, true)?.write(&file)?;
         Ok(Trained { head: native_head(&fitted.head)?, file, seconds: fitted.summary.seconds })
+    }
+
+    /// The head of a material for a map without a tail, trained once in the life of the program.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn naive_of(&self, environment: &Environment, material: Material) -> Result<Head> {
+        let name = format!("{} {material}", environment.name());
+        let known = || self.naive.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, head)) = known().iter().find(|(own, _)| *own == name) {
+            return Ok(head.clone());
+        }
+        let config = self.naive(material);
+        let light = TrainingLight::new(&self.config(material), environment)?;
+        let (head, _) = self.train(&config, &*build_target(&config, &light.tail, Viewpoints::Sphere))?;
+        known().push((name, head.clone()));
+        Ok(head)
     }
 
     /// A head that has no file: without a tail, or for a target of its own.
