@@ -2,7 +2,10 @@
 
 use std::{
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, PoisonError, atomic::AtomicBool},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use anyhow::{Result, bail};
@@ -10,6 +13,7 @@ use headtail_render::{
     environment::Environment,
     export::{ExportedSampler, Intermediate},
     head::Head,
+    tail::TailKind,
 };
 use headtail_train::{
     FitConfig, Loss, Material, Preset, Run, Summary, Target, TrainingLight, Viewpoints, build_target, exported_sampler,
@@ -26,6 +30,8 @@ pub struct Heads {
     stop: Arc<AtomicBool>,
     /// Heads without a tail, which have no files, by map and material.
     naive: Mutex<Vec<(String, Head)>>,
+    /// Flow tails, by map.
+    flows: Mutex<Vec<(String, TrainingLight)>>,
 }
 
 /// A trained head.
@@ -42,7 +48,7 @@ impl Heads {
     /// Those in a folder.
     pub fn new(folder: &Path, effort: Effort, stop: Arc<AtomicBool>) -> Result<Self> {
         make_folder(folder)?;
-        Ok(Self { folder: folder.to_owned(), effort, stop, naive: Mutex::default() })
+        Ok(Self { folder: folder.to_owned(), effort, stop, naive: Mutex::default(), flows: Mutex::default() })
     }
 
     /// How a head is trained that stands for the paper's: this program's fast preset, without the share beside BRDF sampling that it would learn.
@@ -106,16 +112,24 @@ impl Heads {
         Ok((native_head(&fitted.head)?, fitted.summary))
     }
 
-    /// The light of a configuration; a flow tail is fitted to it.
+    /// The light of a configuration; a flow tail is fitted to it, once for a map in the life of the program.
     ///
     /// # Errors
     /// As [`Self::of`].
     pub fn light(&self, config: &FitConfig, environment: &Environment) -> Result<TrainingLight> {
+        if config.tail != TailKind::Flow {
+            return Ok(TrainingLight::new(config, environment)?);
+        }
+        let known = || self.flows.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, light)) = known().iter().find(|(name, _)| name == environment.name()) {
+            return Ok(light.clone());
+        }
         let run = Run { progress: &mut |_| Ok(()), interrupt: &self.stop, checkpoints: None, warn: &mut |_| {} };
         let (light, _) = TrainingLight::fit(config, environment, run)?;
-        if self.stop.load(std::sync::atomic::Ordering::Relaxed) {
+        if self.stop.load(Ordering::Relaxed) {
             bail!(crate::progress::Interrupted::new("while a flow tail was fitted"));
         }
+        known().push((environment.name().to_owned(), light.clone()));
         Ok(light)
     }
 
