@@ -31,16 +31,17 @@ use crate::report::{
 pub fn bias(workshop: &Workshop) -> Result<Made> {
     let shot = Shot::new(workshop, 0)?;
     let environment = &shot.environment;
+    let backdrop = shot.backdrop();
     let samplers = samplers(workshop, environment)?;
     let spp = workshop.effort.mask_spp;
     let patches = SamplerSpec::patches().build(environment)?;
-    let reference = shot.film(&*patches, shot.settings(4 * spp, 77));
+    let reference = shot.film(&backdrop, &*patches, shot.settings(4 * spp, 77));
     let truth = Mask::of(&reference, MaskForm::ControlVariate);
     let (mut panels, mut rows) = (Vec::new(), Vec::new());
     let scale = Scale { top: 0.1, decades: 2.0 };
     for (name, estimator) in &samplers {
         workshop.check()?;
-        let film = shot.film(&**estimator, shot.settings(spp, 5));
+        let film = shot.film(&backdrop, &**estimator, shot.settings(spp, 5));
         for form in [MaskForm::Paper, MaskForm::ControlVariate] {
             let mask = Mask::of(&film, form);
             let off: Vec<f32> = mask.values.iter().zip(&truth.values).map(|(a, b)| (a[3] - b[3]).abs()).collect();

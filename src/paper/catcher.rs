@@ -55,7 +55,8 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
 fn composite(workshop: &Workshop, index: usize) -> Result<Made> {
     let shot = Shot::new(workshop, index)?;
     let estimator = SamplerSpec::patches().build(&shot.environment)?;
-    let film = shot.film(&*estimator, Settings { depth: 4, mask_only: false, ..shot.settings(SHOWN, 3) });
+    let backdrop = shot.backdrop();
+    let film = shot.film(&backdrop, &*estimator, Settings { depth: 4, mask_only: false, ..shot.settings(SHOWN, 3) });
     let mask = Mask::of(&film, MaskForm::ControlVariate);
     let layers = Layers::new(&film, &mask, &shot.photograph, 1.0, true);
     let stops = automatic_exposure(&shot.photograph.image) + 0.5;
@@ -68,7 +69,7 @@ fn composite(workshop: &Workshop, index: usize) -> Result<Made> {
             Panel::new(&codes(&layers.shadow)?, "mask", format!("{SHOWN} spp")),
         ],
     );
-    passes::compare(workshop, &shot, &mut made)?;
+    passes::compare(workshop, &shot, &backdrop, &mut made)?;
     Ok(made)
 }
 
@@ -108,7 +109,8 @@ fn mesh(workshop: &Workshop) -> Result<Made> {
     let stage = Stage::new(object, Catcher::mesh(view.scene))?;
     let shot =
         Shot { name, environment: environment.clone(), stage, camera, photograph: Photograph::of_radiance(before) };
-    let film = shot.film(&*estimator, Settings { mask_only: false, ..shot.settings(SHOWN, 3) });
+    let backdrop = shot.backdrop();
+    let film = shot.film(&backdrop, &*estimator, Settings { mask_only: false, ..shot.settings(SHOWN, 3) });
     let mask = Mask::of(&film, MaskForm::ControlVariate);
     let layers = Layers::new(&film, &mask, &shot.photograph, 1.0, true);
     let (composite, stops) = (layers.composite(), automatic_exposure(&shot.photograph.image) + 0.5);
@@ -131,6 +133,6 @@ fn mesh(workshop: &Workshop) -> Result<Made> {
             Panel::new(&encode_png(&after, stops)?, "rendering of both", format!("{} spp", workshop.effort.mask_spp)),
         ],
     );
-    passes::compare(workshop, &shot, &mut made)?;
+    passes::compare(workshop, &shot, &backdrop, &mut made)?;
     Ok(made)
 }

@@ -120,7 +120,7 @@ pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<
     let divergences = densities::row(&mut made, workshop.effort.density_rows, light.tail(), at, models)?;
     let names: Vec<&str> =
         std::iter::once("KL in nats").chain(divergences.iter().map(|(name, _)| name.as_str())).collect();
-    made.table(&format!("densities-{stem}"), &names, vec![densities::line("green cross", &divergences)]);
+    made.figures(&format!("densities-{stem}"), &names, &[densities::line("green cross", &divergences)]);
     Ok(made)
 }
 

@@ -66,7 +66,7 @@ fn fit(workshop: &Workshop, index: usize, material: Material) -> Result<Made> {
         lines.push(densities::line(format!("condition {letter}"), &divergences));
     }
     let table = format!("fit-{}-{}", environment.name(), name.replace(|c: char| !c.is_ascii_alphanumeric(), "-"));
-    made.table(&table, &["KL in nats", "final", "naive"], lines);
+    made.figures(&table, &["KL in nats", "final", "naive"], &lines);
     Ok(made)
 }
 

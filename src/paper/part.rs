@@ -14,13 +14,16 @@ use serde_json::{Map, Value};
 use super::Workshop;
 use crate::report::table::{Cell, Column, Table};
 
+/// What makes a part.
+type Make = Box<dyn Fn(&Workshop) -> Result<Made>>;
+
 /// Something of a section that is made at once.
 pub struct Part {
     /// Unique in its section.
     pub name: String,
     /// Roughly the seconds that one core takes.
     pub cost: f64,
-    make: Box<dyn Fn(&Workshop) -> Result<Made>>,
+    make: Make,
 }
 
 impl Part {
@@ -62,12 +65,17 @@ impl Made {
         Self { html, tables: Vec::new() }
     }
 
-    /// Adds a table: its first column words, all others numbers. The name is that of the file that it is saved as.
-    pub fn table(&mut self, name: &str, head: &[&str], rows: Vec<Vec<Cell>>) {
+    /// Adds figures that are shown otherwise: the first column words, all others numbers.
+    pub fn figures(&mut self, name: &str, head: &[&str], rows: &[Vec<Cell>]) {
         let named =
             |row: &Vec<Cell>| head.iter().zip(row).map(|(title, cell)| ((*title).to_owned(), cell.json())).collect();
         let data = rows.iter().map(named).collect();
         self.tables.push(Figures { name: name.to_owned(), rows: data });
+    }
+
+    /// Adds figures as a table. The name is that of the files that it is saved as.
+    pub fn table(&mut self, name: &str, head: &[&str], rows: Vec<Vec<Cell>>) {
+        self.figures(name, head, &rows);
         let columns = head.iter().enumerate().map(|(k, title)| match k {
             0 => Column::text(*title),
             _ => Column::number(*title, ""),

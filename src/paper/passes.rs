@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use headtail_render::{
-    composite::{Film, Mask, MaskForm},
+    composite::{Backdrop, Film, Mask, MaskForm},
     spec::SamplerSpec,
 };
 
@@ -25,10 +25,10 @@ const RUNS: u32 = 4;
 const FORMS: [&str; 4] = ["two passes", "one pass, paper", "one pass, ratio", "one pass, control variate"];
 
 /// Adds the errors of masks of one pass and of two, against a converged quotient of two passes.
-pub fn compare(workshop: &Workshop, shot: &Shot, made: &mut Made) -> Result<()> {
+pub fn compare(workshop: &Workshop, shot: &Shot, backdrop: &Backdrop<'_>, made: &mut Made) -> Result<()> {
     let best = SamplerSpec::patches().build(&shot.environment)?;
     let spp = 2 * workshop.effort.mask_spp;
-    let (truth, film) = shot.two_passes(&*best, spp, 99);
+    let (truth, film) = shot.two_passes(backdrop, &*best, spp, 99);
     workshop.check()?;
     made.html += &note(&reference(shot, &truth, &film));
     let mut results: Vec<(String, Errors)> = Vec::new();
@@ -41,8 +41,8 @@ pub fn compare(workshop: &Workshop, shot: &Shot, made: &mut Made) -> Result<()> 
         for run in 0..runs {
             workshop.check()?;
             let seed = 10 * u64::from(run) + 1;
-            let one = shot.film(&*estimator, shot.settings(RAYS, seed));
-            let (two, _) = shot.two_passes(&*estimator, RAYS / 2, seed + 1);
+            let one = shot.film(backdrop, &*estimator, shot.settings(RAYS, seed));
+            let (two, _) = shot.two_passes(backdrop, &*estimator, RAYS / 2, seed + 1);
             let single = [MaskForm::Paper, MaskForm::Ratio, MaskForm::ControlVariate].map(|form| Mask::of(&one, form));
             for (sum, mask) in sums.iter_mut().zip([two].iter().chain(&single)) {
                 *sum = sum.plus(Errors::of(mask, &truth, &film, &shot.photograph), 1.0 / f64::from(runs));

@@ -129,7 +129,7 @@ fn intermediate(workshop: &Workshop) -> Result<Made> {
         made.html += &(strip("fits", &panels) + &legend(scale, "density over the square Y"));
         lines.push(line);
     }
-    made.table("intermediate", &["KL from the head in nats", "baked 8\u{d7}8", "baked 32\u{d7}32"], lines);
+    made.figures("intermediate", &["KL from the head in nats", "baked 8\u{d7}8", "baked 32\u{d7}32"], &lines);
     Ok(made)
 }
 

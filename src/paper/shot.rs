@@ -52,10 +52,14 @@ impl Shot {
         Ok(Self { name, environment, stage: Stage::new(object, catcher)?, camera, photograph })
     }
 
+    /// What the catcher looks like, and its light: of a mesh for all normals, which takes some time.
+    pub fn backdrop(&self) -> Backdrop<'_> {
+        Backdrop::new(&self.stage, &self.environment, &self.photograph, self.camera, 1.0)
+    }
+
     /// One pass.
-    pub fn film(&self, estimator: &dyn Estimator, settings: Settings) -> Film {
-        let backdrop = Backdrop::new(&self.stage, &self.environment, &self.photograph, self.camera, 1.0);
-        let composition = Composition { stage: &self.stage, backdrop: &backdrop, camera: &self.camera, estimator };
+    pub fn film(&self, backdrop: &Backdrop<'_>, estimator: &dyn Estimator, settings: Settings) -> Film {
+        let composition = Composition { stage: &self.stage, backdrop, camera: &self.camera, estimator };
         compose(composition, settings, &AtomicBool::new(false), &|_| {})
     }
 
@@ -66,9 +70,9 @@ impl Shot {
     }
 
     /// The mask of two passes of so many samples each, the quotient of a picture with the object and one without.
-    pub fn two_passes(&self, estimator: &dyn Estimator, spp: u32, seed: u64) -> (Mask, Film) {
-        let with = self.film(estimator, self.settings(spp, seed));
-        let without = self.film(estimator, Settings { without_object: true, ..self.settings(spp, seed + 1) });
+    pub fn two_passes(&self, backdrop: &Backdrop<'_>, estimator: &dyn Estimator, spp: u32, seed: u64) -> (Mask, Film) {
+        let with = self.film(backdrop, estimator, self.settings(spp, seed));
+        let without = self.film(backdrop, estimator, Settings { without_object: true, ..self.settings(spp, seed + 1) });
         (Mask::of_two(&with, &without), with)
     }
 }
