@@ -87,11 +87,11 @@ fn mesh(workshop: &Workshop) -> Result<Made> {
     let bounds = object.bounds();
     let object = "lambert:albedo=0.6".parse::<MaterialSpec>()?.dress(object, &bounds)?;
     let (width, height) = size(workshop);
-    let (camera, extent) = (view.camera, view.scene.bounds().extent().max_element());
-    let ground = view.scene.intersect(&camera.ray(0.42 * width as f32, 0.86 * height as f32, width, height));
+    let camera = view.camera;
+    let ground = view.scene.intersect(&camera.ray(0.36 * width as f32, 0.86 * height as f32, width, height));
     let place = ground.context("a scene that fills the lower middle of its picture")?.p;
     let foot = Vec3A::new(bounds.center().x, bounds.min.y, bounds.center().z);
-    let scale = 0.09 * extent.min(4.0 * (place - camera.look_from()).length()) / bounds.extent().max_element();
+    let scale = 0.17 * (place - camera.look_from()).length() / bounds.extent().max_element();
     let to_place = Affine3A::from_translation(place.into())
         * Affine3A::from_scale(Vec3::splat(scale))
         * Affine3A::from_translation((-foot).into());

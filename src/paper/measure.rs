@@ -55,7 +55,7 @@ impl<'a> Bench<'a> {
         workshop.check()?;
         bench.measured = rendering.coverage.iter().map(|&coverage| coverage == 1.0).collect();
         bench.reference = rendering.composite();
-        bench.exposure = picture::exposure(&bench.reference) + 0.5;
+        bench.exposure = picture::exposure(&bench.reference);
         Ok(bench)
     }
 
