@@ -5,7 +5,7 @@ mod setting;
 
 use std::{
     path::{Path, PathBuf},
-    sync::atomic::Ordering,
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 use anyhow::{Context, Result, bail, ensure};
@@ -18,12 +18,12 @@ use headtail_render::{
     spec::SamplerSpec,
 };
 
-use crate::terminal::{note, say, warning};
+use crate::terminal::{self, note, say, warning};
 use crate::{
     arguments::{Triple, note_use},
     output::OutputFolder,
     progress,
-    report::picture,
+    report::{number::duration, picture},
 };
 pub use setting::Setting;
 
@@ -93,8 +93,8 @@ pub struct Arguments {
     /// Sampler of directions: any that render knows.
     #[arg(long, value_name = "SPEC", default_value = "patches")]
     pub sampler: SamplerSpec,
-    /// How the mask is estimated: control-variate (unbiased), weights (unbiased, noisier), ratio (bias of the order of 1 / spp) or paper (the
-    /// mean visibility, right where the sampler is the exact product).
+    /// How the mask is estimated: control-variate (unbiased but where a --catcher shadows itself), weights (the same, noisier), ratio (bias of the order of
+    /// 1 / spp) or paper (the mean visibility, right where the sampler is the exact product).
     #[arg(long, value_name = "FORM", default_value = "control-variate")]
     pub mask: MaskForm,
     /// One mask for all channels, of luminance. Shadows under a blue sky and a warm sun are coloured.
@@ -119,6 +119,9 @@ pub struct Arguments {
     /// Seed of the samples.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
+    /// Print what was composited as a JSON object.
+    #[arg(long)]
+    pub json: bool,
     /// Threads to render with. Default: all cores.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
@@ -138,6 +141,9 @@ pub enum Up {
 
 /// Composites and writes everything.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.json {
+        terminal::only_data();
+    }
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
@@ -151,16 +157,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     );
     let estimator = arguments.sampler.build(&setting.environment)?;
     note_use(&arguments.sampler)?;
-    if !setting.stage.is_plane() && !matches!(arguments.mask, MaskForm::Ratio | MaskForm::Paper) {
-        note!(
-            "'{}' may shadow itself, so that its unshadowed light is not known exactly: the mask is a ratio",
-            arguments.catcher
-        );
-    }
     output.begin(
         &[arguments.photo.as_deref(), arguments.camera.as_deref()].map(|input| input.unwrap_or(Path::new(""))),
     )?;
-    let bar = progress::bar(1000, "compositing");
     let backdrop = setting.backdrop();
     let composition =
         Composition { stage: &setting.stage, backdrop: &backdrop, camera: &setting.camera, estimator: &*estimator };
@@ -173,12 +172,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         mask_only: false,
         without_object: false,
     };
+    announce(composition, settings);
+    let bar = progress::bar(1000, "compositing");
     let film = compose(composition, settings, &stop, &bar.shares());
     bar.finish_and_clear();
     check_sight(&film)?;
     let mask = Mask::of(&film, arguments.mask);
     let layers = Layers::new(&film, &mask, &setting.photograph, setting.gain, !arguments.grey_mask);
     write(arguments, &output, &setting, &film, &layers)?;
+    if arguments.json {
+        terminal::print_json(&facts(arguments, &setting, &film, &mask))?;
+    }
     if stop.load(Ordering::Relaxed) {
         bail!(progress::Interrupted::new(format!(
             "{} of {} samples per pixel were done and are written",
@@ -186,6 +190,46 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         )));
     }
     Ok(())
+}
+
+/// Work is announced that takes at least so many seconds.
+const LONG: f64 = 10.0;
+/// The trial has one sample for each square of so many pixels along a side.
+const TRIAL: usize = 8;
+
+/// Says about how long it takes, after a trial in a small size.
+fn announce(composition: Composition<'_>, settings: Settings) {
+    let (width, height) = ((settings.width / TRIAL).max(1), (settings.height / TRIAL).max(1));
+    let trial = compose(composition, Settings { width, height, spp: 1, ..settings }, &AtomicBool::new(false), &|_| {});
+    let samples = |width: usize, height: usize, spp: u32| (width * height) as f64 * f64::from(spp);
+    let share = samples(settings.width, settings.height, settings.spp) / samples(width, height, 1);
+    let seconds = trial.seconds * share;
+    if seconds >= LONG {
+        note!("compositing will take about {}", duration(seconds));
+    }
+}
+
+/// What `--json` prints.
+fn facts(arguments: &Arguments, setting: &Setting, film: &Film, mask: &Mask) -> serde_json::Value {
+    let caught = film.catcher.iter().zip(&mask.values).filter(|(sums, _)| sums.hits == film.spp);
+    let darkest = caught.map(|(_, value)| f64::from(value[3])).fold(1.0, f64::min);
+    let spp = f64::from(film.spp.max(1));
+    serde_json::json!({
+        "folder": arguments.out.display().to_string(),
+        "width": film.width,
+        "height": film.height,
+        "spp": film.spp,
+        "seconds": film.seconds,
+        "sampler": arguments.sampler.to_string(),
+        "mask": arguments.mask.to_string(),
+        "gain": setting.gain,
+        "catcher": arguments.catcher,
+        "mask_rays": film.mask_rays,
+        "other_rays": film.other_rays,
+        "object_pixels": film.object.iter().map(|object| f64::from(object.0) / spp).sum::<f64>(),
+        "darkest_shadow": darkest,
+        "seed": arguments.seed,
+    })
 }
 
 /// Says what is wrong with a view in which there is nothing.

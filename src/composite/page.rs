@@ -82,21 +82,33 @@ fn entries(pictures: &Pictures) -> [(&'static str, &'static str, &'static str, &
 }
 
 fn method(arguments: &Arguments, setting: &Setting, film: &Film) -> Markup {
-    let mask = match (arguments.mask, setting.stage.is_plane()) {
-        (MaskForm::Paper, _) => {
+    let mask = match arguments.mask {
+        MaskForm::Paper => {
             "mean visibility of the samples, the paper's estimator: right where the sampler is the exact product"
         }
-        (MaskForm::Weights, true) => "mean of the weighted visibility over the exact irradiance: unbiased",
-        (MaskForm::ControlVariate, true) => {
+        MaskForm::Weights => "mean of the weighted visibility over the exact irradiance: unbiased",
+        MaskForm::ControlVariate => {
             "weighted visibility over the exact irradiance, with the weights themselves as a control variate: unbiased"
         }
-        _ => {
+        MaskForm::Ratio => {
             "ratio of the weights that are visible to all weights; its bias falls inversely with the samples of a pixel"
         }
     };
+    let own_shadow = match (arguments.mask, setting.stage.is_plane()) {
+        (MaskForm::Weights | MaskForm::ControlVariate, false) => {
+            ", but for a bias that falls inversely with the samples of a pixel where the catcher shadows itself"
+        }
+        _ => "",
+    };
     let catcher = if setting.stage.is_plane() { "a plane".into() } else { format!("the mesh {}", arguments.catcher) };
     let rows = [
-        ("Mask", format!("{mask}{}", if arguments.grey_mask { "; one for all channels" } else { "; per channel" })),
+        (
+            "Mask",
+            format!(
+                "{mask}{own_shadow}{}",
+                if arguments.grey_mask { "; one for all channels" } else { "; per channel" }
+            ),
+        ),
         ("Sampler", arguments.sampler.to_string()),
         (
             "Catcher",

@@ -13,6 +13,8 @@ use headtail_render::{
     scene::{Camera, MaterialSpec, Scene},
 };
 
+use headtail_train::Material;
+
 use super::is_folder;
 use crate::arguments::open_environment;
 
@@ -22,6 +24,10 @@ pub struct Data {
     maps: Vec<String>,
     /// Files of scenes.
     scenes: Vec<PathBuf>,
+    /// Files of neural materials.
+    materials: Vec<PathBuf>,
+    /// A measured material as a network, where there is one.
+    fabric: Option<Material>,
     is_built_in: bool,
 }
 
@@ -29,6 +35,8 @@ pub struct Data {
 pub struct View {
     /// What it is called here.
     pub name: String,
+    /// What it is made of, in the words of `--material` without files.
+    pub material: String,
     /// The surfaces.
     pub scene: Scene,
     /// The camera.
@@ -42,6 +50,12 @@ const FIRST: [&str; 6] = ["lebombo", "studio_small", "venice_sunset", "drachenfe
 const STAND_INS: [(&str, &[&str]); 3] =
     [("temple", &["temple"]), ("droid", &["droid", "robot"]), ("diorama", &["diorama", "garden"])];
 
+/// Neural materials by name.
+const NEURAL_MATERIALS: [&str; 3] = ["welt", "satin", "velvet"];
+
+/// The measured material that stands for a fabric: satin of the RGL database.
+const FABRIC: &str = "rgl-isotropic/satin_gold_rgb";
+
 impl Data {
     /// The maps and scenes of a folder.
     ///
@@ -50,7 +64,8 @@ impl Data {
     pub fn open(folder: Option<&Path>, quick: bool) -> Result<Self> {
         let Some(folder) = folder else {
             let maps = ["studio", "window", "sunset", "overcast"].map(str::to_owned).to_vec();
-            return Ok(Self { maps, scenes: Vec::new(), is_built_in: true });
+            let materials = neural_materials(Path::new("checkpoints"));
+            return Ok(Self { maps, scenes: Vec::new(), materials, fabric: None, is_built_in: true });
         };
         ensure!(is_folder(folder), "--data: {}: there is no such folder", folder.display());
         let maps = files(folder, "envmaps", &["hdr", "exr"])?;
@@ -60,7 +75,12 @@ impl Data {
         maps.sort_by_key(|name| (rank(name), name.clone()));
         // Two maps would do for a quick page; the shadow catcher wants three.
         maps.truncate(if quick { 3 } else { usize::MAX });
-        Ok(Self { maps, scenes: files(folder, "scenes", &["glb", "gltf"])?, is_built_in: false })
+        let own = neural_materials(&folder.join("materials"));
+        let materials = if own.is_empty() { neural_materials(Path::new("checkpoints")) } else { own };
+        let measured = folder.join("nbrdf/nbrdf_all.f32");
+        let fabric = format!("nbrdf:{}#{FABRIC}", measured.display());
+        let fabric = if measured.is_file() { Some(fabric.parse().map_err(anyhow::Error::msg)?) } else { None };
+        Ok(Self { maps, scenes: files(folder, "scenes", &["glb", "gltf"])?, materials, fabric, is_built_in: false })
     }
 
     /// A text that differs where maps or scenes do.
@@ -68,7 +88,9 @@ impl Data {
         let size = |path: &str| fs::metadata(path).map_or(0, |metadata| metadata.len());
         let maps = self.maps.iter().map(|map| format!("{map} {}", size(map)));
         let scenes = self.scenes.iter().map(|scene| format!("{} {}", scene.display(), size(&scene.to_string_lossy())));
-        maps.chain(scenes).collect::<Vec<_>>().join(", ")
+        let materials =
+            self.materials.iter().map(|file| format!("{} {}", file.display(), size(&file.to_string_lossy())));
+        maps.chain(scenes).chain(materials).collect::<Vec<_>>().join(", ")
     }
 
     /// In words.
@@ -89,6 +111,22 @@ impl Data {
         open_environment(&self.maps[index % self.maps.len()])
     }
 
+    /// A map's name, known before it is read.
+    pub fn map_name(&self, index: usize) -> String {
+        let name = &self.maps[index % self.maps.len()];
+        Path::new(name).file_stem().map_or_else(|| name.clone(), |stem| stem.to_string_lossy().into_owned())
+    }
+
+    /// A measured fabric that a network stands for, and a head can be trained for.
+    pub fn fabric(&self) -> Option<Material> {
+        self.fabric
+    }
+
+    /// The file of a neural material.
+    pub fn neural_material(&self, name: &str) -> Option<&Path> {
+        self.materials.iter().find(|file| file.file_stem().is_some_and(|stem| stem == name)).map(PathBuf::as_path)
+    }
+
     /// What stands for a scene of the paper, on a ground where it is from a file, all of one material.
     pub fn view(&self, name: &str, material: &str) -> Result<View> {
         let words = STAND_INS.iter().find(|(own, _)| *own == name).map_or(&[][..], |(_, words)| words);
@@ -106,7 +144,8 @@ impl Data {
         }
         let spec: MaterialSpec = material.parse()?;
         let name = scene.name().to_owned();
-        Ok(View { name, scene: spec.dress(scene, &bounds)?, camera })
+        let own = material.rsplit(['/', '#']).next().unwrap_or(material);
+        Ok(View { name, material: own.to_owned(), scene: spec.dress(scene, &bounds)?, camera })
     }
 
     /// Something to be put into a photograph, without a ground of its own: a file, or something made of balls.
@@ -134,6 +173,12 @@ impl Data {
             }
         })
     }
+}
+
+/// The files of the neural materials in a folder.
+fn neural_materials(folder: &Path) -> Vec<PathBuf> {
+    let file = |name: &str| folder.join(name).with_extension("safetensors");
+    NEURAL_MATERIALS.into_iter().map(file).filter(|file| file.is_file()).collect()
 }
 
 /// The files of a subfolder (or, without one, of the folder itself) that end so, sorted.

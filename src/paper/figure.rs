@@ -1,13 +1,8 @@
-//! Parts of figures: rows of pictures, what their colours mean, tables.
+//! Parts of figures: rows of pictures, and what their colours mean.
 
 use maud::html;
 
-use crate::report::{
-    chart::Scale,
-    colours::DENSITY,
-    picture::data_address,
-    table::{Cell, Column, Table},
-};
+use crate::report::{chart::Scale, colours::DENSITY, picture::data_address};
 
 /// What figures need beyond the style of all pages.
 pub const STYLE: &str = include_str!("figure.css");
@@ -46,22 +41,31 @@ pub fn strip(class: &str, panels: &[Panel]) -> String {
 
 /// What the colours of a scale mean.
 pub fn legend(scale: Scale, of: &str) -> String {
-    let legend = html! {
-        div.legend {
-            p { (of) }
-            div.gradient style={ "background:" (DENSITY.gradient()) } {}
-            div.colour-ticks { @for tick in scale.ticks() { span { (tick) } } }
-        }
-    };
-    legend.into_string()
+    legends(&[(scale, of)])
 }
 
-/// A table, its first column words, all others numbers in words.
-pub fn table(name: &str, head: &[&str], rows: &[Vec<String>]) -> String {
-    let columns = head.iter().enumerate().map(|(k, title)| match k {
-        0 => Column::text(*title),
-        _ => Column::number(*title, ""),
-    });
-    let rows = rows.iter().map(|row| row.iter().map(Cell::text).collect()).collect();
-    Table::new(name, columns.collect(), rows).html(false).into_string()
+/// What the colours of several scales mean, side by side.
+pub fn legends(scales: &[(Scale, &str)]) -> String {
+    let legends = html! {
+        div.legends {
+            @for (scale, of) in scales {
+                div.legend {
+                    p { (of) }
+                    div.gradient style={ "background:" (DENSITY.gradient()) } {}
+                    div.colour-ticks { @for tick in scale.ticks() { span { (tick) } } }
+                }
+            }
+        }
+    };
+    legends.into_string()
+}
+
+/// The title of a part of a section.
+pub fn heading(title: &str) -> String {
+    html! { h3 { (title) } }.into_string() + "\n"
+}
+
+/// A paragraph; `text` is HTML.
+pub fn note(text: &str) -> String {
+    format!("<p class=\"note\">{text}</p>\n")
 }

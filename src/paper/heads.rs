@@ -2,7 +2,10 @@
 
 use std::{
     path::{Path, PathBuf},
-    sync::{Arc, atomic::AtomicBool},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use anyhow::{Result, bail};
@@ -10,13 +13,14 @@ use headtail_render::{
     environment::Environment,
     export::{ExportedSampler, Intermediate},
     head::Head,
+    tail::TailKind,
 };
 use headtail_train::{
     FitConfig, Loss, Material, Preset, Run, Summary, Target, TrainingLight, Viewpoints, build_target, exported_sampler,
     fit, native_head,
 };
 
-use super::effort::Effort;
+use super::{effort::Effort, fits::short_name};
 use crate::arguments::make_folder;
 
 /// The heads of a page.
@@ -24,6 +28,10 @@ pub struct Heads {
     folder: PathBuf,
     effort: Effort,
     stop: Arc<AtomicBool>,
+    /// Heads without a tail, which have no files, by map and material.
+    naive: Mutex<Vec<(String, Head)>>,
+    /// Flow tails, by map.
+    flows: Mutex<Vec<(String, TrainingLight)>>,
 }
 
 /// A trained head.
@@ -40,7 +48,7 @@ impl Heads {
     /// Those in a folder.
     pub fn new(folder: &Path, effort: Effort, stop: Arc<AtomicBool>) -> Result<Self> {
         make_folder(folder)?;
-        Ok(Self { folder: folder.to_owned(), effort, stop })
+        Ok(Self { folder: folder.to_owned(), effort, stop, naive: Mutex::default(), flows: Mutex::default() })
     }
 
     /// How a head is trained that stands for the paper's: this program's fast preset, without the share beside BRDF sampling that it would learn.
@@ -59,7 +67,7 @@ impl Heads {
     /// See [`fit()`]; an interrupted training is an error.
     pub fn of(&self, environment: &Environment, material: Material) -> Result<Trained> {
         let config = self.config(material);
-        let name = format!("{}-{material}-{}", environment.name(), config.steps);
+        let name = format!("{}-{}-{}", environment.name(), short_name(material), config.steps);
         let name: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
         let file = self.folder.join(name).with_extension("safetensors");
         if let Ok(exported) = ExportedSampler::read(&file)
@@ -77,6 +85,23 @@ impl Heads {
         Ok(Trained { head: native_head(&fitted.head)?, file, seconds: fitted.summary.seconds })
     }
 
+    /// The head of a material for a map without a tail, trained once in the life of the program.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn naive_of(&self, environment: &Environment, material: Material) -> Result<Head> {
+        let name = format!("{} {material}", environment.name());
+        let known = || self.naive.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, head)) = known().iter().find(|(own, _)| *own == name) {
+            return Ok(head.clone());
+        }
+        let config = self.naive(material);
+        let light = TrainingLight::new(&self.config(material), environment)?;
+        let (head, _) = self.train(&config, &*build_target(&config, &light.tail, Viewpoints::Sphere))?;
+        known().push((name, head.clone()));
+        Ok(head)
+    }
+
     /// A head that has no file: without a tail, or for a target of its own.
     ///
     /// # Errors
@@ -87,16 +112,24 @@ impl Heads {
         Ok((native_head(&fitted.head)?, fitted.summary))
     }
 
-    /// The light of a configuration; a flow tail is fitted to it.
+    /// The light of a configuration; a flow tail is fitted to it, once for a map in the life of the program.
     ///
     /// # Errors
     /// As [`Self::of`].
     pub fn light(&self, config: &FitConfig, environment: &Environment) -> Result<TrainingLight> {
+        if config.tail != TailKind::Flow {
+            return Ok(TrainingLight::new(config, environment)?);
+        }
+        let known = || self.flows.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, light)) = known().iter().find(|(name, _)| name == environment.name()) {
+            return Ok(light.clone());
+        }
         let run = Run { progress: &mut |_| Ok(()), interrupt: &self.stop, checkpoints: None, warn: &mut |_| {} };
         let (light, _) = TrainingLight::fit(config, environment, run)?;
-        if self.stop.load(std::sync::atomic::Ordering::Relaxed) {
+        if self.stop.load(Ordering::Relaxed) {
             bail!(crate::progress::Interrupted::new("while a flow tail was fitted"));
         }
+        known().push((environment.name().to_owned(), light.clone()));
         Ok(light)
     }
 

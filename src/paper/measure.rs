@@ -2,12 +2,16 @@
 
 use anyhow::Result;
 use headtail_render::{
+    brdf::BrdfTable,
     environment::Environment,
     estimator::Estimator,
     image::Image,
     integrator::{self, Budget, Rendering},
     points::{PointSet, Points},
+    scene::Scene,
     spec::SamplerSpec,
+    statistics::ErrorMetrics,
+    tile::ShadingPoint,
 };
 use std::sync::Arc;
 
@@ -17,6 +21,8 @@ use crate::{
     render::quietly,
     report::{Row, RunName, picture},
 };
+
+const METALLIC_ROUGHNESS: u32 = BrdfTable::METALLIC_ROUGHNESS;
 
 /// A sampler with its name.
 pub struct Entry {
@@ -49,7 +55,7 @@ impl<'a> Bench<'a> {
         workshop.check()?;
         bench.measured = rendering.coverage.iter().map(|&coverage| coverage == 1.0).collect();
         bench.reference = rendering.composite();
-        bench.exposure = picture::exposure(&bench.reference) + 0.5;
+        bench.exposure = picture::exposure(&bench.reference);
         Ok(bench)
     }
 
@@ -95,6 +101,78 @@ impl<'a> Bench<'a> {
             }
         }
         Ok((rows, images))
+    }
+}
+
+/// What a sampler makes of the time that others take.
+pub struct EqualTime {
+    /// Samples per pixel.
+    pub spp: u32,
+    /// Mean seconds of a rendering.
+    pub seconds: f64,
+    /// Mean MSE.
+    pub mse: f64,
+    /// The first run's picture.
+    pub image: Image,
+}
+
+impl Bench<'_> {
+    /// All samplers in the time that the slowest of them takes for `least` samples per pixel. Times of a sample are the least of `rows` at `timed` samples:
+    /// whatever else the machine does makes them longer.
+    pub fn equal_time(&self, entries: &[Entry], rows: &[Row], timed: u32, least: u32) -> Result<Vec<EqualTime>> {
+        let fastest = |entry: &Entry| {
+            let own = rows.iter().filter(|row| row.sampler == entry.name && row.spp == f64::from(timed));
+            own.map(|row| row.seconds).fold(f64::INFINITY, f64::min)
+        };
+        let seconds: Vec<f64> = entries.iter().map(fastest).collect();
+        let slowest = seconds.iter().copied().fold(0.0, f64::max);
+        let reference = select(&self.reference, &self.measured);
+        let mut results = Vec::new();
+        for (entry, seconds) in entries.iter().zip(seconds) {
+            let spp = (f64::from(least) * slowest / seconds).round().max(1.0) as u32;
+            let runs = self.workshop.effort.runs;
+            let mut result = EqualTime { spp, seconds: 0.0, mse: 0.0, image: Image::black(1, 1) };
+            for run in 0..runs {
+                self.workshop.check()?;
+                let rendering = self.render(&*entry.estimator, spp, 1 + u64::from(run));
+                let image = rendering.composite();
+                result.mse += ErrorMetrics::of(&select(&image, &self.measured), &reference)?.mse / f64::from(runs);
+                result.seconds += rendering.seconds / f64::from(runs);
+                if run == 0 {
+                    result.image = image;
+                }
+            }
+            results.push(result);
+        }
+        Ok(results)
+    }
+
+    /// What the middle of a pixel shows.
+    pub fn surface_of(&self, pixel: usize) -> Option<ShadingPoint> {
+        let (width, height) = (self.reference.width, self.reference.height);
+        let (x, y) = ((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
+        self.view.scene.intersect(&self.view.camera.ray(x, y, width, height))
+    }
+
+    /// `[height * width]` measured pixels whose surface has a BRDF of its own, no analytic one; all measured pixels where there are none.
+    pub fn special(&self) -> Vec<bool> {
+        let is_special = |k: usize| {
+            self.measured[k] && self.surface_of(k).is_some_and(|point| point.surface.brdf > METALLIC_ROUGHNESS)
+        };
+        let special: Vec<bool> = (0..self.measured.len()).map(is_special).collect();
+        if special.contains(&true) { special } else { self.measured.clone() }
+    }
+
+    /// The one of the chosen pixels that is nearest to a place.
+    pub fn nearest(&self, chosen: &[bool], x: usize, y: usize) -> Option<usize> {
+        let width = self.reference.width;
+        let distance = |k: &usize| (k % width).abs_diff(x).pow(2) + (k / width).abs_diff(y).pow(2);
+        (0..chosen.len()).filter(|&k| chosen[k]).min_by_key(distance)
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.view.scene
     }
 }
 

@@ -1,15 +1,22 @@
 //! `headtail paper`: every table and figure of the paper in terms of this program, on one page.
 
 mod ablation;
+mod bias;
 mod catcher;
+mod comparison;
 mod costs;
 mod data;
+mod densities;
 mod effort;
 mod figure;
 mod fits;
 mod heads;
 mod measure;
+mod neural;
+mod part;
+mod passes;
 mod scenes;
+mod shot;
 mod two_dimensions;
 
 use std::{
@@ -25,8 +32,14 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use headtail_render::file;
 use maud::{Markup, PreEscaped, html};
+use serde_json::{Value, json};
 
-use self::{data::Data, effort::Effort, heads::Heads};
+use self::{
+    data::Data,
+    effort::Effort,
+    heads::Heads,
+    part::{Kept, Part},
+};
 use crate::terminal::{self, note, say};
 use crate::{
     arguments::make_folder,
@@ -40,11 +53,12 @@ use crate::{
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail paper --quick --out out/paper
+  headtail paper --data maps --only catcher --json --out out/paper
   headtail paper --data maps --out out/paper
 
---quick takes under ten minutes on two cores. Whatever ends the program, the same command goes on where it was: heads and \
-finished sections are kept in DIR/heads and DIR/sections, the page shows those that are done. Without --data, maps and scenes are the built-in ones. Of --data \
-the folders envmaps (.hdr, .exr) and scenes (.glb, .gltf) are used.")]
+--quick takes under ten minutes on two cores; without it, hours are usual, and it is said beforehand about how many. Whatever ends the program, the same command \
+goes on where it was: heads and finished parts of sections are kept in DIR/heads and DIR/sections, the page shows those that are done. Without --data, maps and scenes are the \
+built-in ones. Of --data the folders envmaps (.hdr, .exr), scenes (.glb, .gltf), nbrdf (nbrdf_all.f32) and materials (welt, satin and velvet.safetensors; else those of ./checkpoints) are used.")]
 pub struct Arguments {
     /// Folder of maps and scenes.
     #[arg(long, value_name = "DIR")]
@@ -58,12 +72,15 @@ pub struct Arguments {
     /// Threads. Default: all cores.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
+    /// Print the figures of all tables as a JSON object.
+    #[arg(long)]
+    json: bool,
     /// Folder for the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
 
-/// What sections are made with.
+/// What parts are made with.
 pub struct Workshop {
     data: Data,
     effort: Effort,
@@ -72,10 +89,10 @@ pub struct Workshop {
 }
 
 impl Workshop {
-    /// An error once a signal has come: nothing of an unfinished section is kept.
+    /// An error once a signal has come: nothing of an unfinished part is kept.
     fn check(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) {
-            bail!(progress::Interrupted::new("the same command goes on with the section that was being made"));
+            bail!(progress::Interrupted::new("the same command goes on with the part that was being made"));
         }
         Ok(())
     }
@@ -85,34 +102,30 @@ impl Workshop {
 struct Section {
     name: &'static str,
     title: &'static str,
-    /// About its share of the work.
-    weight: u64,
-    make: fn(&Workshop) -> Result<String>,
+    /// What is said before its parts, as HTML.
+    intro: String,
+    parts: Vec<Part>,
 }
 
-const SECTIONS: [Section; 8] = [
-    Section {
-        name: "example",
-        title: "A product of an image and a Gaussian",
-        weight: 5,
-        make: two_dimensions::section,
-    },
-    Section { name: "fits", title: "Fits of maps and materials", weight: 30, make: fits::section },
-    Section { name: "cosine", title: "Cosine-weighted emitter sampling", weight: 12, make: scenes::cosine },
-    Section { name: "microfacet", title: "Microfacet materials", weight: 12, make: scenes::microfacet },
-    Section { name: "neural", title: "Neural materials", weight: 1, make: |_| Ok(NEURAL.to_owned()) },
-    Section { name: "catcher", title: "Shadow-catcher compositing", weight: 12, make: catcher::section },
-    Section { name: "ablation", title: "Ablation", weight: 30, make: ablation::section },
-    Section { name: "costs", title: "Costs", weight: 3, make: costs::section },
-];
+fn sections(workshop: &Workshop) -> Vec<Section> {
+    let section = |name, title, (intro, parts): (String, Vec<Part>)| Section { name, title, intro, parts };
+    vec![
+        section("example", "A product of an image and a Gaussian", two_dimensions::section(workshop)),
+        section("fits", "Fits of maps and materials", fits::section(workshop)),
+        section("cosine", "Cosine-weighted emitter sampling", scenes::cosine(workshop)),
+        section("microfacet", "Microfacet materials", scenes::microfacet(workshop)),
+        section("neural", "Neural materials", neural::section(workshop)),
+        section("catcher", "Shadow-catcher compositing", catcher::section(workshop)),
+        section("ablation", "Ablation", ablation::section(workshop)),
+        section("costs", "Costs", costs::section(workshop)),
+    ]
+}
 
-/// What stands in the place of the paper's figures of bedroom and cloth.
-const NEURAL: &str = "<p class=\"incomplete\"><b>Not implemented.</b> This program has no neural materials, so that there is nothing to set beside the \
-                      paper's figures of striped, low-roughness and high-roughness fabrics (bedroom, cloth). The built-in scenes of these names have \
-                      analytic materials.</p>\n";
-
-/// Makes all sections that are not there yet, and the page after each.
+/// Makes all parts that are not there yet, and the page after each.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.json {
+        terminal::only_data();
+    }
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
@@ -124,76 +137,93 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let effort = if arguments.quick { Effort::QUICK } else { Effort::FULL };
     let stop = progress::stop_flag()?;
     let heads = Heads::new(&arguments.out.join("heads"), effort, stop.clone())?;
-    let key = format!("{} {} {effort:?}", env!("CARGO_PKG_VERSION"), data.key());
+    let stamp = format!("{} {} {effort:?}", env!("CARGO_PKG_VERSION"), data.key());
     let workshop = Workshop { data, effort, heads, stop };
+    let sections = sections(&workshop);
     let is_wanted = |name: &str| arguments.only.is_empty() || arguments.only.iter().any(|text| name.contains(&**text));
-    ensure!(SECTIONS.iter().any(|section| is_wanted(section.name)), "--only: there is no section of such a name");
-    let bar = progress::bar(SECTIONS.iter().map(|section| section.weight).sum(), "paper");
-    let mut page = Page { folder, key, made: Vec::new() };
-    for section in &SECTIONS {
-        bar.set_message(section.name);
-        let known = page.read(section.name);
-        let html = match known {
-            Some(html) => Some(html),
-            None if is_wanted(section.name) => Some(page.write(section, &workshop)?),
-            None => None,
-        };
-        page.made.extend(html.map(|html| (section, html)));
-        file::replace(&arguments.out.join("paper.html"), page.encode(&workshop).as_bytes())?;
-        bar.inc(section.weight);
+    ensure!(sections.iter().any(|section| is_wanted(section.name)), "--only: there is no section of such a name");
+    let known = |section: &Section| -> Vec<Option<Kept>> {
+        section.parts.iter().map(|part| Kept::read(&folder, section.name, &part.name, &stamp)).collect()
+    };
+    let mut page = Page { kept: sections.iter().map(known).collect(), sections };
+    let missing = page.missing(is_wanted);
+    page.announce(&missing);
+    let cost = |&(k, j): &(usize, usize)| (1000.0 * page.sections[k].parts[j].cost).ceil() as u64;
+    let costs: Vec<u64> = missing.iter().map(cost).collect();
+    let bar = progress::bar(costs.iter().sum(), "paper");
+    let write = |page: &Page| file::replace(&arguments.out.join("paper.html"), page.encode(&workshop).as_bytes());
+    write(&page)?;
+    for (&(k, j), cost) in missing.iter().zip(costs) {
+        let (section, part) = (&page.sections[k], &page.sections[k].parts[j]);
+        let name = format!("{}: {}", section.name, part.name);
+        bar.set_message(&name);
+        let kept = part.make(&workshop, &stamp).with_context(|| name.clone())?;
+        kept.write(&folder, section.name, &part.name)?;
+        note!("{name}: {}", duration(kept.seconds));
+        page.kept[k][j] = Some(kept);
+        write(&page)?;
+        bar.inc(cost);
         workshop.check()?;
     }
     bar.finish_and_clear();
+    let path = arguments.out.join("paper.html");
+    let complete = page.kept.iter().filter(|parts| parts.iter().all(Option::is_some)).count();
     say!(
-        "{} of {} sections in {}; the page to open is {}",
-        page.made.len(),
-        SECTIONS.len(),
+        "{complete} of {} sections in {}; the page to open is {}",
+        page.sections.len(),
         duration(start.elapsed().as_secs_f64()),
-        arguments.out.join("paper.html").display()
+        path.display()
     );
+    if arguments.json {
+        terminal::print_json(&json!({ "page": path.display().to_string(), "sections": page.json() }))?;
+    }
     Ok(())
 }
 
-/// The page with the sections that are there.
+/// The page with the parts that are there.
 struct Page {
-    folder: PathBuf,
-    /// What all sections depend on.
-    key: String,
-    made: Vec<(&'static Section, String)>,
+    sections: Vec<Section>,
+    /// `[section][part]`.
+    kept: Vec<Vec<Option<Kept>>>,
 }
 
 impl Page {
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.join(name).with_extension("html")
+    /// Wanted parts that are not there, as indices of section and part.
+    fn missing(&self, is_wanted: impl Fn(&str) -> bool) -> Vec<(usize, usize)> {
+        let sections = self.sections.iter().zip(&self.kept).enumerate();
+        let wanted = sections.filter(|(_, (section, _))| is_wanted(section.name));
+        wanted.flat_map(|(k, (_, kept))| (0..kept.len()).filter(|&j| kept[j].is_none()).map(move |j| (k, j))).collect()
     }
 
-    /// The first line of a section's file.
-    fn stamp(&self) -> String {
-        format!("<!-- {} -->\n", self.key.replace("--", "- "))
-    }
-
-    /// A section that was made before with the same settings.
-    fn read(&self, name: &str) -> Option<String> {
-        let text = std::fs::read_to_string(self.path(name)).ok()?;
-        text.strip_prefix(&self.stamp()).map(str::to_owned)
-    }
-
-    fn write(&self, section: &Section, workshop: &Workshop) -> Result<String> {
-        let start = Instant::now();
-        let html = (section.make)(workshop).with_context(|| format!("section '{}'", section.name))?;
-        let seconds = duration(start.elapsed().as_secs_f64());
-        let html = format!("{html}<p class=\"note\">Made in {seconds}.</p>\n");
-        file::replace(&self.path(section.name), (self.stamp() + &html).as_bytes())?;
-        note!("{}: {seconds}", section.name);
-        Ok(html)
+    /// Says what is to be done, and about how long it takes on idle cores.
+    fn announce(&self, missing: &[(usize, usize)]) {
+        let threads = rayon::current_num_threads();
+        let seconds: f64 = missing.iter().map(|&(k, j)| self.sections[k].parts[j].cost).sum();
+        let all: usize = self.kept.iter().map(Vec::len).sum();
+        let is_there = all - missing.len();
+        match missing.len() {
+            0 => note!("all {is_there} parts are there"),
+            count => note!(
+                "{count} parts to be made, {is_there} there or not asked for: about {} on {}",
+                duration(seconds / threads as f64),
+                shell::count(threads, "thread")
+            ),
+        }
     }
 
     fn encode(&self, workshop: &Workshop) -> String {
         let version = env!("CARGO_PKG_VERSION");
         let main = html! {
             (self.contents(workshop))
-            @for (section, made) in &self.made {
-                section #(section.name) { h2 { (section.title) } (PreEscaped(made)) }
+            @for (section, kept) in self.sections.iter().zip(&self.kept) {
+                @if kept.iter().any(Option::is_some) {
+                    section #(section.name) {
+                        h2 { (section.title) }
+                        (PreEscaped(&section.intro))
+                        @for part in kept.iter().flatten() { (PreEscaped(&part.made.html)) }
+                        p.note { "Made in " (duration(kept.iter().flatten().map(|part| part.seconds).sum())) "." (progress_of(kept)) }
+                    }
+                }
             }
         };
         let page = shell::Page {
@@ -210,13 +240,12 @@ impl Page {
     }
 
     fn contents(&self, workshop: &Workshop) -> Markup {
-        let is_made = |name: &str| self.made.iter().any(|(made, _)| made.name == name);
         html! {
             section.reading {
                 h2 { "Contents" }
                 ul {
-                    @for Section { name, title, .. } in &SECTIONS {
-                        @if is_made(name) { li { a href={ "#" (name) } { (title) } } }
+                    @for (Section { name, title, .. }, kept) in self.sections.iter().zip(&self.kept) {
+                        @if kept.iter().any(Option::is_some) { li { a href={ "#" (name) } { (title) } (progress_of(kept)) } }
                         @else { li { (title) " " small { "(not made yet)" } } }
                     }
                 }
@@ -229,6 +258,24 @@ impl Page {
             }
         }
     }
+
+    /// All figures.
+    fn json(&self) -> Vec<Value> {
+        let section = |(section, kept): (&Section, &Vec<Option<Kept>>)| {
+            let parts = section.parts.iter().zip(kept).filter_map(|(part, kept)| {
+                let kept = kept.as_ref()?;
+                Some(json!({ "name": part.name, "seconds": kept.seconds, "tables": kept.made.tables }))
+            });
+            json!({ "name": section.name, "title": section.title, "parts": parts.collect::<Vec<_>>() })
+        };
+        self.sections.iter().zip(&self.kept).map(section).collect()
+    }
+}
+
+/// How much of a section is there, unless all is.
+fn progress_of(kept: &[Option<Kept>]) -> Markup {
+    let there = kept.iter().flatten().count();
+    html! { @if there < kept.len() { small { " (" (there) " of " (kept.len()) " parts)" } } }
 }
 
 /// Whether a path is a folder.

@@ -76,6 +76,14 @@ impl Cell {
         }
     }
 
+    /// As JSON: words, a number, or null. A number's interval is left out.
+    pub fn json(&self) -> serde_json::Value {
+        match &self.value {
+            Value::Text(words) => words.as_str().into(),
+            _ => self.amount().into(),
+        }
+    }
+
     fn html(&self) -> String {
         match &self.value {
             Value::Text(words) => number::escape(words),

@@ -71,8 +71,8 @@ fn pages_work_in_a_browser() {
         }
     }
     for dark in [false, true] {
-        // Five scenes with two charts each, a wide and a narrow form of which one is shown, and what tails make of the square.
-        let charts = if page.is_some() { 11 } else { 0 };
+        // Eight views with two charts each, a wide and a narrow form of which one is shown, and what tails make of the square.
+        let charts = if page.is_some() { 17 } else { 0 };
         assert_eq!(probe(&browser, &copy, dark), format!("charts={charts} images=true"));
     }
     succeed(path, "view --env window --width 60 --height 40 --out shot.exr");

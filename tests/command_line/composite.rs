@@ -154,27 +154,45 @@ fn what_cannot_be_composited_says_why() {
     );
 }
 
+/// Figures as data, and nothing else on standard output.
+#[test]
+fn composite_prints_json() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, "view --env window --width 60 --height 40 --out shot.exr");
+    let said = succeed(
+        path,
+        "composite --photo shot.exr --camera shot.fspy --env window --scene sphere --size 0.8 --spp 4 --json --out out",
+    );
+    let facts: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!((&facts["width"], &facts["height"], &facts["spp"]), (&60.into(), &40.into(), &4.into()));
+    let darkest = facts["darkest_shadow"].as_f64().unwrap();
+    assert!((0.0..0.95).contains(&darkest), "{said}");
+}
+
 #[test]
 fn the_paper_is_made_section_by_section() {
     let here = folder();
     let path = here.path();
-    let section = |name: &str| path.join("out/sections").join(name).with_extension("html");
-    let said = succeed(path, "paper --quick --only neural --out out");
+    let part = "out/sections/example--image-and-Gaussian.json";
+    let said = succeed(path, "paper --quick --only example --out out");
     assert!(said.contains("1 of 8 sections"), "{said}");
     let page = fs::read_to_string(path.join("out/paper.html")).unwrap();
-    assert!(
-        page.contains("Not implemented")
-            && page.contains("not made yet")
-            && !page.contains("http:")
-            && !page.contains("https:")
-    );
-    // What is there is kept, and made anew when something else was asked for.
-    let kept = fs::read_to_string(section("neural")).unwrap();
-    fs::write(section("neural"), kept.replace("Not implemented", "Kept")).unwrap();
-    succeed(path, "paper --quick --only neural --out out");
+    assert!(page.contains("near-perfect fit") && page.contains("not made yet"), "{}", page.len());
+    assert!(!page.contains("http:") && !page.contains("https:"));
+    // What is there is kept, and its figures are printed; it is made anew when something else was asked for.
+    let kept = fs::read_to_string(path.join(part)).unwrap();
+    fs::write(path.join(part), kept.replace("near-perfect", "Kept")).unwrap();
+    let said = succeed(path, "paper --quick --only example --json --out out");
+    let json: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let rows = &json["sections"][0]["parts"][0]["tables"][0]["rows"];
+    let (naive, ours) = (rows[2]["naive fit"].as_f64().unwrap(), rows[2]["our fit"].as_f64().unwrap());
+    assert!(ours > 0.0 && ours < 0.5 * naive, "{rows}");
     assert!(fs::read_to_string(path.join("out/paper.html")).unwrap().contains("Kept"));
+    // Without the materials of a checkout their section says what it needs.
     succeed(path, "paper --only neural --out out");
-    assert!(!fs::read_to_string(path.join("out/paper.html")).unwrap().contains("Kept"));
+    let page = fs::read_to_string(path.join("out/paper.html")).unwrap();
+    assert!(page.contains("3 of 3 materials are not here") && !page.contains("Kept"));
     let message = fail(path, "paper --quick --only nothing --out out");
     assert!(message.contains("--only"), "{message}");
     let message = fail(path, "paper --quick --data missing --out out");
@@ -183,7 +201,7 @@ fn the_paper_is_made_section_by_section() {
     assert!(fail(path, "paper --quick --data empty --out out").contains("no .hdr or .exr"));
 }
 
-/// A signal leaves the sections that were done, and the same command goes on.
+/// A signal leaves the parts that were done, and the same command goes on.
 #[cfg(target_os = "linux")]
 #[test]
 fn an_interrupted_paper_goes_on() {

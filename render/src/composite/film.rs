@@ -9,8 +9,10 @@ pub struct CatcherSums {
     pub hits: u32,
     /// Visible weights over the irradiance, per channel and of luminance.
     pub visible: DVec4,
-    /// All weights over the irradiance.
+    /// The weights that the catcher does not block itself, over the irradiance. In the mean the share of it that the catcher leaves itself.
     pub all: DVec4,
+    /// All weights over the irradiance: 1 in the mean. Those of a plane are all open.
+    pub drawn: DVec4,
     /// Draws that were visible, and draws. Those below the surface or without light are not counted.
     pub seen: u64,
     /// See `seen`.
@@ -28,8 +30,6 @@ pub struct Film {
     pub height: usize,
     /// Samples per pixel so far.
     pub spp: u32,
-    /// Whether the irradiance that weights were divided by is exactly that of the catcher without the object.
-    pub is_exact: bool,
     /// Of the catcher.
     pub catcher: Vec<CatcherSums>,
     /// Camera rays that hit the object, and the radiance that they found.
@@ -44,13 +44,12 @@ pub struct Film {
 
 impl Film {
     /// A film without samples.
-    pub fn new(width: usize, height: usize, is_exact: bool) -> Self {
+    pub fn new(width: usize, height: usize) -> Self {
         let pixels = width * height;
         Self {
             width,
             height,
             spp: 0,
-            is_exact,
             catcher: vec![CatcherSums::default(); pixels],
             object: vec![(0, DVec3::ZERO); pixels],
             mask_rays: 0,

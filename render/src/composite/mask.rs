@@ -7,7 +7,10 @@ use glam::DVec4;
 use super::film::{CatcherSums, Film};
 use crate::error::{Error, Result};
 
-/// How the mask of a pixel is estimated. With `w = L cos / p` of a sample, per channel, and `E` the exact irradiance:
+/// How the mask of a pixel is estimated. With `w = L cos / p` of a sample, per channel, and `E` the exact irradiance of the surface's normal. Where a
+/// catcher shadows itself, the mask is what the object leaves over of the rest: `V` is then the visibility among the samples that the catcher
+/// does not block itself, and a mean of `w V` is that of all `w` times the ratio `sum(w V) / sum(w)` of these. That is biased only as far as
+/// the share that the catcher blocks varies, of the order of one over the samples; where it blocks nothing, not at all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MaskForm {
     /// The paper's: the share of samples that are visible, the same for all channels. It converges to the mean visibility under the sampler's own
@@ -67,22 +70,22 @@ pub struct Mask {
 const REACH: i32 = 2;
 
 impl Mask {
-    /// The mask in a form. For a catcher that shadows itself the exact irradiance is of no use, and `Ratio` is what `Weights` and
-    /// `ControlVariate` mean.
+    /// The mask in a form.
     pub fn of(film: &Film, form: MaskForm) -> Self {
-        let form = if film.is_exact { form } else { form.without_irradiance() };
         let pixel = |index: usize| {
             let own = &film.catcher[index];
             if own.hits == 0 {
                 return [1.0; 4];
             }
-            let hits = f64::from(own.hits);
-            let (visible, all) = (own.visible / hits, own.all / hits);
+            let drawn = own.drawn / f64::from(own.hits);
             let value = match form {
                 MaskForm::Paper => DVec4::splat(own.seen as f64 / own.draws.max(1) as f64),
-                MaskForm::Weights => visible,
+                MaskForm::Weights => drawn * ratio(own.visible, own.all),
                 MaskForm::Ratio => ratio(own.visible, own.all),
-                MaskForm::ControlVariate => visible + factor(film, index) * (DVec4::ONE - all),
+                MaskForm::ControlVariate => {
+                    let factor = factor(film, index);
+                    factor + drawn * (ratio_or(own.visible, own.all, factor) - factor)
+                }
             };
             value.as_vec4().to_array()
         };
@@ -101,19 +104,14 @@ impl Mask {
     }
 }
 
-impl MaskForm {
-    fn without_irradiance(self) -> Self {
-        match self {
-            Self::Paper => Self::Paper,
-            _ => Self::Ratio,
-        }
-    }
-}
-
 /// 1 where there is no light that could be shadowed.
 fn ratio(visible: DVec4, all: DVec4) -> DVec4 {
-    let quotient = visible / all;
-    DVec4::select(all.cmpgt(DVec4::ZERO), quotient, DVec4::ONE)
+    ratio_or(visible, all, DVec4::ONE)
+}
+
+/// Something else where there is no light that could be shadowed.
+fn ratio_or(visible: DVec4, all: DVec4, otherwise: DVec4) -> DVec4 {
+    DVec4::select(all.cmpgt(DVec4::ZERO), visible / all, otherwise)
 }
 
 /// The ratio of the pixels around one, in `[0, 1]`.
@@ -146,7 +144,7 @@ mod tests {
     }
 
     fn film(sums: CatcherSums) -> Film {
-        let mut film = Film::new(3, 3, true);
+        let mut film = Film::new(3, 3);
         film.catcher.fill(sums);
         film
     }
@@ -157,6 +155,7 @@ mod tests {
             hits: 4,
             visible: DVec4::splat(7.0),
             all: DVec4::splat(7.0),
+            drawn: DVec4::splat(7.0),
             seen: 4,
             draws: 4,
             ..CatcherSums::default()
@@ -168,9 +167,20 @@ mod tests {
         assert_eq!(Mask::of(&film, MaskForm::Weights).values[4], [1.75; 4]);
     }
 
+    /// Half of a pixel's light the catcher takes itself, of the rest the object takes half: the mask is one half, whatever the weights.
+    #[test]
+    fn what_the_catcher_blocks_itself_is_not_in_the_mask() {
+        let [visible, all, drawn] = [1.0, 2.0, 4.0].map(DVec4::splat);
+        let film = film(CatcherSums { hits: 4, visible, all, drawn, seen: 1, draws: 2, ..CatcherSums::default() });
+        for form in MaskForm::ALL {
+            assert_eq!(Mask::of(&film, form).values[4], [0.5; 4], "{form}");
+        }
+    }
+
     #[test]
     fn black_pixels_are_black_and_empty_ones_white() {
-        let black = CatcherSums { hits: 4, all: DVec4::splat(7.0), draws: 4, ..CatcherSums::default() };
+        let weights = DVec4::splat(7.0);
+        let black = CatcherSums { hits: 4, all: weights, drawn: weights, draws: 4, ..CatcherSums::default() };
         for form in MaskForm::ALL {
             assert_eq!(Mask::of(&film(black), form).values[4], [0.0; 4], "{form}");
             assert_eq!(Mask::of(&film(CatcherSums::default()), form).values[4], [1.0; 4], "{form}");

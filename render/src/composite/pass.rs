@@ -28,8 +28,8 @@ pub fn compose(composition: Composition<'_>, settings: Settings, stop: &AtomicBo
     assert!(side <= crate::integrator::MAX_SIDE, "an image of more pixels along a side than can be numbered");
     let start = Instant::now();
     composition.stage.all.prepare_materials();
-    let (stage, total) = (composition.stage, settings.spp.max(1));
-    let mut film = Film::new(settings.width, settings.height, stage.is_plane());
+    let total = settings.spp.max(1);
+    let mut film = Film::new(settings.width, settings.height);
     let mut tiles = Pixels::tiles(settings.width, settings.height);
     while film.spp < total {
         let samples = film.spp..total.min(film.spp + PASS);

@@ -188,10 +188,14 @@ impl Worker<'_> {
         let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
         pixels.mask_rays += rays.len() as u64;
         let own = contributions.places().iter().zip(contributions.radiance()).zip(visible.iter().zip(&*open));
-        for ((&place, &radiance), (&visible, _)) in own.filter(|(_, (_, open))| **open) {
+        for ((&place, &radiance), (&visible, &open)) in own {
             let n = catcher.tile.point(place as usize).ns;
             let sums = &mut pixels.sums[catcher.paths[place as usize].pixel].catcher;
             let weight = relative(radiance, composition.backdrop, n);
+            sums.drawn += weight;
+            if !open {
+                continue;
+            }
             sums.draws += 1;
             sums.all += weight;
             if visible {

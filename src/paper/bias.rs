@@ -1,0 +1,102 @@
+//! The bias of the paper's estimator of the mask.
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use headtail_render::{
+    bake::{CellGrid, NormalGrid, direct_bake},
+    composite::{Film, Mask, MaskForm},
+    environment::Environment,
+    estimator::{Estimator, SingleSample},
+    sampler::{Covering, EnvironmentLight, ProductSampler},
+    spec::{FileKind, SamplerSpec},
+    tail::TailKind,
+};
+use headtail_train::Material;
+
+use super::{
+    Workshop,
+    figure::{Panel, heading, legend, note, strip},
+    part::Made,
+    scenes::baked,
+    shot::{Errors, IN_SHADOW, Shot},
+};
+use crate::report::{
+    chart::Scale,
+    number::{escape, text},
+    table::Cell,
+};
+
+/// The bias of the paper's estimator with samplers that are nearly the product, and of the control variate with the same.
+pub fn bias(workshop: &Workshop) -> Result<Made> {
+    let shot = Shot::new(workshop, 0)?;
+    let environment = &shot.environment;
+    let backdrop = shot.backdrop();
+    let samplers = samplers(workshop, environment)?;
+    let spp = workshop.effort.mask_spp;
+    let patches = SamplerSpec::patches().build(environment)?;
+    let reference = shot.film(&backdrop, &*patches, shot.settings(4 * spp, 77));
+    let truth = Mask::of(&reference, MaskForm::ControlVariate);
+    let (mut panels, mut rows) = (Vec::new(), Vec::new());
+    let scale = Scale { top: 0.1, decades: 2.0 };
+    for (name, estimator) in &samplers {
+        workshop.check()?;
+        let film = shot.film(&backdrop, &**estimator, shot.settings(spp, 5));
+        for form in [MaskForm::Paper, MaskForm::ControlVariate] {
+            let mask = Mask::of(&film, form);
+            let off: Vec<f32> = mask.values.iter().zip(&truth.values).map(|(a, b)| (a[3] - b[3]).abs()).collect();
+            let errors = Errors::of(&mask, &truth, &reference, &shot.photograph);
+            let root = errors.shadow.sqrt();
+            let interval = half_width(&mask, &truth, &reference);
+            let note = format!("mean error {:+.1e}, root mean square {}", errors.bias, text(root));
+            panels.push(Panel::new(&scale.png(&off, film.width)?, format!("{name}, {form}"), note));
+            rows.push(vec![
+                Cell::text(format!("{name}, {form}")),
+                Cell::number(errors.bias).beside(format!("\u{b1} {interval:.0e}")),
+                Cell::number(root),
+            ]);
+        }
+    }
+    let mut made = Made::of(heading("Bias of the paper's estimator"));
+    made.html += &note(&format!(
+        "{} under {}: the absolute error of masks of luminance after {spp} samples per pixel, where noise is small: what is left of \
+         the mean visibility is bias. The unbiased form uses the same samples. Mean errors with 95 % intervals over blocks of the shadow's pixels (mask below {IN_SHADOW}), against a control variate of {} samples.",
+        escape(&shot.name),
+        escape(environment.name()),
+        4 * spp,
+    ));
+    made.html += &(strip("fits", &panels) + &legend(scale, "absolute error of the mask"));
+    made.table("mask-bias", &["sampler, form", "mean error in shadow", "root mean square"], rows);
+    Ok(made)
+}
+
+/// Samplers that are nearly the product of light and cosine, and one that is not.
+fn samplers(workshop: &Workshop, environment: &Arc<Environment>) -> Result<Vec<(&'static str, Box<dyn Estimator>)>> {
+    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+    let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
+    let direct = SingleSample::new(Covering::new(ProductSampler::new(light, table))?, environment.clone());
+    let head = workshop.heads.of(environment, Material::Lambert)?.file;
+    Ok(vec![
+        ("head", SamplerSpec::file(FileKind::Head, head.clone()).build(environment)?),
+        ("baked 8\u{d7}8", baked(&head, environment, 8)?),
+        ("direct 32\u{d7}32", Box::new(direct)),
+        ("patches", SamplerSpec::patches().build(environment)?),
+        ("mis", SamplerSpec::mis().build(environment)?),
+    ])
+}
+
+/// Half a 95 % interval of the mean error, by blocks of 8 x 8 pixels.
+fn half_width(mask: &Mask, truth: &Mask, film: &Film) -> f64 {
+    let columns = film.width.div_ceil(8);
+    let mut blocks = vec![(0.0, 0_u32); columns * film.height.div_ceil(8)];
+    let is_measured = |k: &usize| film.catcher[*k].hits == film.spp && truth.values[*k][3] < IN_SHADOW;
+    for k in (0..film.catcher.len()).filter(is_measured) {
+        let block = &mut blocks[k / film.width / 8 * columns + k % film.width / 8];
+        block.0 += f64::from(mask.values[k][3]) - f64::from(truth.values[k][3]);
+        block.1 += 1;
+    }
+    let pixels: u32 = blocks.iter().map(|block| block.1).sum();
+    let mean = blocks.iter().map(|block| block.0).sum::<f64>() / f64::from(pixels.max(1));
+    let squares: f64 = blocks.iter().map(|(sum, count)| (sum - mean * f64::from(*count)).powi(2)).sum();
+    1.96 * squares.sqrt() / f64::from(pixels.max(1))
+}

@@ -1,0 +1,170 @@
+//! A view rendered by several samplers: pictures, crops, errors at equal samples and at equal time, densities at a marked point.
+
+use std::sync::Arc;
+
+use anyhow::{Context, Result};
+use headtail_render::{
+    environment::Environment,
+    head::Head,
+    image::Image,
+    sampler::{EnvironmentLight, Sampler},
+    spec::SamplerSpec,
+    tail::TailKind,
+};
+
+use super::{
+    Workshop,
+    data::View,
+    densities::{self, Models, Surface, with_cross},
+    figure::{Panel, note, strip},
+    measure::{Bench, Entry, EqualTime, mean},
+    part::Made,
+};
+use crate::report::{
+    self, Row,
+    crop::Crop,
+    number::{text, times},
+    table::{Cell, Value},
+};
+
+/// Samples per pixel of the pictures: the paper's.
+const SHOWN: u32 = 4;
+/// Samples per pixel that times are taken at.
+const TIMED: u32 = 16;
+/// The colour of the marked point, as in the paper.
+const GREEN: [u8; 3] = [40, 230, 70];
+
+/// What is compared.
+pub struct Subject {
+    /// The view.
+    pub view: View,
+    /// The light.
+    pub environment: Arc<Environment>,
+    /// The samplers; the first is the baseline.
+    pub entries: Vec<Entry>,
+    /// The sampler that is shown between the first and the last, whole.
+    pub shown: Option<&'static str>,
+    /// A head with and one without a tail, for the densities.
+    pub heads: Option<[Head; 2]>,
+    /// Samplers for the densities, with their names.
+    pub samplers: Vec<(&'static str, SamplerSpec)>,
+}
+
+/// Renders everything.
+pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<Made> {
+    let Subject { view, environment, entries, .. } = subject;
+    let bench = Bench::new(workshop, view, environment.clone())?;
+    let (rows, images) = bench.measure(entries, &[1, SHOWN, TIMED], SHOWN)?;
+    let equal = bench.equal_time(entries, &rows, TIMED, SHOWN)?;
+    // A neural material is what its picture is about, and its densities are those of interest.
+    let chosen = bench.special();
+    let crop = Crop::worst(&images[0], &bench.reference, &chosen);
+    let mut made = Made::of(title);
+    let mark = bench.nearest(&chosen, crop.left + crop.side / 2, crop.top + crop.side / 2);
+    let mark = mark.context("no surface fills a pixel of the view")?;
+    let surface = bench.surface_of(mark).context("a surface in a pixel that one fills")?;
+    let width = bench.reference.width;
+    let framed = crop.framed(&bench.reference, bench.exposure)?;
+    let reference = with_cross(&framed, (mark % width, mark / width), GREEN)?;
+    let whole = |k: usize| -> Result<Panel> {
+        let caption = format!("{SHOWN} spp, MSE {}", text(mean(&rows, &entries[k].name, SHOWN).0));
+        Ok(Panel::new(&crop.framed(&images[k], bench.exposure)?, entries[k].name.as_str(), caption))
+    };
+    let middle = entries.iter().position(|entry| Some(entry.name.as_str()) == subject.shown);
+    let mut panels =
+        vec![Panel::new(&reference, "reference", format!("{} spp", workshop.effort.reference_spp)), whole(0)?];
+    panels.extend(middle.map(&whole).transpose()?);
+    panels.push(whole(entries.len() - 1)?);
+    made.html += &strip(if panels.len() > 3 { "fits" } else { "wide" }, &panels);
+    made.html +=
+        &note(&format!("The square at {SHOWN} samples per pixel; errors are of the whole picture and of the square."));
+    let errors: Vec<f64> = entries.iter().map(|entry| mean(&rows, &entry.name, SHOWN).0).collect();
+    let captions: Vec<String> =
+        errors.iter().map(|mse| format!("MSE {}, {}\u{d7}", text(*mse), times(errors[0] / mse))).collect();
+    made.html += &crops(&bench, crop, entries, &images.iter().collect::<Vec<_>>(), &captions)?;
+    made.html += &note("The same square in equal time: each takes the time of the slowest at 4 samples per pixel.");
+    let captions: Vec<String> = equal
+        .iter()
+        .map(|own| format!("{} spp, MSE {}, {}\u{d7}", own.spp, text(own.mse), times(equal[0].mse / own.mse)))
+        .collect();
+    made.html += &crops(&bench, crop, entries, &equal.iter().map(|own| &own.image).collect::<Vec<_>>(), &captions)?;
+    let stem = stem(subject);
+    made.table(
+        &format!("numbers-{stem}"),
+        &[
+            "",
+            "MSE, 4 spp",
+            "lower than the first",
+            "time of the first",
+            "spp in equal time",
+            "MSE",
+            "lower than the first ",
+        ],
+        numbers(&rows, entries, &equal),
+    );
+    charts(&mut made, &rows, &stem, workshop.effort.runs)?;
+    made.html += &note(
+        "Densities at the green cross, without shadows; crosses mark the normal (red) and the reflected view (yellow).",
+    );
+    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+    let samplers: Vec<(&str, Arc<dyn Sampler>)> = subject
+        .samplers
+        .iter()
+        .map(|(name, spec)| Ok((*name, spec.source().build(environment)?)))
+        .collect::<Result<_>>()?;
+    let samplers: Vec<(&str, &dyn Sampler)> = samplers.iter().map(|(name, sampler)| (*name, &**sampler)).collect();
+    let heads = subject.heads.as_ref();
+    let models =
+        Models { head: heads.map(|[head, _]| head), naive: heads.map(|[_, naive]| naive), samplers: &samplers };
+    let at = Surface { point: &surface, brdfs: bench.scene().brdfs() };
+    let divergences = densities::row(&mut made, workshop.effort.density_rows, light.tail(), at, models)?;
+    let names: Vec<&str> =
+        std::iter::once("KL in nats").chain(divergences.iter().map(|(name, _)| name.as_str())).collect();
+    made.figures(&format!("densities-{stem}"), &names, &[densities::line("green cross", &divergences)]);
+    Ok(made)
+}
+
+/// What files of a comparison are called.
+fn stem(subject: &Subject) -> String {
+    let name = format!("{}-{}-{}", subject.view.name, subject.view.material, subject.environment.name());
+    name.replace(|c: char| !c.is_ascii_alphanumeric(), "-")
+}
+
+/// The same square of the reference and of pictures, with what stands under them and their own error.
+fn crops(bench: &Bench<'_>, crop: Crop, entries: &[Entry], images: &[&Image], captions: &[String]) -> Result<String> {
+    let mut panels = vec![Panel::new(&crop.png(&bench.reference, bench.exposure)?, "reference", "")];
+    for ((entry, image), caption) in entries.iter().zip(images).zip(captions) {
+        let note = format!("{caption}, square {}", text(crop.error(image, &bench.reference, &bench.measured)));
+        panels.push(Panel::new(&crop.png(image, bench.exposure)?, entry.name.as_str(), note));
+    }
+    Ok(strip("crops", &panels))
+}
+
+/// Errors at the shown number of samples, and at equal time.
+fn numbers(rows: &[Row], entries: &[Entry], equal: &[EqualTime]) -> Vec<Vec<Cell>> {
+    let (base, base_seconds) = mean(rows, &entries[0].name, SHOWN);
+    let line = |(entry, own): (&Entry, &EqualTime)| {
+        let (mse, seconds) = mean(rows, &entry.name, SHOWN);
+        vec![
+            Cell::text(entry.name.as_str()),
+            Cell::number(mse),
+            Value::Times(base / mse).into(),
+            Value::Times(seconds / base_seconds).into(),
+            Value::Amount(f64::from(own.spp)).into(),
+            Cell::number(own.mse),
+            Value::Times(equal[0].mse / own.mse).into(),
+        ]
+    };
+    entries.iter().zip(equal).map(line).collect()
+}
+
+fn charts(made: &mut Made, rows: &[Row], stem: &str, runs: u32) -> Result<()> {
+    let [mut lines, mut bars] = report::charts(rows)?;
+    (lines.name, bars.name) = (format!("error-time-{stem}"), format!("ratios-{stem}"));
+    let [lines, bars] = [lines, bars].map(|chart| chart.html().into_string());
+    made.html += &format!(
+        "<div class=\"charts\">\n<figure>{lines}<figcaption>MSE against rendering time at 1, 4 and 16 samples per pixel, means of {runs} runs.</figcaption></figure>\n\
+         <figure>{bars}<figcaption>How many times lower the MSE is than that of the first.</figcaption></figure>\n</div>\n"
+    );
+    Ok(())
+}

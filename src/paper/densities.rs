@@ -1,0 +1,188 @@
+//! Densities over the square as pictures: targets, heads, samplers.
+
+use std::f32::consts::PI;
+
+use anyhow::{Result, anyhow};
+use glam::{Vec2, Vec3A};
+use headtail_render::{
+    brdf::BrdfTable,
+    color::luminance,
+    head::Head,
+    image::{Photograph, encode_png_rgb8, srgb_code},
+    latlong,
+    sampler::{AtPoint, Sampler},
+    tail::{Tail, TailWarp},
+    tile::ShadingPoint,
+};
+
+use super::{
+    figure::{Panel, legends, strip},
+    part::Made,
+};
+use crate::report::{
+    chart::Scale,
+    number::text,
+    table::{Cell, Value},
+};
+
+/// Powers of ten of the colours.
+const DECADES: f64 = 5.0;
+/// The colours of crosses: the normal, and the reflected view.
+const CROSSES: [[u8; 3]; 2] = [[255, 60, 60], [255, 220, 0]];
+
+/// Densities over X or Y on a grid of `rows` times twice as many columns.
+pub struct Densities {
+    /// Rows of the grid.
+    pub rows: usize,
+    /// The centres of its cells.
+    pub points: Vec<Vec2>,
+}
+
+impl Densities {
+    /// A grid.
+    pub fn new(rows: usize) -> Self {
+        let columns = 2 * rows;
+        let at = |k: usize| Vec2::new((k % columns) as f32 + 0.5, (k / columns) as f32 + 0.5);
+        let points = (0..rows * columns).map(|k| at(k) / Vec2::new(columns as f32, rows as f32)).collect();
+        Self { rows, points }
+    }
+
+    /// Values with the mean 1: a density over the square.
+    pub fn normalized(&self, values: impl Iterator<Item = f32>) -> Vec<f32> {
+        let values: Vec<f32> = values.collect();
+        let mean = values.iter().map(|&value| f64::from(value)).sum::<f64>() / values.len() as f64;
+        values.into_iter().map(|value| (f64::from(value) / mean.max(f64::MIN_POSITIVE)) as f32).collect()
+    }
+
+    /// A head's density over the square that it was trained on.
+    pub fn of_head(&self, head: &Head, condition: &[f32]) -> Result<Vec<f32>> {
+        let at = head.at(condition)?;
+        Ok(at.invert(&self.points).into_iter().map(|(_, density)| density).collect())
+    }
+
+    /// A head's density over X, through a tail.
+    pub fn through(&self, tail: &Tail, head: &Head, condition: &[f32]) -> Result<Vec<f32>> {
+        let (y, slopes): (Vec<Vec2>, Vec<f32>) = tail.inverse_points(&self.points).into_iter().unzip();
+        let at = head.at(condition)?;
+        let densities = at.invert(&y).into_iter().zip(slopes);
+        Ok(densities.map(|((_, density), slope)| if slope > 0.0 { density * slope } else { 0.0 }).collect())
+    }
+
+    /// A sampler's density over X: that over solid angle times the `2 pi^2 sin theta` of the lat-long map.
+    pub fn of_sampler(&self, sampler: &dyn Sampler, at: &Surface<'_>) -> Vec<f32> {
+        let directions: Vec<Vec3A> = self.points.iter().map(|&x| latlong::direction(x)).collect();
+        let pdf = AtPoint::of_table(sampler, at.point, at.brdfs).pdf_many(&directions);
+        pdf.iter().zip(&self.points).map(|(pdf, x)| pdf * 2.0 * PI * PI * latlong::sin_theta(x.y)).collect()
+    }
+
+    /// Light times BRDF times cosine, without shadows.
+    pub fn target(&self, tail: &Tail, at: &Surface<'_>) -> Vec<f32> {
+        let directions: Vec<Vec3A> = self.points.iter().map(|&x| latlong::direction(x)).collect();
+        let reflected = at.point.one_of(at.brdfs).brdf_cosines(&directions).into_iter().map(luminance);
+        self.normalized(self.points.iter().zip(reflected).map(|(&x, f)| tail.light().density(x) * f))
+    }
+
+    /// `KL(target || density)` in nats over the grid; what the density leaves out counts by its smallest value.
+    pub fn kl(&self, target: &[f32], density: &[f32]) -> f64 {
+        let parts = target.iter().zip(density).filter(|(t, _)| **t > 0.0);
+        parts.map(|(&t, &q)| f64::from(t) * (f64::from(t) / f64::from(q).max(1e-12)).ln()).sum::<f64>()
+            / target.len() as f64
+    }
+}
+
+/// A point of a surface, with what its BRDF is looked up in.
+#[derive(Clone, Copy)]
+pub struct Surface<'a> {
+    /// The point.
+    pub point: &'a ShadingPoint,
+    /// The BRDFs of its scene.
+    pub brdfs: &'a BrdfTable,
+}
+
+/// What a row of densities shows beside the target.
+#[derive(Clone, Copy)]
+pub struct Models<'a> {
+    /// A head over the tail: its intermediate and its final density.
+    pub head: Option<&'a Head>,
+    /// A head without a tail.
+    pub naive: Option<&'a Head>,
+    /// Samplers with their names.
+    pub samplers: &'a [(&'a str, &'a dyn Sampler)],
+}
+
+/// A row of pictures with its scales: the target, and what comes near to it. Returns the divergences from the target in nats, by name.
+pub fn row(
+    made: &mut Made,
+    rows: usize,
+    tail: &Tail,
+    at: Surface<'_>,
+    models: Models<'_>,
+) -> Result<Vec<(String, f64)>> {
+    let (grid, point) = (Densities::new(rows), at.point);
+    let target = grid.target(tail, &at);
+    let scale = Scale::of(&target, DECADES);
+    let directions = [point.ns, 2.0 * point.ns.dot(point.wo) * point.ns - point.wo];
+    let is_diffuse = models.head.is_some_and(|head| head.condition().length() == 3);
+    let shown = if is_diffuse { &directions[..1] } else { &directions[..] };
+    let mut panels = vec![Panel::new(&marked(&grid, scale, &target, shown)?, "target", "")];
+    let mut scales = vec![(scale, "density over the square X")];
+    let (mut divergences, mut finals) = (Vec::new(), Vec::new());
+    let condition = |head: &Head| {
+        let encoded = head.condition().encode(point.wo.into(), point.ns.into(), point.one_of(at.brdfs).lobe_width());
+        encoded[..head.condition().length()].to_vec()
+    };
+    if let Some(head) = models.head {
+        let middle = grid.of_head(head, &condition(head))?;
+        let own = Scale::of(&middle, 3.0);
+        panels.push(Panel::new(&marked(&grid, own, &middle, &[])?, "intermediate", "over Y"));
+        scales.push((own, "intermediate density over Y"));
+        finals.push(("final", grid.through(tail, head, &condition(head))?));
+    }
+    if let Some(naive) = models.naive {
+        finals.push(("naive", grid.of_head(naive, &condition(naive))?));
+    }
+    finals.extend(models.samplers.iter().map(|&(name, sampler)| (name, grid.of_sampler(sampler, &at))));
+    for (name, density) in finals {
+        let kl = grid.kl(&target, &density);
+        panels.push(Panel::new(&marked(&grid, scale, &density, shown)?, name, format!("KL {}", text(kl))));
+        divergences.push((name.to_owned(), kl));
+    }
+    made.html += &(strip(if panels.len() > 4 { "five" } else { "fits" }, &panels) + &legends(&scales));
+    Ok(divergences)
+}
+
+/// A line of divergences for a table: its name, and each in the order of the row.
+pub fn line(name: impl Into<String>, divergences: &[(String, f64)]) -> Vec<Cell> {
+    let numbers = divergences.iter().map(|(_, kl)| Value::Number(*kl, 3).into());
+    std::iter::once(Cell::text(name)).chain(numbers).collect()
+}
+
+/// A picture of values with crosses at directions.
+fn marked(grid: &Densities, scale: Scale, values: &[f32], crosses: &[Vec3A]) -> Result<Vec<u8>> {
+    let (width, height) = (2 * grid.rows, grid.rows);
+    let mut pixels = scale.pixels(values);
+    for (direction, color) in crosses.iter().zip(CROSSES) {
+        let at = latlong::square(direction.normalize()) * Vec2::new(width as f32, height as f32);
+        cross(&mut pixels, (width, height), (at.x as usize, at.y as usize), color);
+    }
+    Ok(encode_png_rgb8(width, height, &pixels)?)
+}
+
+/// A PNG with a cross at a pixel.
+pub fn with_cross(png: &[u8], at: (usize, usize), color: [u8; 3]) -> Result<Vec<u8>> {
+    let image = Photograph::decode(png).map_err(|reason| anyhow!("a picture {reason}"))?.image;
+    let mut pixels: Vec<[u8; 3]> = image.pixels.iter().map(|pixel| pixel.map(srgb_code)).collect();
+    cross(&mut pixels, (image.width, image.height), at, color);
+    Ok(encode_png_rgb8(image.width, image.height, &pixels)?)
+}
+
+/// A cross of seven pixels across, which goes around at the sides.
+fn cross(pixels: &mut [[u8; 3]], (width, height): (usize, usize), (x, y): (usize, usize), color: [u8; 3]) {
+    for k in -3_i32..=3 {
+        for (dx, dy) in [(k, 0), (0, k)] {
+            let column = (x as i32 + dx).rem_euclid(width as i32) as usize;
+            let row = (y as i32 + dy).clamp(0, height as i32 - 1) as usize;
+            pixels[row * width + column] = color;
+        }
+    }
+}

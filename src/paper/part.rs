@@ -1,0 +1,118 @@
+//! Parts of sections: each is made, kept and shown by itself.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use anyhow::{Context, Result};
+use headtail_render::file;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::Workshop;
+use crate::report::table::{Cell, Column, Table};
+
+/// What makes a part.
+type Make = Box<dyn Fn(&Workshop) -> Result<Made>>;
+
+/// Something of a section that is made at once.
+pub struct Part {
+    /// Unique in its section.
+    pub name: String,
+    /// Roughly the seconds that one core takes.
+    pub cost: f64,
+    make: Make,
+}
+
+impl Part {
+    /// A part.
+    pub fn new(name: impl Into<String>, cost: f64, make: impl Fn(&Workshop) -> Result<Made> + 'static) -> Self {
+        Self { name: name.into(), cost, make: Box::new(make) }
+    }
+
+    /// Makes it.
+    ///
+    /// # Errors
+    /// Whatever stands in the way of it; [`crate::progress::Interrupted`] after a signal.
+    pub fn make(&self, workshop: &Workshop, stamp: &str) -> Result<Kept> {
+        let start = Instant::now();
+        let made = (self.make)(workshop)?;
+        Ok(Kept { stamp: stamp.to_owned(), seconds: start.elapsed().as_secs_f64(), made })
+    }
+}
+
+/// What a part came to.
+#[derive(Default, Serialize, Deserialize)]
+pub struct Made {
+    /// What the page shows.
+    pub html: String,
+    /// The same in figures.
+    pub tables: Vec<Figures>,
+}
+
+/// A table as data.
+#[derive(Serialize, Deserialize)]
+pub struct Figures {
+    name: String,
+    rows: Vec<Map<String, Value>>,
+}
+
+impl Made {
+    /// What is shown without figures.
+    pub fn of(html: String) -> Self {
+        Self { html, tables: Vec::new() }
+    }
+
+    /// Adds figures that are shown otherwise: the first column words, all others numbers.
+    pub fn figures(&mut self, name: &str, head: &[&str], rows: &[Vec<Cell>]) {
+        let named =
+            |row: &Vec<Cell>| head.iter().zip(row).map(|(title, cell)| ((*title).to_owned(), cell.json())).collect();
+        let data = rows.iter().map(named).collect();
+        self.tables.push(Figures { name: name.to_owned(), rows: data });
+    }
+
+    /// Adds figures as a table. The name is that of the files that it is saved as.
+    pub fn table(&mut self, name: &str, head: &[&str], rows: Vec<Vec<Cell>>) {
+        self.figures(name, head, &rows);
+        let columns = head.iter().enumerate().map(|(k, title)| match k {
+            0 => Column::text(*title),
+            _ => Column::number(*title, ""),
+        });
+        self.html += &Table::new(name, columns.collect(), rows).html(false).into_string();
+    }
+}
+
+/// A part that was made.
+#[derive(Serialize, Deserialize)]
+pub struct Kept {
+    /// What it depends on.
+    stamp: String,
+    /// Seconds that it took.
+    pub seconds: f64,
+    /// What it came to.
+    pub made: Made,
+}
+
+impl Kept {
+    fn path(folder: &Path, section: &str, part: &str) -> PathBuf {
+        let name: String = part.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+        folder.join(format!("{section}--{name}.json"))
+    }
+
+    /// A part that was made before with the same stamp.
+    pub fn read(folder: &Path, section: &str, part: &str, stamp: &str) -> Option<Self> {
+        let kept: Self = serde_json::from_slice(&fs::read(Self::path(folder, section, part)).ok()?).ok()?;
+        (kept.stamp == stamp).then_some(kept)
+    }
+
+    /// Keeps it.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write(&self, folder: &Path, section: &str, part: &str) -> Result<()> {
+        let path = Self::path(folder, section, part);
+        file::replace(&path, &serde_json::to_vec(self)?).with_context(|| format!("{}", path.display()))
+    }
+}

@@ -1,0 +1,86 @@
+//! What one pass gains over two.
+
+use anyhow::Result;
+use headtail_render::{
+    composite::{Backdrop, Film, Mask, MaskForm},
+    spec::SamplerSpec,
+};
+
+use super::{
+    Workshop,
+    figure::note,
+    part::Made,
+    shot::{Errors, Shot},
+};
+use crate::report::{
+    number::{text, times},
+    table::Cell,
+};
+
+/// Shadow rays per pixel of the catcher.
+const RAYS: u32 = 16;
+/// Runs at most.
+const RUNS: u32 = 4;
+/// The forms that are compared.
+const FORMS: [&str; 4] = ["two passes", "one pass, paper", "one pass, ratio", "one pass, control variate"];
+
+/// Adds the errors of masks of one pass and of two, against a converged quotient of two passes.
+pub fn compare(workshop: &Workshop, shot: &Shot, backdrop: &Backdrop<'_>, made: &mut Made) -> Result<()> {
+    let best = SamplerSpec::patches().build(&shot.environment)?;
+    let spp = 2 * workshop.effort.mask_spp;
+    let (truth, film) = shot.two_passes(backdrop, &*best, spp, 99);
+    workshop.check()?;
+    made.html += &note(&reference(shot, &truth, &film));
+    let mut results: Vec<(String, Errors)> = Vec::new();
+    for (name, spec) in
+        [("mis", SamplerSpec::mis()), ("ris:4", SamplerSpec::ris(4)), ("patches", SamplerSpec::patches())]
+    {
+        let estimator = spec.build(&shot.environment)?;
+        let mut sums = [Errors::default(); FORMS.len()];
+        let runs = workshop.effort.runs.min(RUNS);
+        for run in 0..runs {
+            workshop.check()?;
+            let seed = 10 * u64::from(run) + 1;
+            let one = shot.film(backdrop, &*estimator, shot.settings(RAYS, seed));
+            let (two, _) = shot.two_passes(backdrop, &*estimator, RAYS / 2, seed + 1);
+            let single = [MaskForm::Paper, MaskForm::Ratio, MaskForm::ControlVariate].map(|form| Mask::of(&one, form));
+            for (sum, mask) in sums.iter_mut().zip([two].iter().chain(&single)) {
+                *sum = sum.plus(Errors::of(mask, &truth, &film, &shot.photograph), 1.0 / f64::from(runs));
+            }
+        }
+        results.extend(FORMS.into_iter().zip(sums).map(|(form, errors)| (format!("{form}, {name}"), errors)));
+    }
+    let base = results[0].1;
+    let lower = |base: f64, own: f64| Cell::number(own).beside(format!("{}\u{d7}", times(base / own)));
+    let line = |(name, errors): &(String, Errors)| {
+        vec![
+            Cell::text(name.as_str()),
+            lower(base.mask, errors.mask),
+            lower(base.shadow, errors.shadow),
+            lower(base.composite, errors.composite),
+            Cell::number(errors.bias),
+        ]
+    };
+    let stem = format!("{}-{}", shot.name, shot.environment.name()).replace(|c: char| !c.is_ascii_alphanumeric(), "-");
+    made.table(
+        &format!("passes-{stem}"),
+        &["MSE", "mask", "mask in shadow", "composite", "bias"],
+        results.iter().map(line).collect(),
+    );
+    Ok(())
+}
+
+/// How good the reference is: in words, its difference from masks of one pass with the same samples.
+fn reference(shot: &Shot, truth: &Mask, film: &Film) -> String {
+    let apart = |form| Errors::of(&Mask::of(film, form), truth, film, &shot.photograph);
+    let (variate, ratio) = (apart(MaskForm::ControlVariate), apart(MaskForm::Ratio));
+    format!(
+        "Reference: the quotient of two passes of {} samples per pixel each. The control variate of the first pass alone differs from it by {} in root mean square and by {:+.1e} in the mean of \
+         the shadow, the ratio by {} and {:+.1e}.",
+        film.spp,
+        text(variate.mask.sqrt()),
+        variate.bias,
+        text(ratio.mask.sqrt()),
+        ratio.bias,
+    )
+}

@@ -1,0 +1,136 @@
+//! An object before a photograph, ready to be composited.
+
+use std::sync::{Arc, atomic::AtomicBool};
+
+use anyhow::Result;
+use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
+use headtail_render::{
+    composite::{Backdrop, Catcher, Composition, Film, Mask, Settings, Stage, compose, rectified_view},
+    environment::Environment,
+    estimator::Estimator,
+    image::{Image, Photograph},
+    scene::Camera,
+};
+
+use super::Workshop;
+
+/// The largest width: masks are smooth, and their references long.
+const MAX_WIDTH: usize = 240;
+/// Below this a pixel is in shadow.
+pub const IN_SHADOW: f32 = 0.98;
+
+/// An object before a rectified view of a map.
+pub struct Shot {
+    /// What the object is called.
+    pub name: String,
+    /// The light.
+    pub environment: Arc<Environment>,
+    /// Object and catcher.
+    pub stage: Stage,
+    /// The photograph's camera.
+    pub camera: Camera,
+    /// What the object is put into.
+    pub photograph: Photograph,
+}
+
+impl Shot {
+    /// An object before a rectified view of a map, on a plane.
+    pub fn new(workshop: &Workshop, index: usize) -> Result<Self> {
+        let environment = workshop.data.map(index)?;
+        let (name, scene) = workshop.data.object(index)?;
+        let (width, height) = size(workshop);
+        let turn = Quat::from_rotation_y(-2.1 * index as f32) * Quat::from_rotation_x(-0.42);
+        let at = Vec3A::from(turn * Vec3::new(0.0, 0.15, 3.6));
+        let camera = Camera::of_photograph(Affine3A::from_rotation_translation(turn, at.into()), 0.4, Vec2::ZERO)?;
+        let photograph = Photograph::of_radiance(rectified_view(&environment, &camera, width, height));
+        let bounds = scene.bounds();
+        let foot = Vec3A::new(bounds.center().x, bounds.min.y, bounds.center().z);
+        let scale = 1.1 / bounds.extent().max_element();
+        let to_place = Affine3A::from_scale(Vec3::splat(scale)) * Affine3A::from_translation((-foot).into());
+        let object = scene.moved(&to_place)?;
+        let catcher = Catcher::plane(Vec3A::ZERO, Vec3A::Y, &object, &camera)?;
+        Ok(Self { name, environment, stage: Stage::new(object, catcher)?, camera, photograph })
+    }
+
+    /// What the catcher looks like, and its light: of a mesh for all normals, which takes some time.
+    pub fn backdrop(&self) -> Backdrop<'_> {
+        Backdrop::new(&self.stage, &self.environment, &self.photograph, self.camera, 1.0)
+    }
+
+    /// One pass.
+    pub fn film(&self, backdrop: &Backdrop<'_>, estimator: &dyn Estimator, settings: Settings) -> Film {
+        let composition = Composition { stage: &self.stage, backdrop, camera: &self.camera, estimator };
+        compose(composition, settings, &AtomicBool::new(false), &|_| {})
+    }
+
+    /// The mask alone.
+    pub fn settings(&self, spp: u32, seed: u64) -> Settings {
+        let Image { width, height, .. } = self.photograph.image;
+        Settings { width, height, spp, depth: 1, seed, mask_only: true, without_object: false }
+    }
+
+    /// The mask of two passes of so many samples each, the quotient of a picture with the object and one without.
+    pub fn two_passes(&self, backdrop: &Backdrop<'_>, estimator: &dyn Estimator, spp: u32, seed: u64) -> (Mask, Film) {
+        let with = self.film(backdrop, estimator, self.settings(spp, seed));
+        let without = self.film(backdrop, estimator, Settings { without_object: true, ..self.settings(spp, seed + 1) });
+        (Mask::of_two(&with, &without), with)
+    }
+}
+
+/// Width and height of photographs.
+pub fn size(workshop: &Workshop) -> (usize, usize) {
+    let width = workshop.effort.width.min(MAX_WIDTH);
+    (width, width * 2 / 3)
+}
+
+/// Errors of a mask over the pixels that the catcher fills.
+#[derive(Clone, Copy, Default)]
+pub struct Errors {
+    /// Mean squared error of the mask of luminance.
+    pub mask: f64,
+    /// The same over the pixels in shadow.
+    pub shadow: f64,
+    /// Mean squared error of the composite, whose pixels are the photograph times the mask per channel.
+    pub composite: f64,
+    /// Mean error over the pixels in shadow.
+    pub bias: f64,
+}
+
+impl Errors {
+    /// Of a mask, against the true one.
+    pub fn of(mask: &Mask, truth: &Mask, film: &Film, photograph: &Photograph) -> Self {
+        let (mut sums, mut pixels, mut shadowed) = (Self::default(), 0_u32, 0_u32);
+        for (k, (own, truth)) in mask.values.iter().zip(&truth.values).enumerate() {
+            if film.catcher[k].hits < film.spp {
+                continue;
+            }
+            let off: [f64; 4] = std::array::from_fn(|c| f64::from(own[c]) - f64::from(truth[c]));
+            sums.mask += off[3] * off[3];
+            let colors = photograph.image.pixels[k].iter().zip(off);
+            sums.composite += colors.map(|(&color, off)| (f64::from(color) * off).powi(2)).sum::<f64>() / 3.0;
+            pixels += 1;
+            if truth[3] < IN_SHADOW {
+                sums.shadow += off[3] * off[3];
+                sums.bias += off[3];
+                shadowed += 1;
+            }
+        }
+        let (pixels, shadowed) = (f64::from(pixels.max(1)), f64::from(shadowed.max(1)));
+        Self {
+            mask: sums.mask / pixels,
+            shadow: sums.shadow / shadowed,
+            composite: sums.composite / pixels,
+            bias: sums.bias / shadowed,
+        }
+    }
+
+    /// The sum with others that are weighted.
+    pub fn plus(self, other: Self, weight: f64) -> Self {
+        Self {
+            mask: self.mask + weight * other.mask,
+            shadow: self.shadow + weight * other.shadow,
+            composite: self.composite + weight * other.composite,
+            bias: self.bias + weight * other.bias,
+        }
+    }
+}
