@@ -34,7 +34,7 @@ pub struct ViewArguments {
     pub env: String,
     #[command(flatten)]
     pub camera: CameraArguments,
-    /// Put a grey diffuse plane under the scene.
+    /// Put a grey diffuse plane under the scene, which reaches to the horizon.
     #[arg(long)]
     pub ground: bool,
     /// Give every surface one material, the ground too: lambert[:albedo=A], ggx:alpha=A or ggx:alpha=LOW..HIGH (a width that
@@ -89,7 +89,7 @@ impl CameraArguments {
 
     /// The camera; what is not given is as in the scene's own.
     pub fn open(&self, scene: &Scene) -> Result<Camera> {
-        let own = scene.camera();
+        let own = scene.camera_for(self.width as f32 / self.height as f32);
         let from = self.look_from.map_or(own.look_from(), |triple| triple.0);
         let at = self.look_at.map_or(own.look_at(), |triple| triple.0);
         Ok(Camera::new(from, at, self.fov.unwrap_or(own.vertical_fov()))?)
@@ -209,7 +209,7 @@ impl ViewArguments {
         }
         let environment = open_environment(&self.env)?;
         let mut scene = Scene::open(&self.scene)?;
-        // The camera frames the scene as it is, not the wide plane below it.
+        // The camera frames the scene as it is, not the plane below it.
         let camera = self.camera.open(&scene)?;
         let bounds = scene.bounds();
         if self.ground {
