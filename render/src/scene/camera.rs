@@ -143,7 +143,7 @@ impl Camera {
         let (sin_elevation, cos_elevation) = ELEVATION.to_radians().sin_cos();
         let back = Vec3A::new(sin_azimuth * cos_elevation, sin_elevation, cos_azimuth * cos_elevation);
         let turned = Self::aimed(back, Vec3A::ZERO, FOV);
-        let axes = [turned.right, turned.up, back].map(|axis| axis.as_dvec3());
+        let axes = [turned.right, turned.up, back].map(Vec3A::as_dvec3);
         let tan_y = f64::from((0.5 * FOV).to_radians().tan() / FRAMING_MARGIN);
         let tangents = [tan_y * f64::from(aspect), tan_y];
 
