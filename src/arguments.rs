@@ -1,6 +1,6 @@
 //! Arguments that several commands share, and what they open.
 
-use std::{fs, path::Path, str::FromStr, sync::Arc};
+use std::{fs, path::Path, str::FromStr, sync::Arc, sync::atomic::AtomicBool};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
@@ -10,13 +10,15 @@ use headtail_render::{
     estimator::{Estimator, LearnedVisibility},
     export::{ExportedSampler, Intermediate},
     head::Condition,
-    integrator::{Budget, View},
+    integrator::{self, Budget, Part, Rendering, View},
     points::{PointSet, Points},
     scene::{Camera, MaterialSpec, Scene},
     spec::{FileKind, Place, SamplerSpec, Source},
     tail::TailKind,
 };
 
+use crate::light::LightArguments;
+use crate::part::{self, Crop};
 use crate::progress;
 use crate::terminal::{detail, note, warning};
 
@@ -34,7 +36,7 @@ pub struct ViewArguments {
     pub env: String,
     #[command(flatten)]
     pub camera: CameraArguments,
-    /// Put a grey diffuse plane under the scene.
+    /// Put a grey diffuse plane under the scene, which reaches to the horizon.
     #[arg(long)]
     pub ground: bool,
     /// Give every surface one material, the ground too: lambert[:albedo=A], ggx:alpha=A or ggx:alpha=LOW..HIGH (a width that
@@ -89,7 +91,7 @@ impl CameraArguments {
 
     /// The camera; what is not given is as in the scene's own.
     pub fn open(&self, scene: &Scene) -> Result<Camera> {
-        let own = scene.camera();
+        let own = scene.camera_for(self.width as f32 / self.height as f32);
         let from = self.look_from.map_or(own.look_from(), |triple| triple.0);
         let at = self.look_at.map_or(own.look_at(), |triple| triple.0);
         Ok(Camera::new(from, at, self.fov.unwrap_or(own.vertical_fov()))?)
@@ -196,8 +198,8 @@ pub struct OpenedView {
     depth: u32,
     points: PointsArgument,
     visibility_bytes: usize,
-    /// Degrees, see [`Self::turn_map`].
-    turned: f32,
+    light: LightArguments,
+    part: Option<Part>,
 }
 
 impl ViewArguments {
@@ -225,7 +227,7 @@ impl ViewArguments {
         }
         let environment = open_environment(&self.env)?;
         let mut scene = Scene::open(&self.scene)?;
-        // The camera frames the scene as it is, not the wide plane below it.
+        // The camera frames the scene as it is, not the plane below it.
         let camera = self.camera.open(&scene)?;
         let bounds = scene.bounds();
         if self.ground {
@@ -246,7 +248,8 @@ impl ViewArguments {
             depth: self.depth,
             points: self.points,
             visibility_bytes: (self.visibility_memory as usize) << 20,
-            turned: 0.0,
+            light: LightArguments::default(),
+            part: None,
         })
     }
 }
@@ -281,27 +284,53 @@ impl OpenedView {
         self.visibility_bytes
     }
 
-    /// Turns scene and camera against the map, which stays as it is: the picture is that of a map that is turned by the angle, in degrees
-    /// counter-clockwise from above.
+    /// Changes the light, and chooses a part of the picture. Scene and camera are turned against the map, which stays as it is, and factors are
+    /// multiplied to what is rendered: samplers that were made for the map stay right.
     ///
     /// # Errors
-    /// If surfaces have a width that varies over space, which would not turn with them.
-    pub fn turn_map(&mut self, degrees: f32) -> Result<()> {
-        if degrees == 0.0 {
+    /// If the part is not in the picture, the angle is none, or surfaces have a width that varies over space, which would not turn with them.
+    pub fn choose(&mut self, light: LightArguments, crop: Option<Crop>) -> Result<()> {
+        light.check()?;
+        self.part = crop.map(|crop| crop.of(&self.view())).transpose()?;
+        self.light = light;
+        if light.env_rotate == 0.0 {
             return Ok(());
         }
         let is_field = matches!(self.material, Some(MaterialSpec::Ggx { alpha, .. }) if alpha.fixed().is_none());
         ensure!(!is_field, "--env-rotate: a width that varies over the scene would not turn with it; give one width");
-        let turn = Affine3A::from_rotation_y(-degrees.to_radians());
+        let turn = Affine3A::from_rotation_y(-light.env_rotate.to_radians());
         self.scene = self.scene.moved(&turn)?;
         self.camera = self.camera.moved(&turn);
-        self.turned = degrees;
         Ok(())
+    }
+
+    /// The light of the picture.
+    pub fn light(&self) -> &LightArguments {
+        &self.light
+    }
+
+    /// The part of the picture that is rendered.
+    pub fn part(&self) -> Part {
+        self.part.unwrap_or(self.view().whole())
+    }
+
+    /// Renders the part of the picture under its light; see [`integrator::render`].
+    pub fn render(
+        &self,
+        estimator: &dyn Estimator,
+        budget: Budget,
+        points: Points,
+        stop: &AtomicBool,
+        progress: &dyn Fn(f64),
+    ) -> Rendering {
+        let rendering = integrator::render_part(self.view(), self.part(), estimator, budget, points, stop, progress);
+        // Not even a factor of one for what is not asked for: it would be another picture where a value is not finite.
+        if self.light.env_scale.0 == Vec3A::ONE { rendering } else { rendering.lit_by(self.light.env_scale.0) }
     }
 
     /// The camera in the coordinates of the scene, before it was turned.
     pub fn own_camera(&self) -> Camera {
-        self.camera.moved(&Affine3A::from_rotation_y(self.turned.to_radians()))
+        self.camera.moved(&Affine3A::from_rotation_y(self.light.env_rotate.to_radians()))
     }
 
     /// The points of a rendering with a budget.
@@ -313,11 +342,17 @@ impl OpenedView {
     pub fn scene_name(&self) -> String {
         let name = self.scene.name();
         let name = self.material.as_ref().map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"));
-        match (self.unshadowed, self.depth) {
+        let name = match (self.unshadowed, self.depth) {
             (true, _) => name + ", unshadowed",
             (false, 1) => name,
             (false, depth) => format!("{name}, depth {depth}"),
-        }
+        };
+        self.part.map_or(name.clone(), |part| format!("{name}, pixels {}", part::text(part)))
+    }
+
+    /// The map's name, with what was changed of its light.
+    pub fn light_name(&self) -> String {
+        self.environment.name().to_owned() + &self.light.words()
     }
 
     /// Whether all surfaces reflect like Lambert's BRDF.

@@ -9,7 +9,7 @@ use clap::Args;
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     environment::Environment,
-    export::{ExportedSampler, Intermediate},
+    export::{ExportedSampler, Intermediate, TrainingSummary},
     tail::{Tail, TailKind},
     visibility::SceneVisibility,
 };
@@ -88,8 +88,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             };
             let run = exported.run.as_ref().map(|run| format!("{run}\n{}", settings(false, normals, cells)));
             let output = output(run.as_deref())?;
+            let tabulating = Instant::now();
             let table = learned_bake(head, &exported.tail, normals, cells)?;
-            (ExportedSampler { intermediate: Intermediate::Bake(table), run, ..exported }, output)
+            let seconds = tabulating.elapsed().as_secs_f64();
+            // A file without the time of its training is one that must not depend on the clock.
+            let training = exported
+                .training
+                .clone()
+                .map(|training| TrainingSummary { tabulated_seconds: training.seconds.map(|_| seconds), ..training });
+            (ExportedSampler { intermediate: Intermediate::Bake(table), run, training, ..exported }, output)
         }
         (None, Some(map)) => {
             let output = output(Some(&direct_settings(map, arguments.tail, normals, cells)?))?;

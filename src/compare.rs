@@ -22,7 +22,9 @@ pub use work::select;
 use crate::terminal::{self, say};
 use crate::{
     arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
+    light::LightArguments,
     output::OutputFolder,
+    part::Crop,
     progress,
     report::{self, Comparison, Preparation, State},
 };
@@ -33,6 +35,7 @@ use crate::{
   headtail compare --scene temple --env studio --samplers cosine,emitter,mis,ris:4 --spp 4,16,64 --out out/temple
   headtail compare --scene spot.glb --ground --material lambert --env room.hdr --samplers mis,direct:out/room-direct.safetensors,oracle --spp 16 --out out/spot
   headtail compare --scene dishes --env sunset --samplers mis,ris:4,head+mis:out/sunset/sampler.safetensors --seconds 1,4 --runs 5 --out out/dishes
+  headtail compare --scene dishes --env studio --env-rotate 90 --env-scale 1,0.9,0.7 --crop 200,150,240,180 --samplers mis,patches --spp 16 --out out/crop
 
 Errors are measured over the pixels that surfaces cover entirely: what the camera sees of the environment is the same for \
 every sampler. The results are brought up to date after every run, so whatever ends the program leaves those of all runs that were \
@@ -67,6 +70,11 @@ pub struct Arguments {
     /// Folder in which rendered references are kept and looked for, by a hash of all that they depend on.
     #[arg(long, value_name = "DIR", conflicts_with = "reference")]
     reference_cache: Option<PathBuf>,
+    #[command(flatten)]
+    light: LightArguments,
+    /// Compare only a part of the picture: its first column and row, its width and height, in pixels of the whole.
+    #[arg(long, value_name = "X,Y,W,H")]
+    crop: Option<Crop>,
     /// Print all runs as an array of JSON objects.
     #[arg(long)]
     json: bool,
@@ -89,6 +97,8 @@ impl Arguments {
             reference: None,
             reference_spp: 512,
             reference_cache: None,
+            light: LightArguments::default(),
+            crop: None,
             json: false,
             out,
         }
@@ -122,7 +132,8 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     }
     let budgets = budgets(arguments)?;
     check_different("--samplers", arguments.samplers.iter().map(ToString::to_string))?;
-    let opened = arguments.view.open()?;
+    let mut opened = arguments.view.open()?;
+    opened.choose(arguments.light, arguments.crop)?;
     let entries = arguments.samplers.iter().map(|spec| Entry::build(spec, &opened)).collect::<Result<Vec<_>>>()?;
     let inputs = entries.iter().filter_map(|entry| entry.file.as_deref()).chain(arguments.reference.as_deref());
     output.begin(&inputs.collect::<Vec<_>>())?;
@@ -133,9 +144,9 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     let planned = budgets.len() * entries.len() * arguments.runs as usize;
     let comparison = Comparison {
         scene: opened.scene_name(),
-        env: opened.environment.name().to_owned(),
-        width: arguments.view.camera.width as usize,
-        height: arguments.view.camera.height as usize,
+        env: opened.light_name(),
+        width: opened.part().width,
+        height: opened.part().height,
         command: terminal::command(),
         machine: machine(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -226,8 +237,13 @@ impl Entry {
                 preparation.seconds += seconds;
                 preparation.text += &format!(" ({seconds:.1} s)");
             }
-            if !matches!(exported.intermediate, Intermediate::Head(_)) {
-                preparation.text += "; the time of tabulating the head is not known";
+            match (&exported.intermediate, training.tabulated_seconds) {
+                (Intermediate::Head(_), _) => {}
+                (_, Some(seconds)) => {
+                    preparation.seconds += seconds;
+                    preparation.text += &format!("; tabulated ({seconds:.1} s)");
+                }
+                (_, None) => preparation.text += "; the time of tabulating the head is not known",
             }
         }
         let file = spec.path().map(|(_, file)| file.to_owned());

@@ -37,7 +37,26 @@ impl FromStr for Factors {
     }
 }
 
+impl Default for LightArguments {
+    fn default() -> Self {
+        Self { env_rotate: 0.0, env_scale: Factors(Vec3A::ONE) }
+    }
+}
+
 impl LightArguments {
+    /// What a map's name is followed by; nothing for the map as it is.
+    pub fn words(&self) -> String {
+        let Factors(scale) = self.env_scale;
+        let [r, g, b] = scale.to_array();
+        let turned =
+            if self.env_rotate == 0.0 { String::new() } else { format!(", turned by {}\u{b0}", self.env_rotate) };
+        match scale == Vec3A::ONE {
+            true => turned,
+            false if r == g && g == b => format!("{turned}, {r} times as bright"),
+            false => format!("{turned}, times {r},{g},{b}"),
+        }
+    }
+
     /// Checks what the parser of arguments does not.
     ///
     /// # Errors
@@ -51,6 +70,15 @@ impl LightArguments {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_map_that_was_changed_says_so() {
+        let of =
+            |env_rotate: f32, scale: &str| LightArguments { env_rotate, env_scale: scale.parse().unwrap() }.words();
+        assert_eq!(LightArguments::default().words(), "");
+        assert_eq!(of(-90.0, "2"), ", turned by -90\u{b0}, 2 times as bright");
+        assert_eq!(of(0.0, "1,0.5,0"), ", times 1,0.5,0");
+    }
 
     #[test]
     fn one_factor_or_three() {

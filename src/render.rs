@@ -1,19 +1,15 @@
 //! `headtail render`: one picture with one sampler.
 
-use std::{
-    path::{Path, PathBuf},
-    str::FromStr,
-};
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 use clap::Args;
 use glam::{Affine3A, Vec3A};
 use headtail_render::{
-    color::luminance,
     estimator::Estimator,
     file,
-    image::{Attribute, Channel, Image, encode_layered_exr, latin_1, write_exr, write_png},
-    integrator::{self, Budget, Features, Part, Rendering, View},
+    image::{Attribute, Channel, encode_layered_exr, latin_1, write_exr, write_png},
+    integrator::{self, Budget, Features, Rendering, View},
     memory,
     points::Points,
     spec::SamplerSpec,
@@ -23,8 +19,10 @@ use headtail_render::{
 use crate::terminal::{self, say};
 use crate::{
     arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
+    exposure,
     light::LightArguments,
     output::{self, OutputFile},
+    part::{self, Crop},
     progress,
 };
 
@@ -54,7 +52,8 @@ pub struct Arguments {
     /// Seed of the samples.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Stops by which the PNG is made brighter than its automatic exposure.
+    /// Stops by which the PNG is made brighter than the exposure that is found: the mean of surfaces without their brightest twentieth in a middle
+    /// brightness.
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     exposure: f32,
     /// Print where the time went, in thread-seconds by stage. Reading the clock slows rendering down by a few per cent.
@@ -76,9 +75,6 @@ pub struct Arguments {
     out: PathBuf,
 }
 
-/// Luminance that the mean of a picture's surfaces is shown with.
-const MIDDLE_GREY: f32 = 0.35;
-
 /// Renders and writes both files.
 pub fn run(arguments: &Arguments) -> Result<()> {
     ensure!(
@@ -92,23 +88,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let beside = [Some(arguments.out.with_extension("png")), arguments.aovs.then(|| aovs(&arguments.out))];
     let taken = beside.iter().flatten().map(|file| OutputFile::take(file, |_| true));
     let _beside = taken.collect::<Result<Vec<_>>>()?;
-    arguments.light.check()?;
     if arguments.json {
         terminal::only_data();
     }
     let mut opened = arguments.view.open()?;
-    let view = opened.view();
-    let part = arguments.crop.map_or(view.whole(), |crop| crop.0);
-    ensure!(
-        part.left + part.width <= view.width && part.top + part.height <= view.height,
-        "--crop: it is not inside of the picture, which has {} x {} pixels",
-        view.width,
-        view.height
-    );
+    opened.choose(arguments.light, arguments.crop)?;
+    let part = opened.part();
     memory::require((part.width * part.height) as u64 * BYTES_PER_PIXEL, || {
         format!("a picture of {} x {} pixels", part.width, part.height)
     })?;
-    opened.turn_map(arguments.light.env_rotate)?;
     let busy = progress::busy("sampler");
     let estimator = opened.estimator(&arguments.sampler)?;
     drop(busy);
@@ -119,23 +107,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Timings::start();
     }
     let points = opened.points(budget, arguments.seed);
-    let rendering = integrator::render_part(opened.view(), part, &*estimator, budget, points, &stop, &bar.shares());
+    let rendering = opened.render(&*estimator, budget, points, &stop, &bar.shares());
     bar.finish_and_clear();
 
-    let rendering = rendering.lit_by(arguments.light.env_scale.0);
     let image = rendering.composite();
     let sampler = arguments.sampler.to_string();
     let mut attributes = attributes(&opened, &sampler, &rendering, arguments.seed);
-    let [x, y, z] = arguments.light.env_scale.0.to_array();
-    attributes.push(Attribute::new("environment.rotated", arguments.light.env_rotate));
-    attributes.push(Attribute::new("environment.scale", format!("{x},{y},{z}")));
-    if arguments.crop.is_some() {
-        let text = format!("{},{},{},{}", part.left, part.top, part.width, part.height);
-        attributes.push(Attribute::new("crop", text));
-    }
+    let stops = exposure::of_rendering(&rendering) + arguments.exposure;
+    attributes.push(Attribute::new("png.exposure", stops));
     write_exr(&arguments.out, &image, &attributes)?;
     let png = arguments.out.with_extension("png");
-    write_png(&png, &image, exposure(&rendering) + arguments.exposure)?;
+    write_png(&png, &image, stops)?;
     say!(
         "{sampler}: {} spp of {} points in {:.2} s, {:.2} shadow rays per sample, largest weight {:.3}",
         rendering.spp,
@@ -155,7 +137,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let threads = rayon::current_num_threads();
         say!("thread-seconds by stage, of {threads} threads:\n{}", Timings::take(rendering.seconds, threads));
     }
-    say!("{} and {} written", arguments.out.display(), png.display());
+    say!("{} and {} (exposed by {stops:+.1} stops) written", arguments.out.display(), png.display());
     if arguments.aovs {
         let features = integrator::features(opened.view(), part);
         let path = aovs(&arguments.out);
@@ -175,25 +157,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }))?;
     }
     Ok(())
-}
-
-/// A part of a picture.
-#[derive(Clone, Copy, Debug)]
-struct Crop(Part);
-
-impl FromStr for Crop {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Option<Vec<u16>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-        match numbers.as_deref() {
-            Some(&[x, y, w, h]) if w > 0 && h > 0 => {
-                let [left, top, width, height] = [x, y, w, h].map(usize::from);
-                Ok(Self(Part { left, top, width, height }))
-            }
-            _ => Err("write four counts separated by commas, as in 200,150,240,180".into()),
-        }
-    }
 }
 
 /// What a pixel takes while it is rendered and written: sums, three images, and what they are encoded in.
@@ -225,13 +188,15 @@ fn write_features(path: &Path, features: &Features, turned: f32, attributes: &[A
 
 /// What an OpenEXR result says of itself.
 pub fn attributes(opened: &OpenedView, sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attribute> {
-    let View { environment, depth, .. } = opened.view();
-    let camera = opened.own_camera();
+    let View { environment, depth, width, height, .. } = opened.view();
+    let (camera, light, part) = (opened.own_camera(), opened.light(), opened.part());
     let triple = |v: glam::Vec3A| format!("{},{},{}", v.x, v.y, v.z);
-    vec![
+    let mut attributes = vec![
         Attribute::new("scene", latin_1(&opened.scene_name())),
         Attribute::new("environment", latin_1(environment.name())),
         Attribute::new("environment.hash", environment.hash()),
+        Attribute::new("environment.rotated", light.env_rotate),
+        Attribute::new("environment.scale", triple(light.env_scale.0)),
         Attribute::new("camera.look_from", triple(camera.look_from())),
         Attribute::new("camera.look_at", triple(camera.look_at())),
         Attribute::new("camera.fov", camera.vertical_fov()),
@@ -245,18 +210,11 @@ pub fn attributes(opened: &OpenedView, sampler: &str, rendering: &Rendering, see
         Attribute::new("headtail.version", env!("CARGO_PKG_VERSION")),
         Attribute::new("headtail.command", latin_1(&terminal::command())),
         Attribute::new(output::REQUEST, output::request()),
-    ]
-}
-
-/// The exposure in stops that puts the mean luminance of the surfaces (of the whole picture, where there is none) at a middle
-/// grey. The mean does not depend on noise, so pictures of one view by different samplers are equally bright.
-pub fn exposure(rendering: &Rendering) -> f32 {
-    let mean = |image: &Image, area: f32| {
-        image.pixels.iter().map(|&pixel| luminance(pixel.into())).sum::<f32>() / area.max(1.0)
-    };
-    let surfaces = mean(&rendering.surfaces, rendering.coverage.iter().sum());
-    let shown = if surfaces > 0.0 { surfaces } else { mean(&rendering.background, rendering.coverage.len() as f32) };
-    if shown > 0.0 && shown.is_finite() { (MIDDLE_GREY / shown).log2() } else { 0.0 }
+    ];
+    if (part.width, part.height) != (width, height) {
+        attributes.push(Attribute::new("crop", part::text(part)));
+    }
+    attributes
 }
 
 /// Renders without a progress bar, and to the end.

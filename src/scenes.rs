@@ -16,12 +16,7 @@ use headtail_render::{
 };
 
 use crate::terminal::{self, note, out};
-use crate::{
-    arguments::open_environment,
-    output::OutputFolder,
-    progress,
-    render::{exposure, quietly},
-};
+use crate::{arguments::open_environment, exposure::of_rendering, output::OutputFolder, progress, render::quietly};
 
 /// List the built-in scenes; with --out, write a picture of each.
 #[derive(Args)]
@@ -99,7 +94,7 @@ fn write_pictures(arguments: &Arguments, scenes: &[Scene], folder: &Path) -> Res
         let (camera, environment) = (&scene.camera(), &*environment);
         let view = View { scene, camera, environment, width, height, unshadowed: false, depth: arguments.depth };
         let rendering = quietly(view, &estimator, Budget::Spp(arguments.spp), Points::new(PointSet::Sobol, 1));
-        write_png(&folder.join(scene.name()).with_extension("png"), &rendering.composite(), exposure(&rendering))?;
+        write_png(&folder.join(scene.name()).with_extension("png"), &rendering.composite(), of_rendering(&rendering))?;
         bar.inc(1);
     }
     bar.finish_and_clear();

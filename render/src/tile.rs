@@ -14,7 +14,7 @@ pub const MAX_POINTS: usize = 1 << 15;
 /// A point to be shaded; all vectors are unit length, in world space, and point away from the surface.
 #[derive(Clone, Copy, Debug)]
 pub struct ShadingPoint {
-    /// Position in metres.
+    /// Position in metres; that of a scene lies above its surface by the error of its position.
     pub p: Vec3A,
     /// Geometric normal, on the side of `wo`.
     pub ng: Vec3A,

@@ -67,6 +67,7 @@ fn training() -> TrainingSummary {
         final_kl: 0.012_345_678_901_234_5,
         relative_variance: 0.1,
         seconds: None,
+        tabulated_seconds: None,
     }
 }
 

@@ -184,7 +184,40 @@ fn shadows_fall_where_something_is_above() {
     assert!(is_visible(&scene, &beside, Vec3A::Y));
     assert!(!is_visible(&scene, &beside, Vec3A::new(-1.0, 0.5, 0.0).normalize()));
     assert!(is_visible(&scene, &beside, Vec3A::new(-1.0, 3.0, 0.0).normalize()));
-    assert!((scene.bounds().extent().x - 40.0).abs() < 1e-3);
+    // Towards the horizon, but for a ten thousandth of a radian.
+    for azimuth in 0..16 {
+        let (z, x) = (azimuth as f32 * std::f32::consts::TAU / 16.0).sin_cos();
+        let eye = Vec3A::new(0.3, 5.0, -0.2);
+        let far = scene.intersect(&Ray::new(eye, Vec3A::new(x, -1e-4, z).normalize())).unwrap();
+        assert!((far.p.y - 1.0).abs() < 1.0 && far.ng.y > 0.999 && is_visible(&scene, &far, Vec3A::Y), "{far:?}");
+        assert!(scene.intersect(&Ray::new(eye, Vec3A::new(x, 1e-4, z).normalize())).is_none());
+    }
+}
+
+#[test]
+fn a_ground_to_the_horizon_does_not_coarsen_what_stands_on_it() {
+    let mut scene = block(Vec3::new(-1.0, 1.0, -1.0), Vec3::new(1.0, 2.0, 1.0));
+    scene.add_ground();
+    let mut random = Stream::new(8, Purpose::Test, 0);
+    let mut near = 0;
+    for _ in 0..100_000 {
+        // From the size of the block to 4,000 times it.
+        let distance = (1.0 + 11.0 * random.uniform()).exp2();
+        let (z, x) = (random.uniform() * std::f32::consts::TAU).sin_cos();
+        let eye = Vec3A::new(0.0, 8.0, 0.0);
+        let target = Vec3A::new(x * distance, 1.0, z * distance);
+        let Some(at) = scene.intersect(&Ray::new(eye, (target - eye).normalize())) else { continue };
+        if at.p.y < 1.5 && at.ng.y > 0.5 {
+            // 1e-6 of the corners, which are within four times the distance, over that of the block.
+            assert!(at.p.y >= 1.0 && at.p.y - 1.0 < 6e-6 * distance.max(2.0), "{at:?}");
+            // Flat ground shadows nothing of itself, not even along borders of its triangles.
+            let wi = random.direction();
+            let away = Vec3A::new(wi.x.abs() * x.signum(), wi.y.abs(), wi.z.abs() * z.signum()).normalize();
+            assert!(away.y < 1e-3 || distance < 4.0 || is_visible(&scene, &at, away), "{at:?} {away}");
+            near += 1;
+        }
+    }
+    assert!(near > 90_000, "{near}");
 }
 
 #[test]
@@ -221,7 +254,7 @@ fn empty_scenes_and_missing_materials() {
     assert!(empty.intersect(&Ray::new(Vec3A::ZERO, Vec3A::Z)).is_none());
     assert!(empty.camera().look_from().is_finite());
     empty.add_ground();
-    assert_eq!(empty.triangle_count(), 2);
+    assert!(empty.triangle_count() > 2 && empty.bounds().extent().x > 1e5);
 
     let mesh = Mesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![], vec![], vec![[0, 1, 2]], 1).unwrap();
     let camera = Camera::new(Vec3A::Z, Vec3A::ZERO, 40.0).ok();

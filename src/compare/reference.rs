@@ -10,7 +10,7 @@ use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     estimator::{Estimator, Ris, SingleSample},
     image::{Image, read_radiance, write_exr},
-    integrator::{Budget, Rendering, render},
+    integrator::{Budget, Rendering},
     points::{PointSet, Points},
     sampler::{BrdfSampler, Covering, EnvironmentLight, ProductSampler},
     tail::TailKind,
@@ -20,12 +20,13 @@ use super::{Arguments, noise::Noise};
 use crate::{
     arguments::{OpenedView, ViewArguments, make_folder},
     output::OutputFolder,
+    part,
     progress::{self, Interrupted},
     render::attributes,
 };
 
 /// Part of every name in a cache; to be raised when the renderer changes what its images converge to.
-const CACHE_VERSION: u32 = 2;
+const CACHE_VERSION: u32 = 3;
 
 /// The points of references, whatever those of the runs are: the error of `sobol` is the smallest.
 const POINTS: PointSet = PointSet::Sobol;
@@ -59,7 +60,7 @@ impl Reference {
 
     /// [`Self::obtain`], with a copy of an image that was not read from a file.
     fn copied(arguments: &Arguments, opened: &OpenedView, stop: &AtomicBool, copy: Option<&Path>) -> Result<Self> {
-        let size = (arguments.view.camera.width as usize, arguments.view.camera.height as usize);
+        let size = (opened.part().width, opened.part().height);
         if let Some(file) = &arguments.reference {
             let image = read_sized(file, size)?;
             let covered = covered(&converged(arguments, opened, 64, stop)?.0.coverage);
@@ -141,7 +142,7 @@ fn converged<'a>(
     let half = |number: u32| {
         let points = Points::new(POINTS, seed(arguments) ^ u64::from(number));
         let show = |share: f64| show(0.5 * (f64::from(number) + share));
-        render(opened.view(), &*estimator, Budget::Spp(spp.div_ceil(2)), points, stop, &show)
+        opened.render(&*estimator, Budget::Spp(spp.div_ceil(2)), points, stop, &show)
     };
     let first = half(0);
     let second = if stop.load(Ordering::Relaxed) { first.clone() } else { half(1) };
@@ -177,7 +178,7 @@ fn covered(coverage: &[f32]) -> Vec<bool> {
 fn key(arguments: &Arguments, opened: &OpenedView) -> String {
     let view = opened.view();
     let content = format!(
-        "{CACHE_VERSION} {POINTS} {} {} {:?} {} x {} {} {} {} {}",
+        "{CACHE_VERSION} {POINTS} {} {} {:?} {} x {} {} {} {} {} {} {:?}",
         view.scene.content_hash(),
         view.environment.hash(),
         view.camera,
@@ -186,7 +187,9 @@ fn key(arguments: &Arguments, opened: &OpenedView) -> String {
         view.unshadowed,
         view.depth,
         arguments.reference_spp,
-        seed(arguments)
+        seed(arguments),
+        part::text(opened.part()),
+        opened.light().env_scale
     );
     blake3::hash(content.as_bytes()).to_hex().to_string()
 }

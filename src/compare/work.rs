@@ -9,7 +9,7 @@ use std::{
 use anyhow::Result;
 use headtail_render::{
     image::{Image, write_exr},
-    integrator::{Budget, Rendering, render},
+    integrator::{Budget, Rendering},
     points::Points,
     statistics::{RELATIVE_EPSILON, ttuv},
 };
@@ -20,7 +20,7 @@ use crate::{
     arguments::OpenedView,
     output::OutputFolder,
     progress,
-    render::{attributes, quietly},
+    render::attributes,
     report::{Comparison, RenderedImage, Report, Row, RunName, State},
 };
 
@@ -131,7 +131,8 @@ impl<'a> Work<'a> {
     /// One run: the picture, its row in the table, and all that is written of it.
     fn run(&mut self, number: usize, budget_name: &str, budget: Budget, run: u32, points: Points) -> Result<()> {
         let entry = &self.entries[number];
-        let rendering = quietly(self.opened.view(), &*entry.estimator, budget, points);
+        // To the end, whatever the stop flag says: it is one run.
+        let rendering = self.opened.render(&*entry.estimator, budget, points, &AtomicBool::new(false), &|_| {});
         let row = self.row(entry, budget_name, run, points.seed(), &rendering)?;
         self.comparison.rows.push(row);
         self.report.update_table(&self.comparison)?;
@@ -175,7 +176,7 @@ impl<'a> Work<'a> {
             if self.stop.load(Ordering::Relaxed) {
                 return None;
             }
-            let rendering = render(self.opened.view(), &*entry.estimator, trial, points, self.stop, &|_| {});
+            let rendering = self.opened.render(&*entry.estimator, trial, points, self.stop, &|_| {});
             let spp = (f64::from(rendering.spp) * seconds / rendering.seconds).round().max(1.0);
             let off = rendering.seconds / seconds;
             let was_whole = matches!(trial, Budget::Spp(_));

@@ -24,6 +24,7 @@ use crate::arguments::{Triple, open_environment};
 use crate::output::OutputFile;
 use crate::report::{
     chart::{Panel, Scale, Sides, densities},
+    pdf::pdf,
     vector::Chart,
 };
 use crate::terminal::{self, out};
@@ -65,8 +66,8 @@ pub struct Arguments {
     /// Print the figures as a JSON object.
     #[arg(long, conflicts_with_all = ["tail", "visibility"])]
     json: bool,
-    /// SVG file to write.
-    #[arg(long, value_name = "FILE.svg")]
+    /// SVG or PDF file to write.
+    #[arg(long, value_name = "FILE.svg|FILE.pdf")]
     out: PathBuf,
     #[command(flatten)]
     scene: visibility::Arguments,
@@ -88,8 +89,8 @@ struct Figures {
 
 /// Draws the picture.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let is_svg = arguments.out.extension().is_some_and(|extension| extension == "svg");
-    ensure!(is_svg, "--out {}: the picture is a drawing; name a .svg file", arguments.out.display());
+    let is_drawing = arguments.out.extension().is_some_and(|extension| extension == "svg" || extension == "pdf");
+    ensure!(is_drawing, "--out {}: the picture is a drawing; name a .svg or .pdf file", arguments.out.display());
     let _output = OutputFile::take(&arguments.out, |_| true)?;
     if let (true, Some(map)) = (arguments.tail, &arguments.env) {
         let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
@@ -150,7 +151,9 @@ pub fn tail_picture(environment: &headtail_render::environment::Environment) -> 
 
 fn write(arguments: &Arguments, picture: &Chart) -> Result<()> {
     let drawing = picture.widest().context("there is nothing to draw")?;
-    Ok(file::replace(&arguments.out, drawing.file().as_bytes())?)
+    let svg = drawing.file();
+    let is_pdf = arguments.out.extension().is_some_and(|extension| extension == "pdf");
+    Ok(file::replace(&arguments.out, &if is_pdf { pdf(&svg)? } else { svg.into_bytes() })?)
 }
 
 /// The surface that the arguments describe, if it is one for the sampler.

@@ -1,12 +1,14 @@
 //! The pictures of a page as `data:` addresses.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
+use headtail_render::statistics::{HdrFlip, PIXELS_PER_DEGREE};
 
 use super::crop::Crop;
 use super::picture::{self, ErrorMap, ErrorScale};
 use super::radiance;
 use super::summary::{Budget, Summary};
 use super::{Comparison, RenderedImage};
+use crate::exposure;
 
 /// Linear values of all pictures are on the page up to so many pixels, which take about four times as many bytes; else
 /// only those of the budget that is shown first.
@@ -17,6 +19,8 @@ const MOST_PIXELS: usize = 4_000_000;
 pub struct Gallery {
     /// Exposure of all renderings in stops.
     pub exposure: f32,
+    /// The reference as HDR-FLIP sees it; none before the first page.
+    hdr_flip: Option<HdrFlip>,
     /// The reference as a `data:` address; empty before the first page.
     pub reference: String,
     /// Its linear values.
@@ -40,6 +44,7 @@ pub struct Panel {
 }
 
 /// A rendering and the maps of its errors as `data:` addresses.
+#[derive(Clone)]
 pub struct Picture {
     /// The sampler.
     pub sampler: String,
@@ -53,6 +58,8 @@ pub struct Picture {
     pub flip_map: String,
     /// The mean of FLIP over the measured pixels.
     pub flip: f64,
+    /// The mean of HDR-FLIP over them.
+    pub hdr_flip: f64,
 }
 
 impl Gallery {
@@ -62,7 +69,8 @@ impl Gallery {
     /// If an image is not of the size of the reference.
     pub fn update(&mut self, comparison: &Comparison, summary: &Summary) -> Result<()> {
         if self.reference.is_empty() {
-            self.exposure = picture::exposure(&comparison.reference);
+            self.exposure = exposure::of_image(&comparison.reference, &comparison.measured);
+            self.hdr_flip = Some(HdrFlip::new(&comparison.reference, PIXELS_PER_DEGREE)?);
             self.reference = picture::rendering(&comparison.reference, self.exposure)?;
             self.reference_radiance = Some(radiance::encode(&comparison.reference, self.exposure)?);
         }
@@ -79,7 +87,10 @@ impl Gallery {
                 // A sampler has one image at a budget, so that an equal number is the same images.
                 Some(panel) if panel.pictures.len() == images.len() => self.panels.push(panel),
                 _ if images.is_empty() => {}
-                _ => self.panels.push(Panel::of(budget, &images, comparison, self.exposure)?),
+                _ => {
+                    let known = panel.map(|panel| panel.pictures).unwrap_or_default();
+                    self.panels.push(self.panel_of(budget, &images, comparison, &known)?);
+                }
             }
         }
         self.add_radiance(comparison, summary)?;
@@ -119,35 +130,46 @@ impl Gallery {
         self.picture(sampler, budget).is_some()
     }
 
-    /// The FLIP of a sampler's picture at a budget.
-    pub fn flip(&self, sampler: &str, budget: &str) -> Option<f64> {
-        self.picture(sampler, budget).map(|picture| picture.flip)
+    /// FLIP and HDR-FLIP of a sampler's picture at a budget.
+    pub fn flips(&self, sampler: &str, budget: &str) -> Option<[f64; 2]> {
+        self.picture(sampler, budget).map(|picture| [picture.flip, picture.hdr_flip])
     }
 
     /// The budget whose pictures are shown first.
     pub fn shown_first(&self, summary: &Summary) -> Option<&Panel> {
         self.panel(&summary.shown_first().name).or(self.panels.last())
     }
-}
 
-impl Panel {
-    fn of(budget: &Budget, images: &[&RenderedImage], comparison: &Comparison, exposure: f32) -> Result<Self> {
+    /// The pictures of a budget; what of them is `known` is not computed again.
+    fn panel_of(
+        &self,
+        budget: &Budget,
+        images: &[&RenderedImage],
+        comparison: &Comparison,
+        known: &[Picture],
+    ) -> Result<Panel> {
         let error_map = |image: &&RenderedImage| ErrorMap::of(&image.image, comparison);
         let maps = images.iter().map(error_map).collect::<Result<Vec<_>>>()?;
         let scale = ErrorScale::of(maps.iter());
         let picture = |(rendered, map): (&&RenderedImage, &ErrorMap)| {
-            let (flips, flip) = ErrorMap::of_flip(&rendered.image, comparison, exposure)?;
+            let errors = map.picture(&scale)?;
+            if let Some(known) = known.iter().find(|known| known.sampler == rendered.sampler) {
+                return Ok(Picture { errors, ..known.clone() });
+            }
+            let (flips, flip) = ErrorMap::of_flip(&rendered.image, comparison, self.exposure)?;
+            let reference = self.hdr_flip.as_ref().context("a page without a reference")?;
             Ok(Picture {
                 sampler: rendered.sampler.clone(),
-                rendering: picture::rendering(&rendered.image, exposure)?,
+                rendering: picture::rendering(&rendered.image, self.exposure)?,
                 radiance: None,
-                errors: map.picture(&scale)?,
+                errors,
                 flip_map: flips.share_picture()?,
                 flip,
+                hdr_flip: comparison.mean_of_measured(&reference.of(&rendered.image)?),
             })
         };
         let pictures = images.iter().zip(&maps).map(picture).collect::<Result<Vec<_>>>()?;
-        Ok(Self { budget: budget.clone(), scale, pictures })
+        Ok(Panel { budget: budget.clone(), scale, pictures })
     }
 }
 

@@ -10,6 +10,7 @@ mod html;
 pub mod kind;
 pub mod number;
 mod overview;
+pub mod pdf;
 pub mod picture;
 mod radiance;
 mod reading;
@@ -210,6 +211,12 @@ pub struct Preparation {
 }
 
 impl Comparison {
+    /// The mean of `[height * width]` values over the measured pixels.
+    fn mean_of_measured(&self, values: &[f64]) -> f64 {
+        let measured = || (0..values.len()).filter(|&k| self.is_measured(k));
+        measured().map(|k| values[k]).sum::<f64>() / measured().count() as f64
+    }
+
     /// Whether errors are measured at the pixel of an index.
     fn is_measured(&self, index: usize) -> bool {
         self.measured.get(index).copied().unwrap_or(true)
@@ -356,9 +363,10 @@ mod tests {
             .collect();
         names.sort();
         assert_eq!(names, ["figures", "report.html", "results.csv"]);
-        for name in ["error-time.svg", "ratios.svg", "speed-accuracy.svg", "pictures.svg", "results.tex", "results.csv"]
-        {
-            assert!(folder.path().join("figures").join(name).metadata().unwrap().len() > 400, "{name}");
+        let charts = ["error-time", "ratios", "speed-accuracy", "pictures"];
+        let charts = charts.iter().flat_map(|name| ["svg", "pdf"].map(|extension| format!("{name}.{extension}")));
+        for name in charts.chain(["results.tex", "results.csv"].map(String::from)) {
+            assert!(folder.path().join("figures").join(&name).metadata().unwrap().len() > 400, "{name}");
         }
         assert!(Report::new(&folder.path().join("missing")).finish(&synthetic::comparison()).is_err());
     }

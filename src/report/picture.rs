@@ -87,9 +87,7 @@ impl ErrorMap {
     pub fn of_flip(image: &Image, comparison: &Comparison, exposure: f32) -> Result<(Self, f64)> {
         let [reference, shown] = [&comparison.reference, image].map(|image| display(image, exposure));
         let values = flip(&reference, &shown, PIXELS_PER_DEGREE)?;
-        let measured = || (0..values.len()).filter(|&k| comparison.is_measured(k));
-        let mean = measured().map(|k| values[k]).sum::<f64>() / measured().count() as f64;
-        Ok((Self::averaged(comparison, |k| values[k]), mean))
+        Ok((Self::averaged(comparison, |k| values[k]), comparison.mean_of_measured(&values)))
     }
 
     /// Averages what the measured pixels have.

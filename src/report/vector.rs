@@ -10,7 +10,7 @@ use base64::Engine;
 use headtail_render::file;
 use maud::{Markup, PreEscaped, html};
 
-use super::number::escape;
+use super::{number::escape, pdf::pdf};
 
 /// Colours by name, the light theme first.
 pub const PALETTE: &str = include_str!("style/palette.css");
@@ -107,13 +107,15 @@ impl Chart {
         self.drawings.last()
     }
 
-    /// Writes it into a folder as SVG.
+    /// Writes it into a folder as SVG and as PDF.
     ///
     /// # Errors
-    /// If a file cannot be written.
+    /// If a file cannot be written, or the drawing has no form as PDF.
     pub fn write(&self, folder: &Path) -> Result<()> {
         if let Some(drawing) = self.widest() {
-            file::replace(&folder.join(&self.name).with_extension("svg"), drawing.file().as_bytes())?;
+            let (path, svg) = (folder.join(&self.name), drawing.file());
+            file::replace(&path.with_extension("svg"), svg.as_bytes())?;
+            file::replace(&path.with_extension("pdf"), &pdf(&svg)?)?;
         }
         Ok(())
     }
@@ -124,7 +126,8 @@ impl Chart {
         html! {
             @for drawing in &self.drawings { (PreEscaped(drawing.svg())) }
             p.save {
-                "Save " (saved(&self.name, "svg", "image/svg+xml", widest.file().as_bytes()))
+                "Save " (saved(&self.name, "svg", "image/svg+xml", widest.file().as_bytes())) " "
+                @if let Ok(pdf) = pdf(&widest.file()) { (saved(&self.name, "pdf", "application/pdf", &pdf)) }
             }
         }
     }

@@ -22,10 +22,11 @@ use picture::Pictures;
 use regime::Regime;
 
 /// Train and measure every sampler in the regimes in which importance sampling is known to fail, and write DIR/stability.csv,
-/// DIR/stability.html and DIR/regimes.svg.
+/// DIR/stability.html, DIR/regimes.svg and DIR/regimes.pdf.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail stability --out out/stability --quick
+  headtail stability --quick --only sun --json --out out/sun
   headtail stability --maps maps --out out/stability
 
 Whatever ends the program, the same command goes on with the regimes that are missing. --quick takes about two minutes on two cores, the whole suite about ten. Regimes of real maps need spiaggia_di_mondello_1k.hdr \
@@ -43,6 +44,9 @@ pub struct Arguments {
     /// Train with the networks of this backend of the tensor library (flex, ndarray, wgpu) instead of the fused form; slower.
     #[arg(long, value_parser = parse::<Backend>)]
     backend: Option<Backend>,
+    /// Print the rows of stability.csv as an array of JSON objects.
+    #[arg(long)]
+    json: bool,
     /// Run only regimes whose name contains this text; may be repeated.
     #[arg(long, value_name = "TEXT")]
     only: Vec<String>,
@@ -52,6 +56,9 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(folder) = &arguments.maps {
         ensure!(folder.is_dir(), "--maps: {}: there is no such folder", folder.display());
+    }
+    if arguments.json {
+        terminal::only_data();
     }
     let stop = progress::stop_flag()?;
     let output = OutputFolder::take(&arguments.out, &["stability.csv"])?;
@@ -101,6 +108,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         bar.inc(1);
     }
     bar.finish_and_clear();
+    if arguments.json {
+        return terminal::print_json(&table::objects(&table::encode(&rows, &missing, &machine, &command)?)?);
+    }
     let worse = rows.iter().filter(|row| row.method == DEFAULT && !page::is_no_worse(&rows, row));
     for row in worse {
         out!("{}: {DEFAULT} is worse than one-sample MIS, or stopped", row.regime);

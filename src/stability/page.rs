@@ -103,12 +103,16 @@ impl Page<'_> {
         let worse: Vec<&str> =
             of_method().filter(|row| !is_no_worse(self.rows, row)).map(|row| row.regime.as_str()).collect();
         let all = of_method().count();
+        let regimes = if all == 1 { "1 regime".to_owned() } else { format!("{all} regimes") };
         html! {
-            li {
-                b { (method) }
-                @if worse.is_empty() { " has nowhere more variance than one-sample MIS (" (all) " regimes)." }
-                @else {
-                    " has more variance than one-sample MIS, or stopped, in " (worse.len()) " of " (all) ": " (worse.join(", ")) "."
+            // A method that is for no regime of this suite has nothing to be said of it.
+            @if all > 0 {
+                li {
+                    b { (method) }
+                    @if worse.is_empty() { " has nowhere more variance than one-sample MIS (" (regimes) ")." }
+                    @else {
+                        " has more variance than one-sample MIS, or stopped, in " (worse.len()) " of " (regimes) ": " (worse.join(", ")) "."
+                    }
                 }
             }
         }

@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use headtail_render::statistics::{Figures, variance_ratio};
+use serde_json::Value;
 
 use super::method::{MIS, Row};
 
@@ -65,6 +66,24 @@ pub fn encode(rows: &[Row], missing: &[(String, String)], machine: &str, command
     Ok(writer.into_inner()?)
 }
 
+/// The rows of a file as objects: numbers are numbers, and what is empty is null.
+pub fn objects(csv: &[u8]) -> Result<Vec<serde_json::Map<String, Value>>> {
+    // What looks like a number is one, but in what is written for people.
+    let is_text =
+        |name: &str| matches!(name, "regime" | "method" | "state" | "message" | "version" | "machine" | "command");
+    let value = |name: &str, text: &str| match text.parse::<f64>() {
+        Ok(number) if !is_text(name) => Value::from(number),
+        _ if text.is_empty() => Value::Null,
+        _ => Value::from(text),
+    };
+    let mut reader = csv::Reader::from_reader(csv);
+    let names = reader.headers()?.clone();
+    let object = |record: csv::StringRecord| {
+        names.iter().zip(&record).map(|(name, text)| (name.to_owned(), value(name, text))).collect()
+    };
+    reader.records().map(|record| Ok(object(record?))).collect()
+}
+
 fn numbers(figures: &Figures) -> Vec<String> {
     let Figures { kl, chi_square, integral_error, largest_weight, weight_9999, effective, uncovered, bias, .. } =
         figures;
@@ -105,5 +124,9 @@ mod tests {
         assert_eq!(&records[1][14], "0.5");
         assert_eq!((&records[2][2], &records[2][3], &records[2][14]), ("stopped", "diverged, \"badly\"", ""));
         assert_eq!(&records[3][2], "not run");
+        let objects = objects(&bytes).unwrap();
+        assert_eq!((objects.len(), objects[0].len()), (4, COLUMNS.len()));
+        assert_eq!((&objects[1]["variance_over_mis"], &objects[1]["regime"]), (&Value::from(0.5), &Value::from("r")));
+        assert_eq!((&objects[2]["message"], &objects[2]["kl"]), (&Value::from("diverged, \"badly\""), &Value::Null));
     }
 }

@@ -49,7 +49,9 @@ fn commands(page: &str) -> (Vec<String>, usize) {
 /// The same command with small pictures and short training.
 fn small(command: &str) -> String {
     let mut words: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
-    for (option, value) in [("--width", "24"), ("--height", "18"), ("--runs", "1"), ("--reference-spp", "4")] {
+    for (option, value) in
+        [("--width", "24"), ("--height", "18"), ("--runs", "1"), ("--reference-spp", "4"), ("--crop", "4,3,16,12")]
+    {
         if let Some(at) = words.iter().position(|word| word == option) {
             words[at + 1] = value.into();
         }

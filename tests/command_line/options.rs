@@ -8,7 +8,7 @@ use headtail_render::{
     statistics::ErrorMetrics,
 };
 
-use super::{SMALL, command, fail, folder, mean, picture, refuse, succeed, text};
+use super::{SMALL, command, fail, folder, mean, names, picture, refuse, succeed, text};
 
 const VIEW: &str = "render --scene dishes --env studio --sampler mis --spp 4 --width 40 --height 30";
 
@@ -77,6 +77,35 @@ fn scaled_light_scales_the_picture() {
         assert_eq!([2.0 * a[0], a[1], 0.5 * a[2]], *b);
     }
     assert!(refuse(path, &format!("{VIEW} --env-scale 0 --out x.exr")).contains("positive factor"));
+}
+
+#[test]
+fn comparisons_take_parts_and_lights_as_pictures_do() {
+    let here = folder();
+    let path = here.path();
+    let options = "--env-rotate 30 --env-scale 2,1,0.5 --crop 7,5,21,18";
+    succeed(path, &format!("{VIEW} --seed 1 {options} --out one.exr"));
+    let compare = VIEW.replace("render", "compare").replace("--sampler", "--samplers");
+    let compare = format!("{compare} --runs 1 --reference-spp 64 --reference-cache cache");
+    succeed(path, &format!("{compare} {options} --out parts"));
+    let (one, run) = (picture(&path.join("one.exr")), picture(&path.join("parts/mis_4spp.exr")));
+    assert!(one == run, "the same picture");
+    let reference = picture(&path.join("parts/reference.exr"));
+    assert_eq!((reference.width, reference.height), (21, 18));
+    // Both are of one light: means over 378 pixels of a few samples each agree within a tenth, and those of other factors do not.
+    assert!((mean(&run) / mean(&reference) - 1.0).abs() < 0.1, "{} {}", mean(&run), mean(&reference));
+    let table = fs::read_to_string(path.join("parts/results.csv")).unwrap();
+    assert!(table.contains("dishes, pixels 7,5,21,18") && table.contains("studio, turned by 30\u{b0}, times 2,1,0.5"));
+    let facts = text_attributes(&path.join("parts/mis_4spp.exr")).unwrap();
+    let of = |name: &str| facts.iter().find(|(found, _)| found == name).unwrap().1.clone();
+    assert_eq!((of("environment.rotated"), of("crop")), ("30".into(), "7,5,21,18".into()));
+    // Another light or part has another reference.
+    assert_eq!(names(&path.join("cache")).len(), 2);
+    succeed(path, &format!("{compare} {options} --out again"));
+    assert_eq!(names(&path.join("cache")).len(), 2);
+    succeed(path, &format!("{compare} --env-rotate 30 --crop 7,5,21,18 --out other"));
+    assert_eq!(names(&path.join("cache")).len(), 4);
+    assert!(fail(path, &format!("{compare} --crop 20,0,21,30 --out x")).contains("--crop"));
 }
 
 #[test]

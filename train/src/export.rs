@@ -68,6 +68,7 @@ pub fn exported_sampler(
         final_kl: summary.divergence.kl,
         relative_variance: summary.divergence.relative_variance,
         seconds: with_time.then_some(summary.seconds),
+        tabulated_seconds: None,
     };
     let TrainingLight { tail, luminance } = light.clone();
     Ok(ExportedSampler::of_tail(Intermediate::Head(native_head(head)?), tail, luminance, environment, Some(training)))

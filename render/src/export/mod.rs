@@ -103,6 +103,9 @@ pub struct TrainingSummary {
     pub relative_variance: f64,
     /// Wall-clock seconds of the training loop; `None` where files must not depend on the clock.
     pub seconds: Option<f64>,
+    /// Wall-clock seconds of tabulating the head; `None` for a head itself, and where files must not depend on the clock.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tabulated_seconds: Option<f64>,
 }
 
 /// The intermediate density of an exported file.

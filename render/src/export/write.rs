@@ -20,7 +20,7 @@ impl ExportedSampler {
     /// could not be read again.
     pub fn write(&self, path: &Path) -> Result<()> {
         if let Some(training) = &self.training {
-            let seconds = training.seconds.unwrap_or(0.0);
+            let seconds = training.seconds.unwrap_or(0.0) + training.tabulated_seconds.unwrap_or(0.0);
             let figures = [
                 ("final_kl", training.final_kl),
                 ("relative_variance", training.relative_variance),

@@ -5,10 +5,7 @@ use glam::{Affine3A, Vec2, Vec3A};
 use super::ray::{Bounds, Ray};
 use crate::error::{Error, Result};
 
-/// The width over height for which [`Camera::framing`] fits a scene.
-const FRAMED_ASPECT: f32 = 4.0 / 3.0;
-
-/// Free space around a framed scene, as a factor on its distance.
+/// Free space around a framed scene: the picture's width over that of what is framed.
 const FRAMING_MARGIN: f32 = 1.08;
 
 /// A pinhole camera: with up = +Y ([`Self::new`]), or with any roll and principal point ([`Self::of_photograph`]).
@@ -136,28 +133,43 @@ impl Camera {
         Ray::new(self.look_from, (self.forward + right * self.right + up * self.up).normalize())
     }
 
-    /// A camera that sees all of `bounds`: a three-quarter view, slightly from above, for an image of 4 : 3.
-    pub fn framing(bounds: &Bounds) -> Self {
+    /// A camera that sees all points: a three-quarter view, slightly from above, for an image of `aspect` times its height. It is as near as it can
+    /// be: points lie close to two opposite sides of the image. Without points it frames the cube from -1 to 1.
+    pub fn framing<I: Iterator<Item = Vec3A>>(points: impl Fn() -> I, aspect: f32) -> Self {
         const FOV: f32 = 35.0;
         const AZIMUTH: f32 = 35.0;
         const ELEVATION: f32 = 18.0;
-        let bounds = if bounds.is_empty() { Bounds { min: -Vec3A::ONE, max: Vec3A::ONE } } else { *bounds };
         let (sin_azimuth, cos_azimuth) = AZIMUTH.to_radians().sin_cos();
         let (sin_elevation, cos_elevation) = ELEVATION.to_radians().sin_cos();
         let back = Vec3A::new(sin_azimuth * cos_elevation, sin_elevation, cos_azimuth * cos_elevation);
-        let center = bounds.center();
-        let direction = Self::aimed(center + back, center, FOV);
+        let turned = Self::aimed(back, Vec3A::ZERO, FOV);
+        let axes = [turned.right, turned.up, back].map(Vec3A::as_dvec3);
+        let tan_y = f64::from((0.5 * FOV).to_radians().tan() / FRAMING_MARGIN);
+        let tangents = [tan_y * f64::from(aspect), tan_y];
 
-        // The nearest distance from which every corner is inside the frustum.
-        let tan = (0.5 * FOV).to_radians().tan();
-        let distance = bounds.corners().into_iter().fold(0.0_f32, |distance, corner| {
-            let offset = corner - center;
-            let (right, up) = (offset.dot(direction.right).abs(), offset.dot(direction.up).abs());
-            distance.max(offset.dot(back) + (right / (tan * FRAMED_ASPECT)).max(up / tan))
-        });
+        // A point (x, z) is seen from (cx, cz) if |x - cx| <= tan (cz - z): x + tan z has an upper bound, x - tan z a lower one.
+        let (mut upper, mut lower) = ([f64::NEG_INFINITY; 2], [f64::INFINITY; 2]);
+        let mut depths = [f64::INFINITY, f64::NEG_INFINITY];
+        let mut take = |point: Vec3A| {
+            let [x, y, z] = axes.map(|axis| axis.dot(point.as_dvec3()));
+            depths = [depths[0].min(z), depths[1].max(z)];
+            for (k, side) in [x, y].into_iter().enumerate() {
+                upper[k] = upper[k].max(side + tangents[k] * z);
+                lower[k] = lower[k].min(side - tangents[k] * z);
+            }
+        };
+        if points().next().is_some() {
+            points().for_each(take);
+        } else {
+            Bounds { min: -Vec3A::ONE, max: Vec3A::ONE }.corners().into_iter().for_each(&mut take);
+        }
+        let [x, y] = [0, 1].map(|k| 0.5 * (upper[k] + lower[k]));
+        let depth = [0, 1].map(|k| (upper[k] - lower[k]) / (2.0 * tangents[k])).into_iter().fold(depths[1], f64::max);
+        let middle = 0.5 * (depths[0] + depths[1]);
         // A single point has no extent to fit: any distance that f32 can tell from zero will do.
-        let distance = (FRAMING_MARGIN * distance).max(1e-3 * center.abs().max_element()).max(1e-3);
-        Self::aimed(center + distance * back, center, FOV)
+        let distance = (depth - middle).max(1e-4 * x.abs().max(y.abs()).max(middle.abs())).max(1e-3);
+        let at = |z: f64| (x * axes[0] + y * axes[1] + z * axes[2]).as_vec3a();
+        Self::aimed(at(middle + distance), at(middle), FOV)
     }
 
     /// [`Self::new`] for positions known to be good.
@@ -256,25 +268,34 @@ mod tests {
     }
 
     #[test]
-    fn a_framed_box_is_inside_the_image() {
-        for (min, max) in [([-1.0; 3], [1.0; 3]), ([0.0, 0.0, 0.0], [10.0, 0.0, 3.0]), ([5e3; 3], [5e3 + 2.0; 3])] {
-            let bounds = Bounds { min: min.into(), max: max.into() };
-            let camera = Camera::framing(&bounds);
-            let tan = (0.5 * camera.vertical_fov()).to_radians().tan();
-            for corner in bounds.corners() {
-                let offset = corner - camera.look_from();
-                let depth = offset.dot(camera.forward);
-                assert!(depth > 0.0);
-                assert!(offset.dot(camera.up).abs() <= depth * tan);
-                assert!(offset.dot(camera.right).abs() <= depth * tan * FRAMED_ASPECT);
+    fn a_framed_box_fills_the_image() {
+        for aspect in [0.5, 4.0 / 3.0, 3.0] {
+            for (min, max) in [([-1.0; 3], [1.0; 3]), ([0.0, 0.0, 0.0], [10.0, 0.0, 3.0]), ([5e3; 3], [5e3 + 2.0; 3])] {
+                let bounds = Bounds { min: min.into(), max: max.into() };
+                let camera = Camera::framing(|| bounds.corners().into_iter(), aspect);
+                let (width, height) = ((1200.0 * aspect) as usize, 1200);
+                let seen = bounds.corners().map(|corner| camera.project(corner, width, height).unwrap());
+                // From 0 to 1 over the image.
+                let sides = [0, 1].map(|k| {
+                    let of = |p: Vec2| p[k] / [width, height][k] as f32;
+                    seen.iter().fold([1.0_f32, 0.0], |[low, high], &p| [low.min(of(p)), high.max(of(p))])
+                });
+                // Half of the margin on either side, and what f32 makes of positions at 5 km.
+                let (free, slack) = (0.5 * (1.0 - 1.0 / FRAMING_MARGIN), 2e-3);
+                for [low, high] in sides {
+                    assert!(low > free - slack && high < 1.0 - free + slack, "{sides:?}");
+                }
+                let is_filled = |[low, high]: [f32; 2]| low < free + slack && high > 1.0 - free - slack;
+                assert!(sides.into_iter().any(is_filled), "{sides:?}");
             }
         }
     }
 
     #[test]
     fn points_and_nothing_are_framed_too() {
-        for bounds in [Bounds::EMPTY, Bounds { min: Vec3A::splat(7.0), max: Vec3A::splat(7.0) }] {
-            assert!(Camera::framing(&bounds).ray(1.0, 2.0, 4, 4).direction.is_normalized());
+        for points in [vec![], vec![Vec3A::splat(7.0)], vec![Vec3A::ZERO; 2]] {
+            let camera = Camera::framing(|| points.iter().copied(), 1.0);
+            assert!(camera.ray(1.0, 2.0, 4, 4).direction.is_normalized());
         }
     }
 }

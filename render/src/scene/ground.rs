@@ -2,33 +2,48 @@
 
 use glam::{Vec3, Vec3A};
 
-use super::{Camera, Material, Mesh, Scene};
+use super::{MAX_COORDINATE, Material, Mesh, Scene};
 
-/// Width of the ground over the larger horizontal extent of the scene.
-const WIDTH: f32 = 20.0;
+/// Half the width of the ground over the longest edge of the scene's bounds, at least: seen from the height of the scene its border is
+/// 8e-6 radians below the horizon, a fifth of a pixel of the largest images.
+const REACH: f32 = 1.2e5;
+
+/// The width of a ring over that of what it surrounds. Positions on a triangle are as exact as its corners' coordinates: triangles are small where
+/// the scene is.
+const GROWTH: f32 = 2.0;
 
 /// Reflectance of the ground.
 const ALBEDO: f32 = 0.5;
 
 impl Scene {
-    /// Adds a grey diffuse ground (albedo 0.5), 20 times as wide as the scene, at its lowest point.
+    /// Adds a grey diffuse ground (albedo 0.5) at the scene's lowest point, from horizon to horizon.
     ///
-    /// A scene without a camera gets the one that frames it without the ground. An empty scene gets a ground of 20 m.
+    /// A scene without a camera gets the one that frames it without the ground, for an image of 4 : 3.
     pub fn add_ground(&mut self) {
         let bounds = self.bounds();
-        self.camera.get_or_insert_with(|| Camera::framing(&bounds));
+        self.camera = Some(self.camera());
         let (center, y) = if bounds.is_empty() { (Vec3A::ZERO, 0.0) } else { (bounds.center(), bounds.min.y) };
-        let extent = bounds.extent();
-        let width = extent.x.max(extent.z).max(extent.y);
-        let half = 0.5 * WIDTH * if width > 0.0 { width } else { 1.0 };
+        let width = bounds.extent().max_element();
+        let width = if width > 0.0 { width } else { 1.0 };
+        let reach = (REACH * width).min(0.25 * MAX_COORDINATE);
 
-        let corner = |x: f32, z: f32| Vec3::new(center.x + x * half, y, center.z + z * half);
-        self.meshes.push(Mesh {
-            positions: vec![corner(-1.0, 1.0), corner(1.0, 1.0), corner(1.0, -1.0), corner(-1.0, -1.0)],
-            triangles: vec![[0, 1, 2], [0, 2, 3]],
-            material: self.materials.len(),
-            ..Mesh::default()
-        });
+        let square = |half: f32| {
+            let corner = |x: f32, z: f32| Vec3::new(center.x + x * half, y, center.z + z * half);
+            [corner(-1.0, 1.0), corner(1.0, 1.0), corner(1.0, -1.0), corner(-1.0, -1.0)]
+        };
+        let mut positions = Vec::from(square(width));
+        let mut triangles = vec![[0, 1, 2], [0, 2, 3]];
+        let mut half = width;
+        while half < reach {
+            half *= GROWTH;
+            let inner = positions.len() as u32 - 4;
+            positions.extend(square(half));
+            for side in 0..4 {
+                let (a, b) = (inner + side, inner + (side + 1) % 4);
+                triangles.extend([[a + 4, b + 4, b], [a + 4, b, a]]);
+            }
+        }
+        self.meshes.push(Mesh { positions, triangles, material: self.materials.len(), ..Mesh::default() });
         self.materials.push(Material::diffuse(Vec3A::splat(ALBEDO)));
         self.rebuild();
     }

@@ -41,10 +41,11 @@ use crate::{
     tile::{ShadingPoint, Tile},
 };
 
-/// Distance by which shadow rays start above a surface, over the largest coordinate involved.
+/// Distance by which a point lies above its surface, over the largest coordinate involved.
 ///
-/// A hit point is off its plane by a few rounding errors (6e-8) of that coordinate, and the intersection of the shadow
-/// ray with the same plane by a few more; 16 of them leave a margin of two to four.
+/// A point of a triangle is off its plane by at most 7 rounding errors (6e-8) of the largest coordinate of the corners (Pharr, Jakob and
+/// Humphreys, "Physically Based Rendering", section 6.8.5), and the intersection of a ray from there with the same plane by a few more: 16 of them
+/// leave a margin. The scene's size has no part in it, so that a ground may reach to the horizon.
 const OFFSET: f32 = 1e-6;
 
 /// The least cosine between the shading normal and the viewer.
@@ -70,8 +71,6 @@ pub struct Scene {
     faces: Vec<Face>,
     bvh: Bvh,
     bounds: Bounds,
-    /// Half the longest edge of the bounds.
-    half_extent: f32,
 }
 
 impl Scene {
@@ -101,7 +100,6 @@ impl Scene {
             faces: Vec::new(),
             bvh: Bvh::build(&[]),
             bounds: Bounds::EMPTY,
-            half_extent: 0.0,
         };
         let triangles: usize = scene.meshes.iter().map(|mesh| mesh.triangles.len()).sum();
         if triangles > Bvh::MOST_TRIANGLES {
@@ -149,7 +147,6 @@ impl Scene {
                 self.faces.push(Face { mesh: m as u32, triangle: t as u32, normal });
             }
         }
-        self.half_extent = 0.5 * self.bounds.extent().max_element();
         self.bvh = Bvh::build(&triangles);
     }
 
@@ -193,9 +190,14 @@ impl Scene {
         self.faces.iter().map(|face| self.meshes[face.mesh as usize].corners(face.triangle as usize))
     }
 
-    /// The scene's own camera, or one that frames it.
+    /// The scene's own camera, or one that frames it for an image of 4 : 3.
     pub fn camera(&self) -> Camera {
-        self.camera.unwrap_or_else(|| Camera::framing(&self.bounds))
+        self.camera_for(4.0 / 3.0)
+    }
+
+    /// The scene's own camera, or one that frames it for an image of `aspect` times its height.
+    pub fn camera_for(&self, aspect: f32) -> Camera {
+        self.camera.unwrap_or_else(|| Camera::framing(|| self.triangles().flatten().map(Vec3A::from), aspect))
     }
 
     /// The nearest surface along a ray, as seen from the ray's origin: both normals are on the viewer's side.
@@ -247,12 +249,14 @@ impl Scene {
         let vertices = mesh.triangles[triangle].map(|i| i as usize);
         let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
 
-        // From the corners, not from the ray: its error does not grow with the distance.
-        let [a, b, c] = mesh.corners(triangle).map(Vec3A::from);
-        let p = weights[0] * a + weights[1] * b + weights[2] * c;
         let wo = -ray.direction;
         let wound = Vec3A::from(face.normal);
         let ng = if wound.dot(wo) < 0.0 { -wound } else { wound };
+        // From the corners, not from the ray: its error does not grow with the distance. It is that of the corners, also where the point itself
+        // is near the origin.
+        let [a, b, c] = mesh.corners(triangle).map(Vec3A::from);
+        let reach = a.abs().max(b.abs()).max(c.abs()).max_element();
+        let p = weights[0] * a + weights[1] * b + weights[2] * c + (OFFSET * reach) * ng;
         let interpolated = (!mesh.normals.is_empty())
             .then(|| (0..3).map(|k| weights[k] * Vec3A::from(mesh.normals[vertices[k]])).sum());
         let uv = |texcoords: &[Vec2]| {
@@ -289,15 +293,12 @@ impl Scene {
         ShadingPoint { p, ng, ns, wo, surface }
     }
 
-    /// The ray that leaves a surface at `p` (metres) of geometric normal `ng` towards `wi`, which is above it. It starts above the surface by more
-    /// than the rounding error of position and ray.
+    /// The ray that leaves a surface at `p` (metres) of geometric normal `ng` towards `wi`, which is above it.
     ///
-    /// The error of the intersection grows with the size of the triangle and with its distance from the origin of
-    /// the coordinates, so that the scene's size is in the offset besides the position.
+    /// Points of surfaces lie above them already by more than their own error; what is added here is the error of a `p` that was moved since.
     #[inline]
     pub fn leaving(&self, p: Vec3A, ng: Vec3A, wi: Vec3A) -> Ray {
-        let scale = p.abs().max_element().max(self.half_extent);
-        Ray::new(p + (OFFSET * scale) * ng, wi)
+        Ray::new(p + (OFFSET * p.abs().max_element()) * ng, wi)
     }
 
     /// Whether the environment is seen along rays; both slices have equal length.

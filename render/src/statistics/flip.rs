@@ -1,5 +1,5 @@
 //! How different two pictures look to somebody who flips between them: LDR-FLIP (Andersson, Nilsson, Akenine-Möller, Oskarsson,
-//! Åström and Fairchild 2020, "FLIP: A Difference Evaluator for Alternating Images").
+//! Åström and Fairchild 2020, "FLIP: A Difference Evaluator for Alternating Images"). [`super::HdrFlip`] is made of it.
 
 use std::f64::consts::PI;
 
@@ -44,6 +44,13 @@ const P_RANGE: f64 = 0.95;
 /// # Errors
 /// If the sizes differ, or `pixels_per_degree` is not between 1 and 1000.
 pub fn flip(reference: &Image, test: &Image, pixels_per_degree: f64) -> Result<Vec<f64>> {
+    check(reference, test, pixels_per_degree)?;
+    let [a, b] = [reference, test].map(|image| Seen::of(image, pixels_per_degree));
+    Ok(difference(&a, &b))
+}
+
+/// Checks what [`flip`] is asked.
+pub(super) fn check(reference: &Image, test: &Image, pixels_per_degree: f64) -> Result<()> {
     let failed = |what: &str, reason: String| Err(Error::Argument { what: what.into(), reason });
     if (reference.width, reference.height) != (test.width, test.height) {
         let sizes = [reference, test].map(|image| format!("{} x {}", image.width, image.height));
@@ -52,7 +59,11 @@ pub fn flip(reference: &Image, test: &Image, pixels_per_degree: f64) -> Result<V
     if !(1.0..=1000.0).contains(&pixels_per_degree) {
         return failed("pixels_per_degree", format!("is {pixels_per_degree}; must be between 1 and 1000"));
     }
-    let [a, b] = [reference, test].map(|image| Seen::of(image, pixels_per_degree));
+    Ok(())
+}
+
+/// The difference of each pixel.
+pub(super) fn difference(a: &Seen, b: &Seen) -> Vec<f64> {
     let largest = colour_distance(hunt(lab([0.0, 1.0, 0.0])), hunt(lab([0.0, 0.0, 1.0]))).powf(Q_COLOUR);
     let knee = P_COLOUR * largest;
     let pixel = |k: usize| {
@@ -66,11 +77,11 @@ pub fn flip(reference: &Image, test: &Image, pixels_per_degree: f64) -> Result<V
         let feature = (feature / 2.0_f64.sqrt()).powf(Q_FEATURE).min(1.0);
         colour.powf(1.0 - feature)
     };
-    Ok((0..reference.pixels.len()).map(pixel).collect())
+    (0..a.edges.len()).map(pixel).collect()
 }
 
 /// What the eye makes of a picture.
-struct Seen {
+pub(super) struct Seen {
     /// L*a*b* after contrast sensitivity and Hunt's effect.
     colours: Vec<[f64; 3]>,
     /// Strength of edges.
@@ -80,7 +91,8 @@ struct Seen {
 }
 
 impl Seen {
-    fn of(image: &Image, pixels_per_degree: f64) -> Self {
+    /// What it makes of linear RGB in `[0, 1]`.
+    pub(super) fn of(image: &Image, pixels_per_degree: f64) -> Self {
         let size = (image.width, image.height);
         let clamp = |c: f32| if c.is_nan() { 0.0 } else { f64::from(c.clamp(0.0, 1.0)) };
         let opponent: Vec<[f64; 3]> = image.pixels.iter().map(|pixel| opponent(pixel.map(clamp))).collect();
@@ -197,7 +209,7 @@ fn separable(plane: &[f64], (width, height): (usize, usize), horizontal: &[f64],
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     fn image(width: usize, height: usize, pixel: impl Fn(usize, usize) -> [f32; 3]) -> Image {
@@ -206,7 +218,7 @@ mod tests {
     }
 
     /// A pattern with colours, edges and points, and the same with a grid of darker pixels and a green patch.
-    fn pair() -> [Image; 2] {
+    pub fn pair() -> [Image; 2] {
         let part = |value: usize, of: usize| (value % of) as f32 / (of - 1) as f32;
         let reference = image(41, 29, |x, y| {
             let bright = if x < 20 { 0.25 } else { 1.0 };
@@ -226,8 +238,8 @@ mod tests {
     }
 
     #[test]
-    fn values_are_those_of_an_independent_implementation() {
-        // By numpy and scipy in double precision, with two-dimensional kernels. Pixels here are rounded to f32 and the inverse of
+    fn values_are_those_of_the_authors_program() {
+        // By its version in C++, in f32, and by numpy and scipy in double precision, with two-dimensional kernels; the two agree in all digits but one. Pixels here are rounded to f32 and the inverse of
         // the matrix to nine digits, which the exponent 0.5 of features of about 1e-7 turns into 3e-4 at most; 1e-5 is seen.
         let [reference, test] = pair();
         let map = flip(&reference, &test, PIXELS_PER_DEGREE).unwrap();

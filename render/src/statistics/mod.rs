@@ -6,6 +6,7 @@
 mod chi_square;
 mod figures;
 mod flip;
+mod hdr_flip;
 mod interval;
 mod metric;
 mod quadrature;
@@ -16,6 +17,7 @@ mod welch;
 pub use chi_square::{ChiSquareReport, SphereChiSquare};
 pub use figures::{Bench, Effort, Figures, variance_ratio};
 pub use flip::{PIXELS_PER_DEGREE, flip};
+pub use hdr_flip::HdrFlip;
 pub use interval::{MeanInterval, RatioInterval};
 pub use metric::{ErrorMetrics, RELATIVE_EPSILON, TRIMMED_FRACTION, ttuv};
 pub use quadrature::{Quadrature, QuadratureShape, Term};

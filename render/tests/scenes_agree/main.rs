@@ -116,6 +116,7 @@ fn untrained() -> TrainingSummary {
         final_kl: 1.0,
         relative_variance: 1.0,
         seconds: None,
+        tabulated_seconds: None,
     }
 }
 

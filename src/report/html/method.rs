@@ -44,7 +44,8 @@ pub fn section(comparison: &Comparison, gallery: &Gallery) -> Markup {
                 }))
                 (line("FLIP", html! {
                     "Mean of LDR-FLIP (Andersson et al. 2020) over " (pixels(comparison)) " of the first run's picture as it is shown here, for an observer who sees "
-                    (PIXELS_PER_DEGREE) " pixels per degree: 0 looks the same, 1 as different as can be."
+                    (PIXELS_PER_DEGREE) " pixels per degree: 0 looks the same, 1 as different as can be. HDR-FLIP (Andersson et al. 2021) is the largest "
+                    "over the exposures from the one that shows the reference\u{2019}s brightest pixel to the one that shows its median."
                 }))
                 (line("Time", time(comparison, &points)))
                 (line("Images", images(comparison, gallery)))

@@ -28,7 +28,7 @@ const fn figure(
     Figure { title, unit, cell, marked }
 }
 
-const FIGURES: [Figure; 13] = [
+const FIGURES: [Figure; 14] = [
     figure("Runs", "", false, |_, _, group| Value::Amount(group.runs as f64).into()),
     figure("spp", "", false, |_, _, group| Value::Amount(group.mean.spp).into()),
     figure("Rays", "/ sample", false, |_, _, group| Value::Amount(group.mean.rays_per_sample).into()),
@@ -37,9 +37,8 @@ const FIGURES: [Figure; 13] = [
     figure("MSE ratio", "\u{2191} better", false, |summary, _, group| ratio(summary, group)),
     figure("relMSE", "", true, |_, _, group| interval(&group.relmse)),
     figure("relMSE", "trimmed", true, |_, _, group| interval(&group.relmse_trimmed)),
-    figure("FLIP", "first run", true, |_, gallery, group| {
-        gallery.flip(&group.sampler, &group.budget).map_or(Value::Missing.into(), Cell::number)
-    }),
+    figure("FLIP", "first run", true, |_, gallery, group| flip(gallery, group, 0)),
+    figure("HDR-FLIP", "first run", true, |_, gallery, group| flip(gallery, group, 1)),
     figure("TTUV", "MSE \u{d7} s", true, |_, _, group| interval(&group.ttuv)),
     figure("Fireflies", "% of relMSE", false, |_, _, group| Value::Amount(firefly_share(group)).into()),
     // Luminances of samplers agree in their first digits, so that one more is needed.
@@ -48,6 +47,11 @@ const FIGURES: [Figure; 13] = [
     }),
     figure("Weight", "largest", false, |_, _, group| Cell::number(group.mean.max_weight)),
 ];
+
+/// One of both values of FLIP.
+fn flip(gallery: &Gallery, group: &Group, which: usize) -> Cell {
+    gallery.flips(&group.sampler, &group.budget).map_or(Value::Missing.into(), |flips| Cell::number(flips[which]))
+}
 
 fn interval(interval: &MeanInterval) -> Cell {
     Cell::number(interval.mean).beside(percent(interval))

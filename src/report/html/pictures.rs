@@ -44,6 +44,8 @@ pub fn stage(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> M
 pub fn multiples(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Markup {
     let Some(first) = gallery.shown_first(summary) else { return PreEscaped(String::new()) };
     let size = (comparison.width, comparison.height);
+    // With the reference.
+    let most = 1 + gallery.panels.iter().map(|panel| panel.pictures.len()).max().unwrap_or(0);
     html! {
         section {
             h2 { "Every sampler" }
@@ -74,7 +76,7 @@ pub fn multiples(comparison: &Comparison, summary: &Summary, gallery: &Gallery) 
                 "Click or drag on any picture to move the chosen inset on all of them; with the keyboard, go to a picture: arrow keys move the \
                  inset, + and \u{2212} change its size, 1 and 2 choose. The address of the page keeps where they are."
             }
-            div.multiples #multiples data-insets=(gallery.insets) {
+            div.multiples #multiples data-pictures=(most) data-insets=(gallery.insets) {
                 figure.card {
                     (picture(REFERENCE, "Reference image", size, (&gallery.reference, gallery.reference_radiance.as_deref())))
                     @for (index, panel) in gallery.panels.iter().enumerate() { (colour_bars(index, panel, size)) }

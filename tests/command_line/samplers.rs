@@ -1,0 +1,211 @@
+//! Samplers with files: fitted, baked, tabulated, drawn and used.
+
+use std::fs;
+
+use headtail_render::export::ExportedSampler;
+
+use super::{SMALL, folder, is_svg, mean, names, picture, succeed};
+
+#[test]
+fn a_head_is_fitted_baked_rendered_and_inspected() {
+    let here = folder();
+    let path = here.path();
+    let said = succeed(path, "fit --env overcast --material lambert --steps 30 --seed 3 --out fitted");
+    assert!(said.contains("KL ") && said.contains("30 steps"), "{said}");
+    let files = ["measures.json", "metrics.jsonl", "resolved.toml", "sampler.safetensors"];
+    assert_eq!(names(&path.join("fitted")), files);
+
+    succeed(path, "bake --from fitted/sampler.safetensors --normals 6x8 --cells 8x8 --out baked.safetensors");
+    succeed(path, "inspect fitted/sampler.safetensors --normal 1,0.5,-0.2 --out pictures/head.svg");
+    succeed(path, "inspect baked.safetensors --out pictures/baked.svg");
+    succeed(path, "inspect baked.safetensors --out pictures/baked.pdf");
+    assert_eq!(names(&path.join("pictures")), ["baked.pdf", "baked.svg", "head.svg"]);
+    let pdf = fs::read(path.join("pictures/baked.pdf")).unwrap();
+    assert!(pdf.starts_with(b"%PDF-1.4") && pdf.ends_with(b"%%EOF\n"));
+    assert!(is_svg(&path.join("pictures/head.svg")) && is_svg(&path.join("pictures/baked.svg")));
+
+    // The samplers estimate one and the same picture.
+    let view = format!("render --scene sphere --env overcast --spp 64 {SMALL}");
+    for (sampler, name) in [("head:fitted/sampler", "head"), ("baked:baked", "baked")] {
+        let said = succeed(path, &format!("{view} --sampler {sampler}.safetensors --out {name}.exr"));
+        assert!(said.starts_with(sampler) && said.contains("64 spp"), "{said}");
+    }
+    succeed(path, &format!("{view} --sampler mis --out mis.exr"));
+    let expected = mean(&picture(&path.join("mis.exr")));
+    for name in ["head", "baked"] {
+        let found = mean(&picture(&path.join(name).with_extension("exr")));
+        // 432 pixels at 64 samples of relative deviation below 1: the mean is known to well under 1 %.
+        assert!((found / expected - 1.0).abs() < 0.02, "{name}: {found}, mis: {expected}");
+    }
+}
+
+#[test]
+fn a_run_is_one_file_that_its_results_repeat() {
+    let here = folder();
+    let path = here.path();
+    let run = "env = 'studio'\nout = 'first'\nsteps = 10\nconditions = 8\nhead.bins = 5\n[export]\nreproducible = true\n\
+               [measure]\ntime = true\n[[measure.views]]\nname = 'ball'\nscene = 'sphere'\nwidth = 16\nheight = 12\nspp = 2\n\
+               seconds = 0.02\nreference_spp = 16\n";
+    fs::write(path.join("run.toml"), run).unwrap();
+    let said = succeed(path, "fit --config run.toml");
+    assert!(said.contains("10 steps") && said.contains("mse:ball") && said.contains("ns_per_sample"), "{said}");
+    succeed(path, "fit --config first/resolved.toml --out second");
+    let bytes = |file: &str| fs::read(path.join(file)).unwrap();
+    assert_eq!(bytes("first/sampler.safetensors"), bytes("second/sampler.safetensors"));
+    assert_eq!(bytes("first/resolved.toml"), bytes("second/resolved.toml"));
+    // Every setting is inside of the file, and the table that made a table, too.
+    let exported = ExportedSampler::read(&path.join("first/sampler.safetensors")).unwrap();
+    assert_eq!(exported.run.as_deref().map(str::as_bytes), Some(&bytes("first/resolved.toml")[..]));
+    succeed(path, "bake --from first/sampler.safetensors --normals 4x8 --cells 4x4 --out baked");
+    let baked = ExportedSampler::read(&path.join("baked")).unwrap().run.unwrap();
+    assert!(baked.starts_with(exported.run.as_deref().unwrap()) && baked.contains("normals = [4, 8]"), "{baked}");
+    let flags = succeed(path, "fit --config run.toml --set head.bins=6 --out third --no-export");
+    assert!(flags.contains("nothing was exported"), "{flags}");
+    assert!(String::from_utf8(bytes("third/resolved.toml")).unwrap().contains("bins = 6"));
+    assert!(fail(path, "fit --config first/resolved.toml").contains("--out"));
+}
+
+#[test]
+fn the_smallest_sufficient_sampler_is_named_and_written() {
+    let here = folder();
+    let path = here.path();
+    let view = "--env overcast --scene sphere --material lambert --width 16 --height 12";
+    let said = succeed(path, &format!("autosize {view} --prepare-seconds 1 --render-seconds 2 --out auto"));
+    assert!(said.contains("the best: ") && said.contains("autosize.html"), "{said}");
+    for role in ["winner", "cheapest"] {
+        let spec = fs::read_to_string(path.join("auto").join(role)).unwrap();
+        succeed(
+            path,
+            &format!("render --scene sphere --env overcast {SMALL} --sampler {} --spp 1 --out {role}.exr", spec.trim()),
+        );
+    }
+    let page = fs::read_to_string(path.join("auto/autosize.html")).unwrap();
+    assert!(page.contains("Error against time") && page.contains("best: ") && page.ends_with("</html>\n"));
+}
+
+#[test]
+fn a_glossy_head_is_inspected_and_rendered_but_not_baked() {
+    let here = folder();
+    let path = here.path();
+    let fit = "fit --env window --steps 20 --set conditions=8 --set head.bins=4 --set validation_conditions=6";
+    for (material, name) in [("ggx:alpha=0.4", "one"), ("ggx:alpha=0.2..0.8", "range")] {
+        succeed(path, &format!("{fit} --material {material} --out {name}"));
+        let file = format!("{name}/sampler.safetensors");
+        let said = succeed(path, &format!("inspect {file} --material ggx:alpha=0.3 --view 1,1,0 --out {name}.svg"));
+        assert!(said.contains("alpha 0.3") && said.contains("% of samples from the head"), "{said}");
+        assert!(is_svg(&path.join(name).with_extension("svg")));
+        assert!(fail(path, &format!("inspect {file} --out a.svg")).contains("--material ggx:alpha=A"));
+        assert!(fail(path, &format!("bake --from {file} --out a")).contains("only a head for diffuse surfaces"));
+    }
+    assert!(
+        fail(path, "inspect one/sampler.safetensors --material ggx:alpha=0.2..0.8 --out a.svg").contains("one width")
+    );
+    let below = "inspect one/sampler.safetensors --material ggx:alpha=0.4 --view 0,-1,0 --out a.svg";
+    assert!(fail(path, below).starts_with("--view"));
+
+    let view = format!("render --scene sphere --material ggx:alpha=0.4 --env window --spp 64 {SMALL}");
+    let render = |sampler: &str| {
+        succeed(path, &format!("{view} --sampler {sampler} --out a.exr"));
+        mean(&picture(&path.join("a.exr")))
+    };
+    let expected = render("mis");
+    for sampler in ["head+mis:one/sampler.safetensors", "ris:4:head:range/sampler.safetensors"] {
+        let found = render(sampler);
+        // 432 pixels at 64 samples of relative deviation below 1.5: the mean is known to 1 %.
+        assert!((found / expected - 1.0).abs() < 0.03, "{sampler}: {found}, mis: {expected}");
+    }
+}
+
+#[test]
+fn flow_tails_and_compact_emitters_are_fitted_exported_and_shown() {
+    let here = folder();
+    let path = here.path();
+    let fit =
+        "fit --env sunset --material lambert --set steps=20 --set flow.steps=20 --set flow.cells=16 --checkpoint-dir";
+    let said = succeed(path, &format!("{fit} ck --tail flow --out flow"));
+    assert!(said.contains("flow tail: KL") && names(&path.join("ck")).contains(&"tail".to_owned()), "{said}");
+    // A second run finds all steps done, of the tail and of the head.
+    succeed(path, &format!("{fit} ck --resume --tail flow --out again"));
+    succeed(path, &format!("{fit} ck2 --compact-emitters --set head.selection=true --out compact"));
+    let said = succeed(path, "inspect --tail --env sunset flow/sampler.safetensors --out tails.svg");
+    assert!(
+        is_svg(&path.join("tails.svg")) && ["row-column", "hierarchical", "flow"].iter().all(|t| said.contains(t)),
+        "{said}"
+    );
+    let view = format!("render --scene plane --env sunset --unshadowed {SMALL}");
+    succeed(path, &format!("{view} --spp 64 --sampler mis --out mis.exr"));
+    let expected = mean(&picture(&path.join("mis.exr")));
+    // 432 pixels. A sample of the compact emitters' mixtures has a relative deviation below 2. A flow of 20 steps hardly knows the sun: its
+    // samples weigh up to 900 (relative deviation 16, standard error of the mean 1.2 % at 4096 samples per pixel, of which five are allowed).
+    for (sampler, file, spp, tolerance) in [
+        ("head+mis", "flow", 4096, 0.06),
+        ("head+mis", "compact", 64, 0.04),
+        ("head", "compact", 64, 0.04),
+        ("ris:4:head", "compact", 64, 0.04),
+    ] {
+        succeed(path, &format!("{view} --spp {spp} --sampler {sampler}:{file}/sampler.safetensors --out other.exr"));
+        let found = mean(&picture(&path.join("other.exr")));
+        assert!((found / expected - 1.0).abs() < tolerance, "{sampler}:{file}: {found}, mis: {expected}");
+    }
+    assert!(fail(path, "bake --direct --env sunset --tail flow --out a.safetensors").contains("fit --tail flow"));
+    assert!(
+        fail(path, "inspect --tail --env studio flow/sampler.safetensors --out a.svg").contains("environment_hash")
+    );
+    assert!(fail(path, "fit --env sunset --material lambert --set flow.cells=7 --out a").contains("flow.cells"));
+}
+
+#[test]
+fn the_stability_suite_writes_a_table_and_a_page() {
+    let here = folder();
+    let path = here.path();
+    let said = succeed(path, "stability --quick --only constant --only noon --out suite");
+    assert!(said.contains("noon_grass: not run; give --maps DIR"), "{said}");
+    let files = ["regimes", "regimes.pdf", "regimes.svg", "stability.csv", "stability.html"];
+    assert_eq!(names(&path.join("suite")), files);
+    // The regimes are kept: what is printed are the same rows.
+    let said = succeed(path, "stability --quick --only constant --only noon --json --out suite");
+    let rows: Vec<serde_json::Value> = serde_json::from_str(&said).unwrap();
+    let head = rows.iter().find(|row| row["regime"] == "constant map" && row["method"] == "head").unwrap();
+    assert!(head["variance_over_mis"].is_f64() && head["state"] == "finished", "{head}");
+    assert!(rows.iter().any(|row| row["state"] == "not run" && row["kl"].is_null()));
+    let table = fs::read_to_string(path.join("suite/stability.csv")).unwrap();
+    for method in ["mis", "head", "head and brdf by halves", "selection", "all remedies"] {
+        assert!(table.contains(&format!("constant map,{method},finished")), "{method}: {table}");
+    }
+    assert!(fs::read_to_string(path.join("suite/stability.html")).unwrap().contains("constant map"));
+    assert!(fail(path, "stability --only nothing --out suite").contains("--only"));
+    assert!(fail(path, "stability --maps nowhere --out suite").contains("nowhere"));
+}
+
+#[test]
+fn a_direct_bake_needs_no_training() {
+    let here = folder();
+    let path = here.path();
+    succeed(
+        path,
+        "bake --direct --env sunset --tail row-column --normals 6x8 --cells 8x8 --out tables/sunset.safetensors",
+    );
+    assert_eq!(names(&path.join("tables")), ["sunset.safetensors"]);
+    let said = succeed(path, "inspect tables/sunset.safetensors --out sunset.svg");
+    assert!(said.contains("Direct bake of 'sunset'") && said.contains("row-column"), "{said}");
+    let view = format!("render --scene plane --env sunset --spp 4 {SMALL}");
+    succeed(path, &format!("{view} --sampler direct:tables/sunset.safetensors --out plane.exr"));
+    assert!(is_png(&path.join("plane.png")));
+}
+
+#[test]
+fn the_same_seed_gives_the_same_sampler_file() {
+    let here = folder();
+    let fit = "fit --env window --material lambert --steps 12 --reproducible";
+    for (seed, out) in [(1, "a"), (1, "b"), (2, "c")] {
+        succeed(here.path(), &format!("{fit} --seed {seed} --out {out}"));
+        succeed(
+            here.path(),
+            &format!("bake --from {out}/sampler.safetensors --normals 4x6 --cells 4x4 --out {out}/baked"),
+        );
+    }
+    let bytes = |file: &str| fs::read(here.path().join(file)).unwrap();
+    assert!(bytes("a/sampler.safetensors") == bytes("b/sampler.safetensors"));
+    assert!(bytes("a/sampler.safetensors") != bytes("c/sampler.safetensors"));
+    assert!(bytes("a/baked") == bytes("b/baked"));
+}
