@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
-use headtail_train::{Backend, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset, config::Points};
+use headtail_train::{
+    Backend, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset,
+    config::{Over, Points},
+};
 
 use crate::{
     arguments::{CameraArguments, TailArgument},
@@ -46,6 +49,10 @@ pub struct Arguments {
     /// The tail warp under the head.
     #[arg(long)]
     tail: Option<TailArgument>,
+    /// What is under the head: the tail, or patches of sky between it and the tail, for which a head learns what their closed form leaves over
+    /// (--sampler head+patches:FILE).
+    #[arg(long)]
+    over: Option<OverArgument>,
     /// The size of a flow tail, small, medium or paper: takes the place of all keys flow.*.
     #[arg(long, value_name = "SIZE")]
     flow: Option<FlowSize>,
@@ -121,6 +128,26 @@ impl From<TargetArgument> for Points {
         match argument {
             TargetArgument::Strata => Self::Strata,
             TargetArgument::Tabulated => Self::Tabulated,
+        }
+    }
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum OverArgument {
+    /// The tail.
+    Tail,
+    /// Patches of sky.
+    Patches,
+    /// Finer patches of sky.
+    FinePatches,
+}
+
+impl From<OverArgument> for Over {
+    fn from(argument: OverArgument) -> Self {
+        match argument {
+            OverArgument::Tail => Self::Tail,
+            OverArgument::Patches => Self::Patches,
+            OverArgument::FinePatches => Self::FinePatches,
         }
     }
 }
@@ -206,6 +233,9 @@ impl Arguments {
         let mut config = builder.build()?;
         if let Some(material) = self.material {
             config = config.for_material(material);
+        }
+        if let Some(over) = self.over {
+            config = config.over(over.into());
         }
         if let Some(steps) = self.steps {
             config.steps = usize::try_from(steps).context("--steps")?;

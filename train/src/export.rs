@@ -70,7 +70,12 @@ pub fn exported_sampler(
         seconds: with_time.then_some(summary.seconds),
     };
     let TrainingLight { tail, luminance } = light.clone();
-    Ok(ExportedSampler::of_tail(Intermediate::Head(native_head(head)?), tail, luminance, environment, Some(training)))
+    let head = Intermediate::Head(native_head(head)?);
+    let exported = ExportedSampler::of_tail(head, tail, luminance, environment, Some(training));
+    Ok(match config.over.detail() {
+        Some(detail) => exported.over_patches(detail),
+        None => exported,
+    })
 }
 
 #[cfg(test)]

@@ -5,7 +5,10 @@ use std::{fmt, str::FromStr};
 use headtail_model::{Condition, EncoderConfig, HeadConfig};
 use headtail_render::tail::TailKind;
 
-use crate::{Backend, FitConfig, FlowSize, GradientForm, Loss, Material, config::Points};
+use crate::{
+    Backend, FitConfig, FlowSize, GradientForm, Loss, Material,
+    config::{Over, Points},
+};
 
 /// A configuration by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,6 +83,7 @@ const FAST_COSINE: FitConfig = FitConfig {
     compact_emitters: false,
     fall_back: true,
     setback: 2.0,
+    over: Over::Tail,
     points: Points::Strata,
     naive: false,
     backend: Backend::Flex,
