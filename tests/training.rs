@@ -56,7 +56,7 @@ fn steps(rows: &[serde_json::Value]) -> Vec<u64> {
 fn settings_are_printed_and_read_back() {
     let here = folder();
     let path = here.path();
-    for preset in ["paper-cosine", "paper-ggx", "fast-cosine", "fast-ggx"] {
+    for preset in ["paper-cosine", "paper-ggx", "fast-cosine", "fast-ggx", "over-patches"] {
         let (printed, _) = succeed(path, &format!("fit --preset {preset} --print-config"));
         fs::write(path.join("run.toml"), &printed).unwrap();
         let (again, _) = succeed(path, "fit --config run.toml --print-config");

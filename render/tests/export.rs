@@ -379,7 +379,7 @@ fn wrong_descriptions_are_refused_by_name() {
     let refused = |change: &dyn Fn(&mut Value)| folder.refused(&Parts::of(&head).describe(change));
     let expect = |error: &str, words: &[&str]| words.iter().for_each(|word| assert!(error.contains(word), "{error}"));
 
-    expect(&refused(&|d| d["format_version"] = json!(4)), &["format_version", "is 4", "reads versions 1 to 3"]);
+    expect(&refused(&|d| d["format_version"] = json!(5)), &["format_version", "is 5", "reads versions 1 to 4"]);
     expect(&refused(&|d| d["format_version"] = json!(-1)), &["format_version"]);
     expect(&refused(&|d| d["format_version"] = json!("1")), &["format_version"]);
     expect(&refused(&|d| drop(d.as_object_mut().unwrap().remove("format_version"))), &["format_version", "none"]);

@@ -30,7 +30,8 @@ pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
     #[arg(long, value_name = "MAP", required_unless_present_any = ["print_config", "config"])]
     env: Option<String>,
-    /// The settings to begin with: paper-cosine, paper-ggx, fast-cosine, fast-ggx. Default: the fast one for the material.
+    /// The settings to begin with: paper-cosine, paper-ggx, fast-cosine, fast-ggx, over-patches. Default: the fast one for the material, or with --over
+    /// patches the last one.
     #[arg(long)]
     preset: Option<Preset>,
     /// A TOML file of settings, with the keys that --print-config shows, or of a whole run.
@@ -223,7 +224,10 @@ impl Arguments {
         let material = self.material.or_else(|| described.material()).unwrap_or(Material::Lambert);
         let preset = match self.preset {
             Some(preset) => preset,
-            None => described.preset()?.unwrap_or(Preset::fast_for(material)),
+            None => described.preset()?.unwrap_or(match self.over {
+                Some(OverArgument::Patches | OverArgument::FinePatches) => Preset::OverPatches,
+                Some(OverArgument::Tail) | None => Preset::fast_for(material),
+            }),
         };
         let mut builder = ConfigBuilder::new(preset);
         described.lay_over(&mut builder)?;

@@ -87,7 +87,7 @@ mod tests {
     use super::*;
     use crate::{
         Viewpoints,
-        integrand::{Batch, BatchShape, Ggx, Lambert, ProductTarget},
+        integrand::{Batch, BatchShape, ConditionPoints, Ggx, Lambert, ProductTarget},
         test_support::studio,
     };
 
@@ -146,7 +146,7 @@ mod tests {
                 densities.iter().map(|&g| (f64::from(g) / mean - 1.0).powi(2)).sum::<f64>() / densities.len() as f64
             };
             let all: Vec<f64> =
-                batch.by_condition().filter(|at| at.is_lit()).map(|at| of_condition(at.densities)).collect();
+                batch.by_condition().filter(ConditionPoints::is_lit).map(|at| of_condition(at.densities)).collect();
             all.iter().sum::<f64>() / all.len() as f64
         };
         let patched = variance(&PatchedTarget::new(Lambert::default(), &tail, Detail::Leaves));
