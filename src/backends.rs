@@ -19,7 +19,7 @@ Each row is one backend: points per second through forward, backward and optimis
 process's peak memory; the last loss; the largest difference of a step's loss to the first row's; and the gradient's difference to \
 central differences in f64, relative to its norm.")]
 pub struct Arguments {
-    /// The configuration: paper-cosine, paper-ggx, fast-cosine or fast-ggx.
+    /// The configuration: paper-cosine, paper-ggx, fast-cosine, fast-ggx or over-patches.
     #[arg(long, default_value = "paper-ggx")]
     preset: Preset,
     /// How the coupling layers are joined: coupled or autoregressive. Default: the preset's.

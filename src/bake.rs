@@ -83,9 +83,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let (baked, _output) = match (&arguments.from, &arguments.env) {
         (Some(file), _) => {
             let exported = ExportedSampler::read(file)?;
-            let Intermediate::Head(head) = &exported.intermediate else {
-                bail!("{}: the file holds a table already; name a trained head", file.display());
-            };
+            let head = exported.head_over_tail().map_err(|error| error.in_file(file))?;
             let run = exported.run.as_ref().map(|run| format!("{run}\n{}", settings(false, normals, cells)));
             let output = output(run.as_deref())?;
             let tabulating = Instant::now();

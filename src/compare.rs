@@ -222,7 +222,7 @@ impl Entry {
             preparation.seconds += seconds;
             preparation.text = format!("file read; baked before, which takes {seconds:.1} s here");
         }
-        if let Some((FileKind::Head | FileKind::Baked, file)) = spec.path()
+        if let Some((FileKind::Head | FileKind::HeadOverPatches | FileKind::Baked, file)) = spec.path()
             && let exported = ExportedSampler::read(file)?
             && let Some(training) = exported.training
         {

@@ -74,6 +74,7 @@ fn fact(name: &str, value: impl Into<Value>) -> (String, Value) {
 fn sampler(path: &Path) -> Result<Facts> {
     let exported = ExportedSampler::read(path)?;
     let kind = match &exported.intermediate {
+        Intermediate::Head(_) if exported.patches.is_some() => "a trained head over patches of sky",
         Intermediate::Head(_) => "a trained head",
         Intermediate::Bake(_) => "a table of a trained head",
         Intermediate::DirectBake(_) => "a table of light x cosine",
@@ -89,6 +90,9 @@ fn sampler(path: &Path) -> Result<Facts> {
         facts.push(fact("learned share", head.has_selection()));
     }
     let (width, height, _) = &exported.luminance;
+    if let Some(detail) = exported.patches {
+        facts.push(fact("patches", serde_json::to_value(detail)?));
+    }
     facts.push(fact("tail", exported.tail.kind().name()));
     facts.push(fact("environment", format!("{} ({width} x {height})", exported.environment)));
     facts.push(fact("environment hash", exported.environment_hash.clone()));

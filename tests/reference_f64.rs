@@ -345,6 +345,7 @@ fn gradients_of_mixture_losses_agree_with_central_differences() {
         weights: draw(count, 0.2, 2.0),
         brdf: draw(count, 0.0, 3.0),
         tails: draw(count, 0.1, 4.0),
+        share_logits: draw(conditions, -2.0, 2.0),
     };
     for config in configurations().into_iter().filter(|config| config.encoder.is_some()) {
         let config = HeadConfig { hidden: 6, share: true, ..config };

@@ -56,7 +56,7 @@ fn steps(rows: &[serde_json::Value]) -> Vec<u64> {
 fn settings_are_printed_and_read_back() {
     let here = folder();
     let path = here.path();
-    for preset in ["paper-cosine", "paper-ggx", "fast-cosine", "fast-ggx"] {
+    for preset in ["paper-cosine", "paper-ggx", "fast-cosine", "fast-ggx", "over-patches"] {
         let (printed, _) = succeed(path, &format!("fit --preset {preset} --print-config"));
         fs::write(path.join("run.toml"), &printed).unwrap();
         let (again, _) = succeed(path, "fit --config run.toml --print-config");
@@ -87,6 +87,8 @@ fn wrong_settings_name_file_and_key() {
         ("--set head.bins=1", "bins = 1"),
         ("--config nowhere.toml", "nowhere.toml"),
         ("--learning-rate -1", "learning_rate"),
+        ("--over patches --tail row-column", "hierarchical"),
+        ("--set over=leaves", "over"),
     ] {
         let arguments = arguments.replace("--learning-rate ", "--learning-rate=");
         let sentence = fail(path, &format!("fit --preset fast-cosine {arguments} --print-config"));
@@ -111,6 +113,8 @@ fn every_kind_of_target_is_trained() {
         ("--material ggx:alpha=0.2..0.8 --no-export --loss forward-kl --set ema_decay=0.5", true),
         ("--material ggx:alpha=0.3 --no-export --naive --loss reverse-kl", false),
         ("--preset paper-ggx --no-export --set strata=6 --set brdf_samples=9", true),
+        ("--material lambert --over patches", false),
+        ("--material ggx:alpha=0.1 --over fine-patches", false),
     ] {
         let small = if kind.contains("--steps") { small.replace("--steps 25", "") } else { small.into() };
         let (said, _) = succeed(path, &format!("fit {small} {kind} --force --pictures pictures"));

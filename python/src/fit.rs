@@ -102,9 +102,7 @@ pub fn bake_head(py: Python<'_>, source: &Sampler, normals: [usize; 2], cells: [
     let Some(exported) = &source.exported else {
         return Err(refused(format!("{}: holds no trained head", source.name)));
     };
-    let Intermediate::Head(head) = &exported.intermediate else {
-        return Err(refused(format!("{}: holds a table already; name a trained head", source.name)));
-    };
+    let head = exported.head_over_tail().map_err(|error| refused(format!("{}: {error}", source.name)))?;
     py.detach(|| {
         let normals = NormalGrid::new(normals[0], normals[1]).map_err(of_render)?;
         let cells = CellGrid::new(cells[0], cells[1]).map_err(of_render)?;

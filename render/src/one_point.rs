@@ -1,6 +1,6 @@
 //! One shading point and many directions: a tile of copies of the point.
 
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3A, Vec4};
 
 use crate::{
     brdf::BrdfTable,
@@ -126,6 +126,12 @@ impl Components<2> for Vec2 {
 
 impl Components<3> for Vec3A {
     fn components(&self) -> [f32; 3] {
+        self.to_array()
+    }
+}
+
+impl Components<4> for Vec4 {
+    fn components(&self) -> [f32; 4] {
         self.to_array()
     }
 }

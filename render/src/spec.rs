@@ -45,7 +45,8 @@ pub enum SamplerSpec {
     One(Source),
     /// Two-sample MIS with BRDF sampling, power heuristic; two shadow rays.
     Two(Source),
-    /// One direction, from a source that learns what is visible while an image is rendered: patches. It may begin with the visibility in a file.
+    /// One direction, from a source that learns what is visible while an image is rendered: patches, or a head over them. Patches may begin with the
+    /// visibility in a file.
     Learning(Source, Option<PathBuf>),
     /// Resampled importance sampling with this many candidates, half of them from the source, half from BRDF sampling.
     Ris(u32, Source),
@@ -77,6 +78,8 @@ pub enum Source {
 pub enum FileKind {
     /// A trained head.
     Head,
+    /// A trained head over patches of sky, in a mixture with BRDF sampling where surfaces are glossy.
+    HeadOverPatches,
     /// A table baked from a head.
     Baked,
     /// A table baked from the target itself.
@@ -84,19 +87,21 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    const ALL: [Self; 3] = [Self::Head, Self::Baked, Self::Direct];
+    const ALL: [Self; 4] = [Self::Head, Self::HeadOverPatches, Self::Baked, Self::Direct];
 
     fn name(self) -> &'static str {
         match self {
             Self::Head => "head",
+            Self::HeadOverPatches => "head+patches",
             Self::Baked => "baked",
             Self::Direct => "direct",
         }
     }
 
     /// The kind of what a file holds.
-    pub fn of(intermediate: &Intermediate) -> Self {
-        match intermediate {
+    pub fn of(exported: &ExportedSampler) -> Self {
+        match exported.intermediate {
+            Intermediate::Head(_) if exported.patches.is_some() => Self::HeadOverPatches,
             Intermediate::Head(_) => Self::Head,
             Intermediate::Bake(_) => Self::Baked,
             Intermediate::DirectBake(_) => Self::Direct,
@@ -148,8 +153,9 @@ impl SamplerSpec {
     /// What a file's sampler was made to be: a head that has learned its share beside BRDF sampling is one in that mixture, all others are
     /// alone.
     pub fn of_exported(exported: &ExportedSampler, file: PathBuf) -> Self {
-        let source = Source::File(FileKind::of(&exported.intermediate), file);
-        Self::One(if exported.has_share() { source.mixed() } else { source })
+        let kind = FileKind::of(exported);
+        let source = Source::File(kind, file);
+        Self::One(if exported.has_share() && kind != FileKind::HeadOverPatches { source.mixed() } else { source })
     }
 
     /// Where the directions come from.
@@ -177,8 +183,16 @@ impl SamplerSpec {
     /// # Errors
     /// A file cannot be read, is of another kind, or was made for another map or another scene.
     pub fn build_in(&self, environment: &Arc<Environment>, place: Place<'_>) -> Result<Box<dyn Estimator>> {
-        if let Self::Learning(Source::Patches(detail), file) = self {
-            return Ok(Box::new(learned(*detail, file.as_deref(), environment, place)?));
+        match self {
+            Self::Learning(Source::Patches(detail), file) => {
+                return Ok(Box::new(learned(*detail, file.as_deref(), environment, place)?));
+            }
+            Self::Learning(Source::File(FileKind::HeadOverPatches, file), None) => {
+                let exported = read(FileKind::HeadOverPatches, file)?;
+                let sampler = exported.patch_sampler(environment).map_err(|error| error.in_file(file))?;
+                return Ok(Box::new(LearnedVisibility::new(sampler, environment.clone(), place.memory)?));
+            }
+            _ => {}
         }
         let source = self.source().build(environment)?;
         let environment = environment.clone();
@@ -226,7 +240,7 @@ impl Source {
                 Arc::new(ProductSampler::new(light.clone(), Oracle::new(light.tail())))
             }
             Self::Patches(detail) => Arc::new(OneSampleMis::new(PatchSampler::new(light()?, *detail)?, BrdfSampler)),
-            Self::File(kind, file) => open(*kind, file, environment, false)?,
+            Self::File(kind, file) => open(*kind, file, environment, *kind == FileKind::HeadOverPatches)?,
             Self::Mixture(source) => match &**source {
                 // The compact emitters of a file are outside of the mixture.
                 Self::File(kind, file) => open(*kind, file, environment, true)?,
@@ -252,20 +266,26 @@ fn learned(
     estimator.knowing(&visibility).map_err(|error| error.in_file(file))
 }
 
-/// The sampler of a file, alone or in a mixture with BRDF sampling.
-fn open(kind: FileKind, file: &Path, environment: &Arc<Environment>, mixed: bool) -> Result<Arc<dyn Sampler>> {
+/// A file of a kind.
+fn read(kind: FileKind, file: &Path) -> Result<ExportedSampler> {
     let exported = ExportedSampler::read(file)?;
-    let held = FileKind::of(&exported.intermediate);
+    let held = FileKind::of(&exported);
     if held != kind {
         let holds = match held {
             FileKind::Head if kind == FileKind::Baked => "a head; bake it first, or render it as head:FILE",
             FileKind::Head => "a head; render it as head:FILE",
+            FileKind::HeadOverPatches => "a head over patches of sky; render it as head+patches:FILE",
             FileKind::Baked => "the bake of a head; render it as baked:FILE",
             FileKind::Direct => "a direct bake; render it as direct:FILE",
         };
         return Err(Error::invalid(file, "intermediate.kind", format!("the file holds {holds}")));
     }
-    exported.sampler(environment, mixed).map_err(|error| error.in_file(file))
+    Ok(exported)
+}
+
+/// The sampler of a file, alone or in a mixture with BRDF sampling.
+fn open(kind: FileKind, file: &Path, environment: &Arc<Environment>, mixed: bool) -> Result<Arc<dyn Sampler>> {
+    read(kind, file)?.sampler(environment, mixed).map_err(|error| error.in_file(file))
 }
 
 impl FromStr for SamplerSpec {
@@ -280,7 +300,11 @@ impl FromStr for SamplerSpec {
             return Ok(Self::Two(source_of(source, text)?));
         }
         let knowing = text.split_once("+vis:").filter(|(source, _)| !source.contains(':') || *source == "patches:fine");
-        let learning = text.strip_suffix("+vis").map(|source| (source, None));
+        if let Some(file) = text.strip_prefix("head+patches+vis:").filter(|file| !file.is_empty()) {
+            return Ok(Self::Learning(Source::File(FileKind::HeadOverPatches, file.into()), None));
+        }
+        let learning = text.strip_suffix("+vis").filter(|source| !source.contains(':') || *source == "patches:fine");
+        let learning = learning.map(|source| (source, None));
         if let Some((source, file)) = knowing.map(|(source, file)| (source, Some(file))).or(learning) {
             let source = source_of(source, text)?;
             return match (&source, file) {
@@ -303,8 +327,8 @@ impl FromStr for SamplerSpec {
 /// The source of a part of a SPEC, which `whole` is.
 fn source_of(text: &str, whole: &str) -> Result<Source> {
     const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, patches:fine, patches+vis, patches:fine+vis, \
-                         patches+vis:FILE, head:FILE, baked:FILE, direct:FILE, \
-                          head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, oracle";
+                         patches+vis:FILE, head:FILE, head+patches:FILE, head+patches+vis:FILE, baked:FILE, direct:FILE, \
+                         head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, oracle";
     let wrong = |reason: String| Error::argument(format!("sampler '{whole}'"), reason);
     let (name, file) = text.split_once(':').map_or((text, None), |(name, file)| (name, Some(file)));
     let (base, mixed) = name.strip_suffix("+mis").map_or((name, false), |base| (base, true));
@@ -340,6 +364,9 @@ impl fmt::Display for SamplerSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::One(source) => source.fmt(f),
+            Self::Learning(Source::File(FileKind::HeadOverPatches, file), None) => {
+                write!(f, "head+patches+vis:{}", file.display())
+            }
             Self::Learning(source, None) => write!(f, "{source}+vis"),
             Self::Learning(source, Some(file)) => write!(f, "{source}+vis:{}", file.display()),
             Self::Two(Source::Emitter) => f.write_str("mis2"),
@@ -401,6 +428,12 @@ mod tests {
             "patches+vis:a/b:c",
             "patches:fine+vis:a",
             "head:a+vis:b",
+            "head:a+vis",
+            "head+patches:a/b:c",
+            "head+patches:a+vis",
+            "head+patches+vis:a/b:c",
+            "ris:4:head+patches:a",
+            "mis2:head+patches:a",
             "ris:4:patches",
             "mis2:direct:a",
             "ris:4:head+mis:a",
@@ -429,6 +462,10 @@ mod tests {
             "mis+vis",
             "mis+vis:a",
             "patches+vis:",
+            "head+patches",
+            "head+patches+vis",
+            "head+patches+vis:",
+            "head+patches+mis:a",
             "ris:4:patches+vis",
             "head+mis",
             "ris:4:head",

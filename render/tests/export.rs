@@ -8,9 +8,10 @@ use headtail_render::{
     bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
     brdf::Lambert,
     environment::Environment,
-    export::{ExportedSampler, Intermediate, TrainingSummary},
+    export::{ExportedSampler, FORMAT_VERSION, Intermediate, TrainingSummary},
     head::{Condition, Head, Linear, Mode},
     image::Image,
+    patches::{Detail, PatchSampler},
     random::{Purpose, Stream},
     sampler::{
         AtPoint, BrdfSampler, CompactEmitters, Covering, Direction, EmitterSampler, EnvironmentLight, OneSampleMis,
@@ -88,6 +89,11 @@ fn samplers() -> Vec<ExportedSampler> {
         let direct = direct_bake(light.tail(), NormalGrid::new(4, 6).unwrap(), CellGrid::new(4, 4).unwrap()).unwrap();
         add(Intermediate::DirectBake(direct), None);
     }
+    for detail in [Detail::Leaves, Detail::Twigs] {
+        let head = Intermediate::Head(head(Mode::Coupled, true));
+        let sampler = ExportedSampler::new(head, TailKind::Hierarchical, &map, Some(training())).unwrap();
+        samplers.push(sampler.over_patches(detail));
+    }
     samplers
 }
 
@@ -116,6 +122,9 @@ fn draws(sampler: &ExportedSampler, count: usize) -> Vec<[u32; 5]> {
     }
     let light = EnvironmentLight::with_tail(environment("test map", 0), sampler.tail.clone());
     match &sampler.intermediate {
+        Intermediate::Head(head) if let Some(detail) = sampler.patches => {
+            of(&PatchSampler::new(light, detail).unwrap().with_head(head.clone()), count)
+        }
         Intermediate::Head(head) => of(&ProductSampler::new(light, head.clone()), count),
         Intermediate::Bake(table) | Intermediate::DirectBake(table) => {
             of(&ProductSampler::new(light, table.clone()), count)
@@ -193,6 +202,24 @@ fn microfacet_samplers() -> Vec<ExportedSampler> {
         ExportedSampler::new(Intermediate::Head(head), kind, &map, Some(training())).unwrap()
     };
     kinds.map(sampler).into()
+}
+
+#[test]
+fn patches_are_between_a_head_and_the_hierarchical_tail_alone() {
+    let folder = Folder::new();
+    for sampler in samplers() {
+        let is_head = matches!(sampler.intermediate, Intermediate::Head(_));
+        let allowed = is_head && sampler.tail.kind() == TailKind::Hierarchical;
+        let bytes = folder.bytes_of(&sampler);
+        let with = |patches: &str| Parts::of(&bytes).describe(|description| description["patches"] = patches.into());
+        assert_eq!(folder.read(&with("twigs")).is_ok(), allowed);
+        if !allowed {
+            assert!(folder.refused(&with("leaves")).contains("hierarchical"));
+        }
+        assert!(folder.refused(&with("petals")).contains("petals"));
+        let description = sampler.description();
+        assert_eq!(description.format_version == FORMAT_VERSION, sampler.patches.is_some());
+    }
 }
 
 /// A folder of files that is removed in the end.
@@ -353,7 +380,7 @@ fn wrong_descriptions_are_refused_by_name() {
     let refused = |change: &dyn Fn(&mut Value)| folder.refused(&Parts::of(&head).describe(change));
     let expect = |error: &str, words: &[&str]| words.iter().for_each(|word| assert!(error.contains(word), "{error}"));
 
-    expect(&refused(&|d| d["format_version"] = json!(4)), &["format_version", "is 4", "reads versions 1 to 3"]);
+    expect(&refused(&|d| d["format_version"] = json!(5)), &["format_version", "is 5", "reads versions 1 to 4"]);
     expect(&refused(&|d| d["format_version"] = json!(-1)), &["format_version"]);
     expect(&refused(&|d| d["format_version"] = json!("1")), &["format_version"]);
     expect(&refused(&|d| drop(d.as_object_mut().unwrap().remove("format_version"))), &["format_version", "none"]);

@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
-use headtail_train::{Backend, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset, config::Points};
+use headtail_train::{
+    Backend, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset,
+    config::{Over, Points},
+};
 
 use crate::{
     arguments::{CameraArguments, TailArgument},
@@ -27,7 +30,8 @@ pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
     #[arg(long, value_name = "MAP", required_unless_present_any = ["print_config", "config"])]
     env: Option<String>,
-    /// The settings to begin with: paper-cosine, paper-ggx, fast-cosine, fast-ggx. Default: the fast one for the material.
+    /// The settings to begin with: paper-cosine, paper-ggx, fast-cosine, fast-ggx, over-patches. Default: the fast one for the material, or with --over
+    /// patches the last one.
     #[arg(long)]
     preset: Option<Preset>,
     /// A TOML file of settings, with the keys that --print-config shows, or of a whole run.
@@ -46,6 +50,10 @@ pub struct Arguments {
     /// The tail warp under the head.
     #[arg(long)]
     tail: Option<TailArgument>,
+    /// What is under the head: the tail, or patches of sky between it and the tail, for which a head learns what their closed form leaves over
+    /// (--sampler head+patches:FILE).
+    #[arg(long)]
+    over: Option<OverArgument>,
     /// The size of a flow tail, small, medium or paper: takes the place of all keys flow.*.
     #[arg(long, value_name = "SIZE")]
     flow: Option<FlowSize>,
@@ -126,6 +134,26 @@ impl From<TargetArgument> for Points {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
+enum OverArgument {
+    /// The tail.
+    Tail,
+    /// Patches of sky.
+    Patches,
+    /// Finer patches of sky.
+    FinePatches,
+}
+
+impl From<OverArgument> for Over {
+    fn from(argument: OverArgument) -> Self {
+        match argument {
+            OverArgument::Tail => Self::Tail,
+            OverArgument::Patches => Self::Patches,
+            OverArgument::FinePatches => Self::FinePatches,
+        }
+    }
+}
+
+#[derive(Clone, Copy, ValueEnum)]
 enum BackendArgument {
     /// burn's CPU backend.
     Flex,
@@ -196,7 +224,10 @@ impl Arguments {
         let material = self.material.or_else(|| described.material()).unwrap_or(Material::Lambert);
         let preset = match self.preset {
             Some(preset) => preset,
-            None => described.preset()?.unwrap_or(Preset::fast_for(material)),
+            None => described.preset()?.unwrap_or(match self.over {
+                Some(OverArgument::Patches | OverArgument::FinePatches) => Preset::OverPatches,
+                Some(OverArgument::Tail) | None => Preset::fast_for(material),
+            }),
         };
         let mut builder = ConfigBuilder::new(preset);
         described.lay_over(&mut builder)?;
@@ -206,6 +237,9 @@ impl Arguments {
         let mut config = builder.build()?;
         if let Some(material) = self.material {
             config = config.for_material(material);
+        }
+        if let Some(over) = self.over {
+            config = config.over(over.into());
         }
         if let Some(steps) = self.steps {
             config.steps = usize::try_from(steps).context("--steps")?;

@@ -5,7 +5,7 @@ mod arguments;
 use std::{sync::atomic::AtomicBool, time::Instant};
 
 use anyhow::{Context, Result};
-use headtail_train::{FitConfig, Fitted, Progress, TrainingLight, Viewpoints, build_target, fit};
+use headtail_train::{FitConfig, Fitted, Progress, TrainingLight, Viewpoints, build_target, config::Over, fit};
 
 pub use arguments::Arguments;
 
@@ -58,7 +58,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let finished = run::perform(&described, around)?;
     bar.0.finish_and_clear();
     let (summary, before, after) = (&finished.summary, finished.summary.initial, finished.summary.divergence);
-    let untrained = if described.fit.naive || described.fit.head.share { "untrained" } else { "tail alone" };
+    let untrained = match described.fit.over {
+        Over::Patches | Over::FinePatches => "patches alone",
+        Over::Tail if described.fit.naive || described.fit.head.share => "untrained",
+        Over::Tail => "tail alone",
+    };
     say!(
         "KL {:.4} nats ({untrained} {:.4}), relative variance {:.4} ({untrained} {:.3}), {} steps{}",
         after.kl,

@@ -189,6 +189,9 @@ type Density<'a> = Box<dyn Fn(&[Vec2]) -> Vec<f32> + 'a>;
 fn intermediate_density<'a>(exported: &'a ExportedSampler, at: &ShadingPoint) -> Result<(Density<'a>, Option<f32>)> {
     let normal = at.ns;
     Ok(match &exported.intermediate {
+        Intermediate::Head(_) if exported.patches.is_some() => {
+            bail!("the file holds a head over patches of sky, which gives no density over Y alone")
+        }
         Intermediate::Head(head) => {
             let condition = head.condition().encode(at.wo.into(), normal.into(), at.lobe_width());
             let head_at = head.at(&condition[..head.condition().length()])?;

@@ -1,7 +1,7 @@
 //! The configuration of a training run. Values stand in one place, `preset.rs`.
 
 use headtail_model::{Condition, HeadConfig};
-use headtail_render::tail::TailKind;
+use headtail_render::{patches::Detail, tail::TailKind};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -26,6 +26,8 @@ pub struct FitConfig {
     /// and the learning rate is halved from there on; in the end, the best weights of all validations are taken. 0 takes the last weights, whatever
     /// they are.
     pub setback: f32,
+    /// What the head draws for: the tail, or patches of sky between it and the tail.
+    pub over: Over,
     /// How training points are drawn.
     pub points: Points,
     /// Fit the head to the product in X, without a tail: the paper's strawman.
@@ -76,6 +78,29 @@ pub struct FitConfig {
     pub head: HeadConfig,
     /// The flow tail, where `tail` asks for one.
     pub flow: FlowSettings,
+}
+
+/// What a head draws points for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Over {
+    /// The tail: the head learns BRDF x cosine.
+    Tail,
+    /// Patches of sky, `patches`: the head learns what their closed form leaves over.
+    Patches,
+    /// Finer ones, `patches:fine`.
+    FinePatches,
+}
+
+impl Over {
+    /// The patches, if there are any.
+    pub fn detail(self) -> Option<Detail> {
+        match self {
+            Self::Tail => None,
+            Self::Patches => Some(Detail::Leaves),
+            Self::FinePatches => Some(Detail::Twigs),
+        }
+    }
 }
 
 /// How training points are drawn.
@@ -129,6 +154,39 @@ impl FitConfig {
         Ok(())
     }
 
+    /// The configuration with a head over patches. One for diffuse surfaces learns no share there: patches need no BRDF sampling beside them.
+    #[must_use]
+    pub fn over(mut self, over: Over) -> Self {
+        self.over = over;
+        self.head.share &= over == Over::Tail || self.material != Material::Lambert;
+        self
+    }
+
+    /// Checks what a head over patches needs.
+    fn validate_over(&self) -> Result<()> {
+        if self.over == Over::Tail {
+            return Ok(());
+        }
+        let refused = |field, value, requirement| Err(Error::Config { field, value, requirement });
+        if self.tail != TailKind::Hierarchical {
+            return refused("tail", name_of(self.tail), "`hierarchical` under patches");
+        }
+        if self.points != Points::Strata {
+            return refused("points", name_of(self.points), "`strata` over patches");
+        }
+        if self.naive {
+            return refused("naive", "true".into(), "false over patches");
+        }
+        if self.material != Material::Lambert && !self.head.share {
+            return refused(
+                "head.selection",
+                "false".into(),
+                "true over patches, which are beside BRDF sampling where surfaces are glossy",
+            );
+        }
+        Ok(())
+    }
+
     /// Checks every field.
     ///
     /// # Errors
@@ -146,6 +204,7 @@ impl FitConfig {
             };
             return Err(Error::Config { field: "head.condition", value, requirement });
         }
+        self.validate_over()?;
         within("steps", self.steps, 1..=100_000_000, "in 1..=1e8")?;
         within("conditions", self.conditions, 1..=1 << 16, "in 1..=65536")?;
         within("strata", self.strata, 1..=1024, "in 1..=1024")?;
@@ -214,6 +273,12 @@ mod tests {
         };
         let good = FitConfig::default;
         assert_eq!(refused(FitConfig { steps: 0, ..good() }), "steps");
+        let over = || good().over(Over::Patches);
+        over().validate().unwrap();
+        assert_eq!(refused(FitConfig { tail: TailKind::RowColumn, ..over() }), "tail");
+        assert_eq!(refused(FitConfig { points: Points::Tabulated, ..over() }), "points");
+        assert_eq!(refused(FitConfig { naive: true, ..over() }), "naive");
+        assert_eq!(refused(over().for_material(Material::Ggx { low: 0.4, high: 0.4 })), "head.selection");
         assert_eq!(refused(FitConfig { learning_rate: f64::NAN, ..good() }), "learning_rate");
         assert_eq!(refused(FitConfig { beta_2: 1.0, ..good() }), "beta_2");
         assert_eq!(refused(FitConfig { entropic: -1e-4, ..good() }), "entropic");

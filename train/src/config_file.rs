@@ -113,7 +113,8 @@ impl FitConfig {
     pub fn for_material(mut self, material: Material) -> Self {
         self.material = material;
         self.head.condition = material.condition();
-        self
+        let over = self.over;
+        self.over(over)
     }
 }
 

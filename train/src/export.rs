@@ -71,7 +71,12 @@ pub fn exported_sampler(
         tabulated_seconds: None,
     };
     let TrainingLight { tail, luminance } = light.clone();
-    Ok(ExportedSampler::of_tail(Intermediate::Head(native_head(head)?), tail, luminance, environment, Some(training)))
+    let head = Intermediate::Head(native_head(head)?);
+    let exported = ExportedSampler::of_tail(head, tail, luminance, environment, Some(training));
+    Ok(match config.over.detail() {
+        Some(detail) => exported.over_patches(detail),
+        None => exported,
+    })
 }
 
 #[cfg(test)]

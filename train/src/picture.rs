@@ -68,7 +68,7 @@ fn learned_density(head: &Head, config: &FitConfig, target: &dyn Target, conditi
     let logs = head.log_density(&Tensor::from_data(y, &device), c.clone()).try_into_vec_as::<f32>().expect(readable);
     let mut densities: Vec<f32> = logs.into_iter().map(f32::exp).collect();
     if let Some(logit) = head.share_logits(c) {
-        let share = share_of_logit(logit.into_scalar::<f32>());
+        let share = share_of_logit(logit.into_scalar::<f32>() + target.share_logit(condition));
         let values = target.at_points(condition, &points().collect::<Vec<_>>());
         for (density, values) in densities.iter_mut().zip(values) {
             *density = share * *density + (1.0 - share) * values.brdf;

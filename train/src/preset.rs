@@ -5,7 +5,10 @@ use std::{fmt, str::FromStr};
 use headtail_model::{Condition, EncoderConfig, HeadConfig};
 use headtail_render::tail::TailKind;
 
-use crate::{Backend, FitConfig, FlowSize, GradientForm, Loss, Material, config::Points};
+use crate::{
+    Backend, FitConfig, FlowSize, GradientForm, Loss, Material,
+    config::{Over, Points},
+};
 
 /// A configuration by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,11 +21,13 @@ pub enum Preset {
     FastCosine,
     /// A small microfacet head with learned share, in a minute.
     FastGgx,
+    /// A smaller head over patches of sky, in seconds.
+    OverPatches,
 }
 
 impl Preset {
     /// Every preset.
-    pub const ALL: [Self; 4] = [Self::PaperCosine, Self::PaperGgx, Self::FastCosine, Self::FastGgx];
+    pub const ALL: [Self; 5] = [Self::PaperCosine, Self::PaperGgx, Self::FastCosine, Self::FastGgx, Self::OverPatches];
 
     /// The name.
     pub const fn name(self) -> &'static str {
@@ -31,6 +36,7 @@ impl Preset {
             Self::PaperGgx => "paper-ggx",
             Self::FastCosine => "fast-cosine",
             Self::FastGgx => "fast-ggx",
+            Self::OverPatches => "over-patches",
         }
     }
 
@@ -41,6 +47,7 @@ impl Preset {
             Self::PaperGgx => PAPER_GGX,
             Self::FastCosine => FAST_COSINE,
             Self::FastGgx => FAST_GGX,
+            Self::OverPatches => OVER_PATCHES,
         }
     }
 
@@ -80,6 +87,7 @@ const FAST_COSINE: FitConfig = FitConfig {
     compact_emitters: false,
     fall_back: true,
     setback: 2.0,
+    over: Over::Tail,
     points: Points::Strata,
     naive: false,
     backend: Backend::Flex,
@@ -130,6 +138,16 @@ const FAST_GGX: FitConfig = FitConfig {
     ..FAST_COSINE
 };
 
+/// Some ten seconds of one core. What patches leave over is small and smooth: on studio_small_03_1k the validation variance at alpha = 0.05 is 0.292, and
+/// with the head and the rate of [`FAST_GGX`] 0.252, at twice the time of a sample (patches alone: 0.921).
+const OVER_PATCHES: FitConfig = FitConfig {
+    over: Over::Patches,
+    steps: 1000,
+    learning_rate: 1e-2,
+    head: HeadConfig { bins: 4, hidden: 16, ..FAST_GGX.head },
+    ..FAST_GGX
+};
+
 /// "AdamW with a learning rate of 0.001 and beta = (0.9, 0.999)", batches of "1024 samples for each of 256 conditions", "10k
 /// iterations", forward KL with an entropic term of weight 0.0001. The paper names no schedule, weight decay (PyTorch's is
 /// 0.01) or clipping: the rate stays what it is but for the last decay to 0, which the paper may not have. Points
@@ -175,13 +193,13 @@ mod tests {
         assert!("fast".parse::<Preset>().unwrap_err().contains("fast-cosine"));
     }
 
-    /// Encoder `(c + 1) h + (h + 1) x`; layers `(c + x + f + 1) 64 + 65 * 64 + 65 (3K + 1)` with `f` = 2 and 1; share
+    /// Encoder `(c + 1) h + (h + 1) x`; layers `(c + x + f + 1) w + (w + 1) w + (w + 1) (3K + 1)` of width `w` with `f` = 2 and 1; share
     /// `(c + x + 1) 16 + 17`.
     #[test]
     fn presets_have_as_many_weights_as_documented() {
         let device = Backend::Flex.device().unwrap();
         let counts = Preset::ALL.map(|preset| Head::new(preset.config().head, 0, &device).unwrap().weight_count());
-        assert_eq!(counts, [10_714, 35_970, 10_795, 19_379]);
+        assert_eq!(counts, [10_714, 35_970, 10_795, 19_379, 4_523]);
     }
 
     #[test]

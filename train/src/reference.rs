@@ -25,7 +25,7 @@ pub fn log_chi_square(config: &HeadConfig, weights: &[f64], batch: &Batch) -> f6
             continue;
         }
         lit += 1;
-        let head = Head::new(config, weights, c);
+        let head = Head::new(config, weights, c, f64::from(points.share_logit));
         let product = |k: usize| f64::from(points.densities[k]) * f64::from(points.weights[k]);
         let total: f64 = (0..batch.samples).map(product).sum();
         let mean = total / batch.samples as f64;
@@ -88,7 +88,7 @@ impl Layer<'_> {
 }
 
 impl<'a> Head<'a> {
-    fn new(config: &'a HeadConfig, mut weights: &'a [f64], condition: &[f32]) -> Self {
+    fn new(config: &'a HeadConfig, mut weights: &'a [f64], condition: &[f32], share_logit: f64) -> Self {
         let mut layers = |sizes: &[usize]| -> Vec<Layer<'a>> {
             let layer = |pair: &[usize]| {
                 let (weight, rest) = weights.split_at(pair[0] * pair[1]);
@@ -114,7 +114,7 @@ impl<'a> Head<'a> {
         let floor = f64::from(SELECTION_FLOOR);
         let share = config.share.then(|| {
             let logit = perceptron(&layers(&[seen.len(), SHARE_HIDDEN, 1]), &seen, config)[0];
-            floor + (1.0 - 2.0 * floor) / (1.0 + (-logit).exp())
+            floor + (1.0 - 2.0 * floor) / (1.0 + (-logit - share_logit).exp())
         });
         assert!(weights.is_empty(), "the weights are those of a head of this shape");
         Self { config, seen, elevation, azimuth, share }

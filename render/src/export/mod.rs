@@ -22,6 +22,7 @@ use crate::{
     environment::Environment,
     error::{Error, Result},
     head::{Condition, Head, Mode},
+    patches::{Detail, PatchSampler},
     sampler::{
         BrdfSampler, CompactEmitters, Covering, EnvironmentLight, OneSampleMis, ProductSampler, Sampler,
         WithCompactEmitters,
@@ -29,9 +30,9 @@ use crate::{
     tail::{Tail, TailKind},
 };
 
-/// The newest version of the format. A file has the lowest one that holds it: 3 with the settings of its run, else 2 with compact emitters or a
-/// flow tail, else 1.
-pub const FORMAT_VERSION: u32 = 3;
+/// The newest version of the format. A file has the lowest one that holds it: 4 with a head over patches of sky, else 3 with the settings of its run,
+/// else 2 with compact emitters or a flow tail, else 1.
+pub const FORMAT_VERSION: u32 = 4;
 
 /// What an exported file says of itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,6 +48,9 @@ pub struct Description {
     pub condition: Condition,
     /// The tail warp.
     pub tail: TailKind,
+    /// The patches of sky between head and tail; absent where the head is over the tail.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub patches: Option<Detail>,
     /// Whether the tail is of the light without compact emitters, which are sampled on their own.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub compact_emitters: bool,
@@ -128,6 +132,8 @@ pub struct ExportedSampler {
     pub intermediate: Intermediate,
     /// The tail warp.
     pub tail: Arc<Tail>,
+    /// The patches of sky between a head and the tail: it was trained for what they leave over, and is noisy without them.
+    pub patches: Option<Detail>,
     /// Columns, rows and values `[height, width]` of the luminance that the tail was built from.
     pub luminance: (usize, usize, Vec<f32>),
     /// Whether that is the map's luminance without its compact emitters, which are then sampled on their own.
@@ -170,6 +176,7 @@ impl ExportedSampler {
         Self {
             intermediate,
             tail,
+            patches: None,
             compact_emitters: luminance != environment.luminance(),
             luminance: (environment.width(), environment.height(), luminance),
             environment: environment.name().to_owned(),
@@ -185,18 +192,24 @@ impl ExportedSampler {
         Self { run: Some(settings), ..self }
     }
 
+    /// The sampler of a head over patches of sky.
+    #[must_use]
+    pub fn over_patches(self, detail: Detail) -> Self {
+        Self { patches: Some(detail), ..self }
+    }
+
     /// Whether it holds a head that has learned its share beside BRDF sampling.
     pub fn has_share(&self) -> bool {
         matches!(&self.intermediate, Intermediate::Head(head) if head.has_selection())
     }
 
     /// The complete sampler that the file was made to be: with its compact emitters, and in a mixture with BRDF sampling where it has learned its
-    /// share.
+    /// share or is over patches, which have one.
     ///
     /// # Errors
     /// As [`Self::sampler`].
     pub fn open(self, environment: &Arc<Environment>) -> Result<Covering<Arc<dyn Sampler>>> {
-        let mixed = self.has_share();
+        let mixed = self.has_share() || self.patches.is_some();
         Covering::new(self.sampler(environment, mixed)?)
     }
 
@@ -210,6 +223,9 @@ impl ExportedSampler {
             self.compact_emitters.then(|| CompactEmitters::new(environment, &self.luminance.2)).transpose()?;
         let light = EnvironmentLight::with_tail(environment.clone(), self.tail);
         let product: Arc<dyn Sampler> = match self.intermediate {
+            Intermediate::Head(head) if let Some(detail) = self.patches => {
+                Arc::new(PatchSampler::new(light, detail)?.with_head(head))
+            }
             Intermediate::Head(head) => Arc::new(ProductSampler::new(light, head)),
             Intermediate::Bake(table) | Intermediate::DirectBake(table) => Arc::new(ProductSampler::new(light, table)),
         };
@@ -218,6 +234,42 @@ impl ExportedSampler {
             Some(compact) => Arc::new(WithCompactEmitters::new(Arc::new(compact), rest)),
             None => rest,
         })
+    }
+
+    /// The head, if it draws points of Y, so that it can be tabulated.
+    ///
+    /// # Errors
+    /// The file holds a table, or a head over patches.
+    pub fn head_over_tail(&self) -> Result<&Head> {
+        match &self.intermediate {
+            Intermediate::Head(_) if self.patches.is_some() => {
+                let reason = "the file holds a head over patches of sky, which gives no density over Y alone; name a head over the tail";
+                Err(Error::argument("patches", reason))
+            }
+            Intermediate::Head(head) => Ok(head),
+            Intermediate::Bake(_) | Intermediate::DirectBake(_) => {
+                Err(Error::argument("intermediate.kind", "the file holds a table already; name a trained head"))
+            }
+        }
+    }
+
+    /// The patches of a file with their head, for what learns while it renders.
+    ///
+    /// # Errors
+    /// The file holds no head over patches, or leaves out compact emitters, whose share is not learned; as [`Self::sampler`].
+    pub fn patch_sampler(self, environment: &Arc<Environment>) -> Result<PatchSampler> {
+        self.check_environment(environment)?;
+        let (Intermediate::Head(head), Some(detail)) = (self.intermediate, self.patches) else {
+            return Err(Error::argument("intermediate.kind", "the file holds no head over patches of sky"));
+        };
+        if self.compact_emitters {
+            return Err(Error::argument(
+                "compact_emitters",
+                "are left to others, and of them no visibility is learned",
+            ));
+        }
+        let light = EnvironmentLight::with_tail(environment.clone(), self.tail);
+        Ok(PatchSampler::new(light, detail)?.with_head(head))
     }
 
     /// Checks that the sampler was made for this very map: under another one it would be biased.
@@ -269,7 +321,11 @@ impl ExportedSampler {
         let is_plain = !self.compact_emitters && self.tail.kind() != TailKind::Flow;
         let lowest = if is_plain { 1 } else { 2 };
         Description {
-            format_version: if self.run.is_some() { FORMAT_VERSION } else { lowest },
+            format_version: match (self.patches, &self.run) {
+                (Some(_), _) => FORMAT_VERSION,
+                (None, Some(_)) => 3,
+                (None, None) => lowest,
+            },
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
             intermediate,
             condition: match &self.intermediate {
@@ -277,6 +333,7 @@ impl ExportedSampler {
                 Intermediate::Bake(_) | Intermediate::DirectBake(_) => Condition::Normal,
             },
             tail: self.tail.kind(),
+            patches: self.patches,
             compact_emitters: self.compact_emitters,
             environment: self.environment.clone(),
             environment_hash: self.environment_hash.clone(),

@@ -79,6 +79,11 @@ impl Tensors<'_> {
             kind => Tail::new(kind, width, height, &luminance),
         };
         let tail = tail.map_err(|error| error.in_file(self.path))?;
+        let is_head = matches!(description.intermediate, IntermediateDescription::Head { .. });
+        if description.patches.is_some() && !(is_head && description.tail == TailKind::Hierarchical) {
+            let reason = "are only between a head and the hierarchical tail";
+            return Err(Error::invalid(self.path, "patches", reason));
+        }
         let intermediate = match description.intermediate {
             IntermediateDescription::Head { mode, leaky_slope, encoder_layers, network_layers, selection_layers } => {
                 let encoder = self.layers("encoder", encoder_layers)?;
@@ -97,6 +102,7 @@ impl Tensors<'_> {
         Ok(ExportedSampler {
             intermediate,
             tail: Arc::new(tail),
+            patches: description.patches,
             luminance: (width, height, luminance),
             compact_emitters: description.compact_emitters,
             environment: description.environment,

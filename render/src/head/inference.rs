@@ -100,16 +100,16 @@ impl Head {
         }
     }
 
-    /// The share of samples beside BRDF sampling, from `scratch.seen`: `0.02 + 0.96 sigmoid(logit)`.
+    /// The share of samples beside BRDF sampling, from `scratch.seen`: `0.02 + 0.96 sigmoid(logit + prior)`.
     #[inline(always)]
-    fn select<S: Simd>(&self, simd: S, scratch: &mut Scratch<'_>) -> Lanes {
+    fn select<S: Simd>(&self, simd: S, scratch: &mut Scratch<'_>, prior: &Lanes) -> Lanes {
         let Scratch { seen, hidden: [first, _], logits, .. } = scratch;
         let mut share = [0.5; LANES];
         if let [inner, last] = &self.selection.packed[..] {
             inner.forward(simd, Start::Bias, seen, first, Some(self.leaky_slope));
             last.forward(simd, Start::Bias, first, logits, None);
             for l in 0..LANES {
-                share[l] = SELECTION_FLOOR + (1.0 - 2.0 * SELECTION_FLOOR) * simd::sigmoid(logits[0][l]);
+                share[l] = SELECTION_FLOOR + (1.0 - 2.0 * SELECTION_FLOOR) * simd::sigmoid(logits[0][l] + prior[l]);
             }
         }
         share
@@ -267,12 +267,12 @@ vectorized! {
         let mut scratch = head.scratch(scratch);
         scratch.seen[..MAX_CONDITION].copy_from_slice(condition);
         head.prepare_strip(simd, &mut scratch, state);
-        *share = head.select(simd, &mut scratch);
+        *share = head.select(simd, &mut scratch, &[0.0; LANES]);
     }
 }
 
 vectorized! {
-    /// Prepares rows, or (without state) gives their shares.
+    /// Prepares rows, or (without state) gives their shares in place of what is added to their logits.
     fn prepare_rows['a](
         simd, head: &'a Head, at: &'a Rows<'a>, material: [&'a [Lanes]; LATENTS],
         state: &'a mut [Lanes], shares: &'a mut [Lanes], scratch: &'a mut [Lanes],
@@ -287,7 +287,7 @@ vectorized! {
             head.condition.load(&at.normals(strip), &at.views(strip), &own, scratch.seen);
             if state.is_empty() {
                 head.encode(simd, &mut scratch);
-                shares[strip] = head.select(simd, &mut scratch);
+                shares[strip] = head.select(simd, &mut scratch, &shares[strip]);
             } else {
                 head.prepare_strip(simd, &mut scratch, &mut state[strip * columns..][..columns]);
             }
@@ -341,6 +341,14 @@ impl IntermediateDensity for Head {
     }
 
     fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        out.as_flattened_mut().fill(0.0);
+        self.shares_after(at, out, arena);
+    }
+}
+
+impl Head {
+    /// [`IntermediateDensity::share`] with logits in `out` that the learned ones are added to; 1/2 where none is learned.
+    pub fn shares_after(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
         if self.has_selection() {
             self.with_conditions(at, arena, |material, scratch| {
                 prepare_rows(self, at, material, &mut [], out, scratch);
@@ -349,9 +357,7 @@ impl IntermediateDensity for Head {
             out.as_flattened_mut().fill(0.5);
         }
     }
-}
 
-impl Head {
     /// Calls `work` with what the condition holds of materials, and with scratch.
     fn with_conditions(&self, at: &Rows<'_>, arena: &Arena, work: impl FnOnce([&[Lanes]; LATENTS], &mut [Lanes])) {
         let known = if self.condition.of_material() > 0 { at.strips() } else { 0 };

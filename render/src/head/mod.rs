@@ -39,6 +39,12 @@ pub enum Mode {
 /// the strategy that fits.
 pub const SELECTION_FLOOR: f32 = 0.02;
 
+/// The logit whose share is nearest to a share, at most 6.9 from 0: `share = 0.02 + 0.96 sigmoid(logit)`.
+pub fn logit_of_share(share: f32) -> f32 {
+    let inside = ((share - SELECTION_FLOOR) / (1.0 - 2.0 * SELECTION_FLOOR)).clamp(1e-3, 1.0 - 1e-3);
+    (inside / (1.0 - inside)).ln()
+}
+
 /// A head warp with its weights, ready to sample.
 #[derive(Clone, Debug)]
 pub struct Head {

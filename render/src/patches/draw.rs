@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 use super::{
     CLUSTERS, Level, PARTS, Patches,
     mass::{Block, Cosines, Patch, Reflection},
-    tree::Cuts,
+    tree::{Aim, Cuts, Places, Points},
 };
 use crate::{
     columns::vectorized,
@@ -122,13 +122,13 @@ fn goes_on(patches: &Patches, lobes: &[Lanes], lane: usize) -> bool {
 
 /// One level down for the lanes that go on.
 #[inline(always)]
-fn step(
+fn step<A: Aim>(
     patches: &Patches,
     level: &Level,
     goes_on: &[bool; LANES],
     at: &[Reflection; LANES],
     weights: impl Fn(usize, usize) -> Lanes,
-    z: [Lanes; 2],
+    aim: &A,
     path: &mut Path,
 ) {
     let (mut sums, mut totals, mut roots) = ([[0.0; PARTS]; LANES], [1.0; LANES], [patches.rest; LANES]);
@@ -140,7 +140,7 @@ fn step(
             roots[k] = level.roots[number];
         }
     }
-    let (found, cuts) = patches.forest.descend::<1, PARTS>(&roots, z, (sums.as_flattened(), totals), path.cuts);
+    let (found, cuts) = patches.forest.descend::<1, PARTS>(&roots, aim, (sums.as_flattened(), totals), path.cuts);
     path.cuts = cuts;
     for k in 0..LANES {
         path.probability[k] *= share(found.mass[k], totals[k]);
@@ -178,6 +178,52 @@ fn share(mass: f32, all: f32) -> f32 {
     if (mass > 0.0) & (all > 0.0) { share } else { 0.0 }
 }
 
+/// Goes down the levels to what `aims` at them say, with the state of one strip.
+#[inline(always)]
+fn walk<A: Aim, W: Weighting>(
+    patches: &Patches,
+    weighting: &W,
+    (at, strip): (&Rows<'_>, usize),
+    state: &[Lanes],
+    aims: [&A; 3],
+) -> (Path, [bool; LANES]) {
+    let (n, wo) = (at.normals(strip), at.views(strip));
+    let (lobes, sums) = state[strip * COLUMNS..][..COLUMNS].split_at(WEIGHTS + 1);
+    let total = sums[CLUSTERS - 1];
+    let root = [patches.root; LANES];
+    let sums = (sums.as_flattened(), total);
+    let (found, cuts) = patches.forest.descend::<LANES, 1>(&root, aims[0], sums, Cuts::SQUARE);
+    let mut path = Path { number: found.place, probability: [0.0; LANES], cuts };
+    let mut points = [reflection(&n, &wo, lobes, 0); LANES];
+    let (mut narrow, mut any) = ([false; LANES], false);
+    for k in 0..LANES {
+        path.probability[k] = share(found.mass[k], total[k]);
+        points[k] = reflection(&n, &wo, lobes, k);
+        narrow[k] = goes_on(patches, lobes, k);
+        any |= narrow[k];
+    }
+    let weights = |lane: usize, cluster| weighting.of_parts(lobes[WEIGHTS][lane], cluster);
+    step(patches, &patches.leaves, &[true; LANES], &points, weights, aims[1], &mut path);
+    if any {
+        step(patches, &patches.twigs, &narrow, &points, |_, _| [1.0; LANES], aims[2], &mut path);
+    }
+    (path, narrow)
+}
+
+/// The rectangles of Y that lanes have come to: left, right, top, bottom, and one over their energy.
+#[inline(always)]
+fn rectangles(patches: &Patches, path: &Path, narrow: &[bool; LANES]) -> [Lanes; 5] {
+    let mut rectangles = [[0.0; LANES]; 5];
+    for k in 0..LANES {
+        let level = if narrow[k] { &patches.twigs } else { &patches.leaves };
+        let numbers = &level.rectangles[path.number[k] as usize];
+        for (column, number) in rectangles.iter_mut().zip(numbers) {
+            column[k] = *number;
+        }
+    }
+    rectangles
+}
+
 vectorized! {
     /// Carries uniform points `z` to points of Y, with their densities over Y: 0 where there is nothing to draw.
     pub(super) fn sample['a, W: Weighting](
@@ -186,40 +232,42 @@ vectorized! {
     ) {
         let [y_u, y_v] = y;
         for strip in 0..q.len() {
-            let (n, wo) = (at.normals(strip), at.views(strip));
-            let (lobes, sums) = state[strip * COLUMNS..][..COLUMNS].split_at(WEIGHTS + 1);
-            let z = [z[0][strip], z[1][strip]];
-            let total = sums[CLUSTERS - 1];
-            let root = [patches.root; LANES];
-            let sums = (sums.as_flattened(), total);
-            let (found, cuts) = patches.forest.descend::<LANES, 1>(&root, z, sums, Cuts::SQUARE);
-            let mut path = Path { number: found.place, probability: [0.0; LANES], cuts };
-            let mut points = [reflection(&n, &wo, lobes, 0); LANES];
-            let (mut narrow, mut any) = ([false; LANES], false);
-            for k in 0..LANES {
-                path.probability[k] = share(found.mass[k], total[k]);
-                points[k] = reflection(&n, &wo, lobes, k);
-                narrow[k] = goes_on(patches, lobes, k);
-                any |= narrow[k];
-            }
-            let weights = |lane: usize, cluster| weighting.of_parts(lobes[WEIGHTS][lane], cluster);
-            step(patches, &patches.leaves, &[true; LANES], &points, weights, z, &mut path);
-            if any {
-                step(patches, &patches.twigs, &narrow, &points, |_, _| [1.0; LANES], z, &mut path);
-            }
-            let inside = path.cuts.inside(&z[0], &z[1]);
-            let mut rectangles = [[0.0; LANES]; 5];
-            for k in 0..LANES {
-                let level = if narrow[k] { &patches.twigs } else { &patches.leaves };
-                let numbers = &level.rectangles[path.number[k] as usize];
-                for (column, number) in rectangles.iter_mut().zip(numbers) {
-                    column[k] = *number;
-                }
-            }
-            let [left, right, top, bottom, inverse_energy] = &rectangles;
+            let aim = Points([z[0][strip], z[1][strip]]);
+            let (path, narrow) = walk(patches, weighting, (at, strip), state, [&aim; 3]);
+            let inside = path.cuts.inside(&aim.0[0], &aim.0[1]);
+            let [left, right, top, bottom, inverse_energy] = &rectangles(patches, &path, &narrow);
             for k in 0..LANES {
                 y_u[strip][k] = within(left[k], right[k], inside[0][k]);
                 y_v[strip][k] = within(top[k], bottom[k], inside[1][k]);
+                q[strip][k] = path.probability[k] * inverse_energy[k];
+            }
+        }
+    }
+}
+
+vectorized! {
+    /// The inverse of [`sample`]: points of Y with their images `x` in X, which say what patch they are of, to the points `z` that are carried
+    /// to them, and the densities over Y. Where that is 0, no point is.
+    pub(super) fn invert['a, W: Weighting](
+        _simd, patches: &'a Patches, weighting: &'a W, grid: &'a BilinearDensity, at: &'a Rows<'a>, state: &'a [Lanes],
+        x: [&'a [Lanes]; 2], y: [&'a [Lanes]; 2], z: [&'a mut [Lanes]; 2], q: &'a mut [Lanes],
+    ) {
+        let [z_u, z_v] = z;
+        for strip in 0..q.len() {
+            let (mut clusters, mut leaves, mut twigs) = ([0; LANES], [0; LANES], [0; LANES]);
+            for k in 0..LANES {
+                let (column, row, _) = grid.cell(Vec2::new(x[0][strip][k], x[1][strip][k]));
+                let twig = patches.lookup.patch(column as u32, row as u32);
+                let parts = PARTS as u32;
+                (clusters[k], leaves[k], twigs[k]) = (twig / parts / parts, twig / parts % parts, twig % parts);
+            }
+            let aims = [&Places(clusters), &Places(leaves), &Places(twigs)];
+            let (path, narrow) = walk(patches, weighting, (at, strip), state, aims);
+            let [left, right, top, bottom, inverse_energy] = rectangles(patches, &path, &narrow);
+            let rectangle = Cuts { left, right, top, bottom };
+            let inside = rectangle.inside(&y[0][strip], &y[1][strip]);
+            [z_u[strip], z_v[strip]] = path.cuts.outside(&inside);
+            for k in 0..LANES {
                 q[strip][k] = path.probability[k] * inverse_energy[k];
             }
         }

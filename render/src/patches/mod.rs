@@ -5,6 +5,9 @@
 //! cluster, then a leaf, then (for narrow lobes) a twig in proportion to these masses, and lets the tail draw within it: the density over Y is
 //! constant on a patch.
 //!
+//! A draw is a warp of the square of uniform points, so that a head may go before it: Z → U → Y → X by head, patches and tail. The head then learns
+//! only what the closed form leaves over.
+//!
 //! The square of uniform points is cut along the tree in which the map is halved, so that neighbouring points stay neighbours and
 //! low-discrepancy points keep their strata.
 
@@ -15,8 +18,11 @@ mod lookup;
 mod mass;
 mod moments;
 mod tree;
+mod warp;
 
-use std::collections::HashMap;
+pub use warp::PatchWarp;
+
+use std::{collections::HashMap, sync::Arc};
 
 use choice::Choice;
 use draw::{COLUMNS, LOBES};
@@ -25,15 +31,17 @@ use lookup::Lookup;
 use mass::{Block, Patch};
 use moments::MomentMap;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use tree::Forest;
 
 use crate::{
     columns::Arena,
     error::{Error, Result},
+    head::{Head, logit_of_share},
     latlong,
-    sampler::{Coverage, Draws, EnvironmentLight, Sampler},
+    sampler::{Coverage, Draws, EnvironmentLight, IntermediateDensity, Sampler},
     simd::{LANES, Lanes},
-    tail::{Hierarchical, Node, Tail},
+    tail::{Hierarchical, Node, Tail, TailWarp},
     tile::Rows,
     visibility::{CLUSTERS, PATCHES, Unoccluded, Weighting},
 };
@@ -42,7 +50,8 @@ use crate::{
 const PARTS: usize = LANES;
 
 /// How finely patches divide the light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Detail {
     /// Twigs for narrow lobes only: where noise is visibility's, leaves are enough.
     Leaves,
@@ -151,12 +160,29 @@ impl Patches {
     }
 }
 
+impl Patches {
+    /// Computes what depends on shading points alone: `state` has [`COLUMNS`] lanes for each strip.
+    fn prepare<W: Weighting>(&self, weighting: &W, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
+        let mut columns = arena.columns::<{ LOBES + 1 }>(at.strips());
+        let [a, b, c, d, weights] = columns.get_mut();
+        at.lobes([a, b, c, d], arena);
+        weighting.indices(at, weights);
+        for (strip, state) in state.chunks_exact_mut(COLUMNS).enumerate() {
+            for (to, from) in state.iter_mut().zip(columns.get()) {
+                *to = from[strip];
+            }
+        }
+        draw::prepare(self, weighting, at, state);
+    }
+}
+
 /// Draws directions by the patches of a light. It covers the whole integrand, but glossy lobes are narrower than patches: there it belongs into
 /// a mixture with BRDF sampling, in which it asks for a share that depends on the lobe.
 #[derive(Clone, Debug)]
 pub struct PatchSampler {
     light: EnvironmentLight,
-    patches: Patches,
+    patches: Arc<Patches>,
+    head: Option<Arc<Head>>,
 }
 
 impl PatchSampler {
@@ -168,13 +194,20 @@ impl PatchSampler {
         let Tail::Hierarchical(tail) = &**light.tail() else {
             return Err(Error::argument("patches", "need the hierarchical tail"));
         };
-        let patches = Patches::new(tail, detail);
-        Ok(Self { light, patches })
+        let patches = Arc::new(Patches::new(tail, detail));
+        Ok(Self { light, patches, head: None })
+    }
+
+    /// The same sampler with a head before the patches, of which it draws what they leave over. If it has learned a share beside BRDF sampling, that is
+    /// a factor of the odds of patches.
+    #[must_use]
+    pub fn with_head(self, head: Head) -> Self {
+        Self { head: Some(Arc::new(head)), ..self }
     }
 
     /// The same sampler with the masses of patches multiplied by weights.
     pub fn weighted<'a, W: Weighting>(&'a self, weighting: &'a W) -> WeightedPatches<'a, W> {
-        WeightedPatches { light: &self.light, patches: &self.patches, weighting }
+        WeightedPatches { light: &self.light, patches: &self.patches, head: self.head.as_deref(), weighting }
     }
 
     /// The shares of light of all patches that weights are given for; 0 of those that there are not.
@@ -201,52 +234,79 @@ impl PatchSampler {
 pub struct WeightedPatches<'a, W> {
     light: &'a EnvironmentLight,
     patches: &'a Patches,
+    head: Option<&'a Head>,
     weighting: &'a W,
 }
 
 impl<W: Weighting> Sampler for WeightedPatches<'_, W> {
     fn columns(&self) -> usize {
-        COLUMNS
+        COLUMNS + self.head.map_or(0, IntermediateDensity::columns)
     }
 
     fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
-        let mut columns = arena.columns::<{ LOBES + 1 }>(at.strips());
-        let [a, b, c, d, weights] = columns.get_mut();
-        at.lobes([a, b, c, d], arena);
-        self.weighting.indices(at, weights);
-        for (strip, state) in state.chunks_exact_mut(COLUMNS).enumerate() {
-            for (to, from) in state.iter_mut().zip(columns.get()) {
-                *to = from[strip];
-            }
+        let (state, of_head) = state.split_at_mut(COLUMNS * at.strips());
+        if let Some(head) = self.head {
+            head.prepare(at, of_head, arena);
         }
-        draw::prepare(self.patches, self.weighting, at, state);
+        self.patches.prepare(self.weighting, at, state, arena);
     }
 
     fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
+        let (state, of_head) = state.split_at(COLUMNS * at.strips());
+        let (patches, weighting) = (self.patches, self.weighting);
         let mut y = arena.columns::<2>(at.strips());
-        draw::sample(self.patches, self.weighting, at, state, u, y.get_mut(), out.pdf);
+        if let Some(head) = self.head {
+            let mut through = arena.columns::<3>(at.strips());
+            let [z_u, z_v, q] = through.get_mut();
+            head.sample(at, of_head, u, [&mut *z_u, &mut *z_v], q, arena);
+            draw::sample(patches, weighting, at, state, [z_u, z_v], y.get_mut(), out.pdf);
+            multiply(out.pdf, q);
+        } else {
+            draw::sample(patches, weighting, at, state, u, y.get_mut(), out.pdf);
+        }
         self.light.directions(y.get(), out, arena);
     }
 
     fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
-        let mut columns = arena.columns::<3>(at.strips());
-        let [u, v, q] = columns.get_mut();
-        latlong::squares(wi, [&mut *u, &mut *v]);
-        draw::density(self.patches, self.weighting, self.light.tail().light(), at, state, [u, v], q);
-        self.light.pdf_at([u, v], out);
-        for (out, q) in out.as_flattened_mut().iter_mut().zip(q.as_flattened()) {
-            *out *= q;
+        let (state, of_head) = state.split_at(COLUMNS * at.strips());
+        let (patches, weighting, grid) = (self.patches, self.weighting, self.light.tail().light());
+        let mut columns = arena.columns::<7>(at.strips());
+        let [x_u, x_v, y_u, y_v, z_u, z_v, q] = columns.get_mut();
+        latlong::squares(wi, [&mut *x_u, &mut *x_v]);
+        if let Some(head) = self.head {
+            self.light.tail().inverse_columns([x_u, x_v], [&mut *y_u, &mut *y_v], out);
+            draw::invert(patches, weighting, grid, at, state, [x_u, x_v], [y_u, y_v], [&mut *z_u, &mut *z_v], q);
+            latlong::to_solid_angle(x_v, out);
+            multiply(out, q);
+            head.density(at, of_head, [z_u, z_v], q, arena);
+        } else {
+            draw::density(patches, weighting, grid, at, state, [x_u, x_v], q);
+            self.light.pdf_at([x_u, x_v], out);
         }
+        multiply(out, q);
     }
 
     fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
         let mut lobes = arena.columns::<LOBES>(at.strips());
         at.lobes(lobes.get_mut(), arena);
         draw::shares_beside_brdf(lobes.get(), out);
+        if let Some(head) = self.head.filter(|head| head.has_selection()) {
+            for share in out.as_flattened_mut() {
+                *share = logit_of_share(*share);
+            }
+            head.shares_after(at, out, arena);
+        }
     }
 
     fn coverage(&self) -> Coverage {
         self.light.coverage()
+    }
+}
+
+/// Multiplies densities with others.
+fn multiply(by: &mut [Lanes], others: &[Lanes]) {
+    for (density, other) in by.as_flattened_mut().iter_mut().zip(others.as_flattened()) {
+        *density *= other;
     }
 }
 

@@ -1,7 +1,7 @@
 //! Trees of patches: the square is cut in proportion to masses, in the order in which the map is, so that neighbours stay neighbours.
 
 use crate::{
-    discrete::remap,
+    discrete::{BELOW_ONE, remap},
     simd::{LANES, Lanes},
     tail::Node,
 };
@@ -37,15 +37,27 @@ pub struct Forest(Vec<Split>);
 /// Rectangles of the square of uniform points, as the descent cuts them, with the running sums of masses at their ends.
 #[derive(Clone, Copy)]
 pub struct Cuts {
-    left: Lanes,
-    right: Lanes,
-    top: Lanes,
-    bottom: Lanes,
+    pub left: Lanes,
+    pub right: Lanes,
+    pub top: Lanes,
+    pub bottom: Lanes,
 }
 
 impl Cuts {
     /// The whole square.
     pub const SQUARE: Self = Self { left: [0.0; LANES], right: [1.0; LANES], top: [0.0; LANES], bottom: [1.0; LANES] };
+
+    /// Points of the square that lie at places inside, below 1.
+    #[inline(always)]
+    pub fn outside(&self, [u, v]: &[Lanes; 2]) -> [Lanes; 2] {
+        let mut points = [[0.0; LANES]; 2];
+        for k in 0..LANES {
+            let (across, down) = (self.right[k] - self.left[k], self.bottom[k] - self.top[k]);
+            points[0][k] = below_one(self.left[k] + across * u[k]);
+            points[1][k] = below_one(self.top[k] + down * v[k]);
+        }
+        points
+    }
 
     /// Where points lie inside.
     #[inline(always)]
@@ -56,6 +68,33 @@ impl Cuts {
             inside[1][k] = remap(v[k], self.top[k], self.bottom[k]);
         }
         inside
+    }
+}
+
+/// What lanes go down a tree for.
+pub trait Aim {
+    /// All bits for a lane that goes on to the first half of a node, whose second half begins at the place `middle`: it is cut at `cut`, along
+    /// columns where that mask is set.
+    fn is_first(&self, lane: usize, columns: u32, cut: f32, middle: u32) -> u32;
+}
+
+/// The patches that points `u`, `v` of the square fall into.
+pub struct Points(pub [Lanes; 2]);
+
+impl Aim for Points {
+    #[inline(always)]
+    fn is_first(&self, lane: usize, columns: u32, cut: f32, _middle: u32) -> u32 {
+        u32::from(select(columns, self.0[0][lane], self.0[1][lane]) < cut).wrapping_neg()
+    }
+}
+
+/// The patches at given places.
+pub struct Places(pub [u32; LANES]);
+
+impl Aim for Places {
+    #[inline(always)]
+    fn is_first(&self, lane: usize, _columns: u32, _cut: f32, middle: u32) -> u32 {
+        u32::from(self.0[lane] < middle).wrapping_neg()
     }
 }
 
@@ -111,7 +150,7 @@ impl Forest {
     pub fn descend<const BY_PLACE: usize, const BY_LANE: usize>(
         &self,
         roots: &[u32; LANES],
-        [u, v]: [Lanes; 2],
+        aim: &impl Aim,
         (sums, total): (&[f32], Lanes),
         mut cuts: Cuts,
     ) -> (Found, Cuts) {
@@ -137,11 +176,10 @@ impl Forest {
                 let columns = mask(splits[k] & CUTS_COLUMNS);
                 let from = select(columns, cuts.left[k], cuts.top[k]);
                 let to = select(columns, cuts.right[k], cuts.bottom[k]);
-                let at = select(columns, u[k], v[k]);
                 let mass = after[k] - before[k];
                 let mass = if mass > f32::MIN_POSITIVE { mass } else { f32::MIN_POSITIVE };
                 let cut = from + (to - from) * ((middle[k] - before[k]) / mass);
-                let is_first = u32::from(at < cut).wrapping_neg();
+                let is_first = aim.is_first(k, columns, cut, splits[k] & 0x7f);
                 // Of a single patch both sides stay.
                 let is_single = mask(splits[k] & IS_SINGLE);
                 let keeps_lower = is_first | is_single;
@@ -158,6 +196,12 @@ impl Forest {
             }
         }
     }
+}
+
+/// The number, or the largest one below 1.
+#[inline(always)]
+fn below_one(number: f32) -> f32 {
+    if number < BELOW_ONE { number } else { BELOW_ONE }
 }
 
 /// All bits if a number of a single bit is set.
@@ -219,13 +263,22 @@ mod tests {
             let v = ((k / SIDE) as f32 + 0.5) / SIDE as f32;
             let (found, cuts) = forest.descend::<1, 0>(
                 &[start; LANES],
-                [[u; LANES], [v; LANES]],
+                &Points([[u; LANES], [v; LANES]]),
                 (&sums, [total; LANES]),
                 Cuts::SQUARE,
             );
             let place = found.place[3] as usize;
             assert_eq!(found.mass[3], masses[place]);
             assert!(cuts.left[3] <= u && u <= cuts.right[3] && cuts.top[3] <= v && v <= cuts.bottom[3]);
+            // The way to the place is the way of the point, bit for bit.
+            let aim = Places([place as u32; LANES]);
+            let (same, rectangle) =
+                forest.descend::<1, 0>(&[start; LANES], &aim, (&sums, [total; LANES]), Cuts::SQUARE);
+            assert_eq!((same.place, same.mass), (found.place, found.mass));
+            let sides = |cuts: &Cuts| [cuts.left[3], cuts.right[3], cuts.top[3], cuts.bottom[3]];
+            assert_eq!(sides(&rectangle), sides(&cuts));
+            let back = rectangle.outside(&cuts.inside(&[u; LANES], &[v; LANES]));
+            assert!((back[0][3] - u).abs() < 2e-7 && (back[1][3] - v).abs() < 2e-7);
             areas[place] = (cuts.right[3] - cuts.left[3]) * (cuts.bottom[3] - cuts.top[3]);
             drawn[place] += 1;
         }
@@ -254,8 +307,12 @@ mod tests {
         let sums: Vec<f32> = (1..=64).map(|k| k as f32).collect();
         for (place, cell) in cells.iter().enumerate() {
             let (u, v) = ((cell.column as f32 + 0.3) / 8.0, (cell.row as f32 + 0.8) / 8.0);
-            let (found, cuts) =
-                forest.descend::<1, 0>(&[start; LANES], [[u; LANES], [v; LANES]], (&sums, [64.0; LANES]), Cuts::SQUARE);
+            let (found, cuts) = forest.descend::<1, 0>(
+                &[start; LANES],
+                &Points([[u; LANES], [v; LANES]]),
+                (&sums, [64.0; LANES]),
+                Cuts::SQUARE,
+            );
             assert_eq!(found.place, [place as u32; LANES]);
             let inside = cuts.inside(&[u; LANES], &[v; LANES]);
             assert!((inside[0][0] - 0.3).abs() < 1e-5 && (inside[1][0] - 0.8).abs() < 1e-5);

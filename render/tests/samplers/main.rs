@@ -74,6 +74,9 @@ fn directions_are_drawn_with_the_claimed_density() {
         let probes = match (&*world.name, case.name) {
             ("sunset / row-column", "oracle") => 12,
             ("sunset / row-column", _) => 6,
+            // A surface that faces down sees the sun at its own horizon. Weights differ fifty-fold from patch to patch there, and two points
+            // across missed 2 % of the draws.
+            ("sunset / hierarchical", "head over weighted patches") => 12,
             _ => 2,
         };
         draws_follow_pdf(&AtPoint::new(&*case.sampler, at), case.through_tail.then_some(&world.dense), probes, tests)

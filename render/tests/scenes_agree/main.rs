@@ -23,11 +23,12 @@ use headtail_render::{
     head::{Condition, Head, Linear, Mode},
     image::Image,
     integrator::{Budget, Rendering, View, render},
+    patches::Detail,
     points::{PointSet, Points},
     random::{Purpose, Stream},
     sampler::EnvironmentLight,
     scene::{Material, MaterialSpec, Ray, Scene, TexturedMetallicRoughness, built_in_names},
-    spec::{FileKind, SamplerSpec},
+    spec::{FileKind, SamplerSpec, Source},
     statistics::{Moments, TTest, compare_images, sidak},
     tail::{Tail, TailKind},
 };
@@ -123,11 +124,11 @@ fn untrained() -> TrainingSummary {
 /// Writes a head in either mode, its bake and a direct bake for a map, and names them as samplers.
 fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
     let summary = untrained();
+    let path = |name: &str| folder.join(format!("{}-{name}.safetensors", environment.name()));
     let write = |name: &str, intermediate, tail, training| {
-        let path = folder.join(format!("{}-{name}.safetensors", environment.name()));
-        let kind = FileKind::of(&intermediate);
-        ExportedSampler::new(intermediate, tail, environment, training).unwrap().write(&path).unwrap();
-        SamplerSpec::file(kind, path)
+        let exported = ExportedSampler::new(intermediate, tail, environment, training).unwrap();
+        exported.write(&path(name)).unwrap();
+        SamplerSpec::file(FileKind::of(&exported), path(name))
     };
     use TailKind::{Hierarchical, RowColumn};
     let (coupled, autoregressive) = (random_head(Mode::Coupled), random_head(Mode::Autoregressive));
@@ -135,7 +136,13 @@ fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
     let table = bake(&coupled, &Tail::new(RowColumn, width, height, &environment.luminance()).unwrap());
     let tail = EnvironmentLight::new(Arc::new(environment.clone()), Hierarchical).unwrap();
     let direct = direct_bake(tail.tail(), NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap()).unwrap();
+    let over = Intermediate::Head(coupled.clone());
+    let over = ExportedSampler::new(over, Hierarchical, environment, None).unwrap().over_patches(Detail::Leaves);
+    over.write(&path("over-patches")).unwrap();
+    let source = Source::File(FileKind::of(&over), path("over-patches"));
     vec![
+        SamplerSpec::One(source.clone()),
+        SamplerSpec::Learning(source, None),
         write("coupled", Intermediate::Head(coupled), Hierarchical, Some(summary.clone())),
         write("autoregressive", Intermediate::Head(autoregressive), RowColumn, Some(summary.clone())),
         write("baked", Intermediate::Bake(table), RowColumn, Some(summary)),

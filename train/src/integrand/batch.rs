@@ -44,6 +44,8 @@ pub struct Batch {
     pub brdf: Vec<f32>,
     /// `[conditions, samples]`: the density over X that the tail gives to the image of uniform points.
     pub tails: Vec<f32>,
+    /// `[conditions]`: what is added to the logits of learned shares.
+    pub share_logits: Vec<f32>,
 }
 
 /// The points of one condition, `[samples]` each; see [`Batch`].
@@ -57,6 +59,8 @@ pub struct ConditionPoints<'a> {
     pub brdf: &'a [f32],
     /// The density over X that the tail gives.
     pub tails: &'a [f32],
+    /// What is added to the logit of a learned share.
+    pub share_logit: f32,
 }
 
 impl Batch {
@@ -78,12 +82,15 @@ impl Batch {
             weights: vec![1.0; count],
             brdf: vec![0.0; count],
             tails: vec![1.0; count],
+            share_logits: Vec::new(),
         };
         let rows = batch.points.chunks_exact_mut(2 * samples);
         for (condition, uniforms) in batch.conditions.chunks_exact_mut(condition_length).zip(rows) {
             target.draw_condition(&mut stream, condition);
             uniforms.fill_with(|| stream.uniform());
         }
+        let conditions = batch.conditions.par_chunks_exact(condition_length);
+        batch.share_logits = conditions.map(|condition| target.share_logit(condition)).collect();
         batch
             .conditions
             .par_chunks_exact(condition_length)
@@ -114,6 +121,7 @@ impl Batch {
                 weights: cut(&self.weights, self.samples),
                 brdf: cut(&self.brdf, self.samples),
                 tails: cut(&self.tails, self.samples),
+                share_logits: cut(&self.share_logits, 1),
                 ..*self
             }
         };
@@ -133,6 +141,7 @@ impl Batch {
             weights: &self.weights[range.clone()],
             brdf: &self.brdf[range.clone()],
             tails: &self.tails[range],
+            share_logit: self.share_logits[index],
         }
     }
 
@@ -245,6 +254,7 @@ mod tests {
         assert_eq!(joined(|part| &part.weights), batch.weights);
         assert_eq!(joined(|part| &part.brdf), batch.brdf);
         assert_eq!(joined(|part| &part.tails), batch.tails);
+        assert_eq!(joined(|part| &part.share_logits), batch.share_logits);
     }
 
     #[test]

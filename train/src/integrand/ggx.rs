@@ -3,12 +3,13 @@
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{
-    brdf::{self, Kernel},
+    brdf::{self, BrdfTable, Kernel},
     head,
+    one_point::OnePoint,
     random::Stream,
 };
 
-use super::{Surface, Viewpoints};
+use super::{RenderedSurface, Surface, Viewpoints, surface::one_strip};
 
 /// Trowbridge-Reitz microfacets that reflect everything (F = 1): the colour of a surface and its change with the angle are left
 /// to the renderer.
@@ -62,6 +63,13 @@ impl Surface for Ggx {
     fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
         let ([wo, n], ggx) = self.decode(condition);
         ggx.pdf(n, wo, wi.into())
+    }
+}
+
+impl RenderedSurface for Ggx {
+    fn point(&self, condition: &[f32]) -> OnePoint {
+        let ([wo, n], ggx) = self.decode(condition);
+        one_strip([wo.into(), n.into()], ggx.into(), &BrdfTable::default())
     }
 }
 

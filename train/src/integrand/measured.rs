@@ -3,12 +3,13 @@
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{
-    brdf::{Brdf, LATENTS, neural::NeuralBrdf},
+    brdf::{self, Brdf, BrdfTable, LATENTS, MAX_PARAMETERS, neural::NeuralBrdf},
     head,
+    one_point::OnePoint,
     random::Stream,
 };
 
-use super::{Surface, Viewpoints};
+use super::{RenderedSurface, Surface, Viewpoints, surface::one_strip};
 use crate::Measured;
 
 /// One measured material, or any of a family, each as often as the others.
@@ -16,20 +17,30 @@ pub struct MeasuredSurface {
     viewpoints: Viewpoints,
     materials: &'static Measured,
     latents: Vec<[f32; LATENTS]>,
+    /// Each material in a table of the renderer's.
+    tables: Vec<(BrdfTable, u32)>,
 }
 
 impl MeasuredSurface {
     /// Of materials seen from viewpoints; what tells them apart is part of the condition where there are many.
     pub fn new(viewpoints: Viewpoints, materials: &'static Measured) -> Self {
-        Self { viewpoints, materials, latents: materials.brdfs().iter().map(|brdf| brdf.latent()).collect() }
+        let brdfs = materials.brdfs();
+        let latents = brdfs.iter().map(|brdf| brdf.latent()).collect();
+        let tables = brdfs.iter().map(|brdf| BrdfTable::default().with(brdf.clone())).collect();
+        Self { viewpoints, materials, latents, tables }
+    }
+
+    /// The number of the material of a condition.
+    fn index(&self, condition: &[f32]) -> usize {
+        let latent = &condition[head::Condition::Ggx.length()..];
+        // Conditions hold the very numbers of one of the materials.
+        let found = self.latents.iter().position(|known| !latent.is_empty() && known == latent);
+        found.unwrap_or(0)
     }
 
     /// The material of a condition.
     fn brdf(&self, condition: &[f32]) -> &NeuralBrdf {
-        let latent = &condition[head::Condition::Ggx.length()..];
-        // Conditions hold the very numbers of one of the materials.
-        let found = self.latents.iter().position(|known| !latent.is_empty() && known == latent);
-        &self.materials.brdfs()[found.unwrap_or(0)]
+        &self.materials.brdfs()[self.index(condition)]
     }
 }
 
@@ -70,6 +81,14 @@ impl Surface for MeasuredSurface {
     fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
         let [wo, n] = directions(condition);
         self.brdf(condition).mixture().pdf_at(n, wo, wi.into())
+    }
+}
+
+impl RenderedSurface for MeasuredSurface {
+    fn point(&self, condition: &[f32]) -> OnePoint {
+        let (brdfs, brdf) = &self.tables[self.index(condition)];
+        let surface = brdf::Surface { brdf: *brdf, parameters: [0.0; MAX_PARAMETERS] };
+        one_strip(directions(condition).map(Vec3A::from), surface, brdfs)
     }
 }
 

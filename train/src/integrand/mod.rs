@@ -8,6 +8,7 @@ mod build;
 mod ggx;
 mod measured;
 mod naive;
+mod patched;
 mod product;
 mod surface;
 mod tabulated;
@@ -19,8 +20,9 @@ pub use build::build_target;
 pub use ggx::Ggx;
 pub use measured::MeasuredSurface;
 pub use naive::NaiveTarget;
+pub use patched::PatchedTarget;
 pub use product::{CosineTarget, ProductTarget};
-pub use surface::{Lambert, Surface};
+pub use surface::{Lambert, RenderedSurface, Surface};
 pub use tabulated::TabulatedTarget;
 pub use tail_map::{TailMap, TailPoint};
 pub use viewpoints::Viewpoints;
@@ -55,6 +57,11 @@ pub trait Target: Sync {
     /// BRDF sampling with the uniform numbers `u`, pulled back to Y; `None` where it finds no direction or one without light.
     fn brdf_samples(&self, _condition: &[f32], u: &[[f32; 2]]) -> Vec<Option<[f32; 2]>> {
         vec![None; u.len()]
+    }
+
+    /// What is added to the logit of a learned share beside BRDF sampling.
+    fn share_logit(&self, _condition: &[f32]) -> f32 {
+        0.0
     }
 
     /// Turns uniform numbers into points with values, in place. By default the first `strata^2` are one in each stratum of

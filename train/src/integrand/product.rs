@@ -7,7 +7,7 @@ use headtail_render::random::Stream;
 use super::{Lambert, PointValues, Surface, TailMap, TailPoint, Target};
 
 /// Largest density of BRDF sampling over Y: it has poles where the light vanishes, and infinity times zero is no number.
-const MAX_BRDF_DENSITY: f32 = 1e12;
+pub(super) const MAX_BRDF_DENSITY: f32 = 1e12;
 
 /// `q*(y|c)`: a surface's lobe at the direction to which the tail takes `y`, times the light that the tail leaves over.
 pub struct ProductTarget<'a, S> {

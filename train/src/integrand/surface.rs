@@ -3,8 +3,11 @@
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{
-    brdf::{self, Kernel},
+    brdf::{self, BrdfTable, Kernel},
+    one_point::OnePoint,
     random::Stream,
+    simd::LANES,
+    tile::ShadingPoint,
 };
 
 use super::Viewpoints;
@@ -30,6 +33,17 @@ pub trait Surface: Sync {
 
     /// The solid-angle pdf of [`sample`](Self::sample).
     fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32;
+}
+
+/// A surface that the renderer has, too.
+pub trait RenderedSurface: Surface {
+    /// The surface of a condition as the renderer's samplers see it, one strip of copies.
+    fn point(&self, condition: &[f32]) -> OnePoint;
+}
+
+/// One strip of copies of a surface with a BRDF of a table.
+pub(super) fn one_strip([wo, n]: [Vec3A; 2], surface: brdf::Surface, brdfs: &BrdfTable) -> OnePoint {
+    OnePoint::of_table(&ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }, LANES, brdfs)
 }
 
 /// Diffuse reflection; the condition is the normal.
@@ -82,5 +96,11 @@ impl Surface for Lambert {
     fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
         let n = normal(condition).into();
         DIFFUSE.pdf(n, n, wi.into())
+    }
+}
+
+impl RenderedSurface for Lambert {
+    fn point(&self, condition: &[f32]) -> OnePoint {
+        one_strip([normal(condition); 2], DIFFUSE.into(), &BrdfTable::default())
     }
 }

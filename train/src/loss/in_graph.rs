@@ -29,7 +29,11 @@ impl Objective {
     pub fn of_batch(&self, batch: &Batch, log_q: Tensor<2>, share: Option<Tensor<2>>) -> Option<Tensor<1>> {
         let constants = Constants::new(batch, &log_q)?;
         let log_q = match share {
-            Some(logits) => mix(log_q, logits, constants.log_brdf.clone()),
+            Some(logits) => {
+                let prior = TensorData::new(batch.share_logits.clone(), logits.dims());
+                let logits = logits.clone() + Tensor::from_data(prior, &logits.device());
+                mix(log_q, logits, constants.log_brdf.clone())
+            }
             None => log_q,
         };
         let mut per_condition = constants.loss(self.loss, &log_q, batch.samples);

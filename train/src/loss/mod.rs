@@ -124,7 +124,7 @@ impl Objective {
         let Some(logit) = share else {
             return Some(self.of_density(&target, points, log_q, out.d_log_q));
         };
-        let mixture = Mixture::new(logit);
+        let mixture = Mixture::new(logit + points.share_logit);
         let log_mixed: Vec<f32> = log_q.iter().zip(points.brdf).map(|(&log_q, &b)| mixture.log(log_q, b)).collect();
         let loss = self.of_density(&target, points, &log_mixed, out.d_log_q);
         let mut d_share = 0.0;

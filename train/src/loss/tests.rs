@@ -11,7 +11,7 @@ const TAILS: [f32; 6] = [0.5, 1.0, 3.0, 0.1, 1.0, 0.0];
 const LOG_Q: [f32; 6] = [0.3, -0.2, 0.8, -1.0, 0.1, 0.4];
 
 const POINTS: ConditionPoints<'static> =
-    ConditionPoints { densities: &DENSITIES, weights: &WEIGHTS, brdf: &BRDF, tails: &TAILS };
+    ConditionPoints { densities: &DENSITIES, weights: &WEIGHTS, brdf: &BRDF, tails: &TAILS, share_logit: 0.7 };
 const UNIFORM: ConditionPoints<'static> = ConditionPoints { weights: &[1.0; 6], ..POINTS };
 
 fn objectives() -> Vec<Objective> {

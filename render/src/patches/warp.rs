@@ -1,0 +1,163 @@
+//! The warp of patches at one shading point, as training sees it.
+
+use glam::{Vec2, Vec3A, Vec4};
+
+use super::{
+    Patches,
+    draw::{self, COLUMNS, LOBES},
+};
+use crate::{
+    head::logit_of_share,
+    latlong,
+    one_point::OnePoint,
+    simd::{LANES, Lanes},
+    tail::{Tail, TailWarp},
+    visibility::Unoccluded,
+};
+
+/// What patches do with the square of uniform points at one shading point.
+#[derive(Debug)]
+pub struct PatchWarp<'a> {
+    patches: &'a Patches,
+    tail: &'a Tail,
+    point: &'a OnePoint,
+    state: Vec<Lanes>,
+}
+
+impl Patches {
+    /// The warp at a point, over the tail that the patches were made of.
+    pub fn warp_at<'a>(&'a self, tail: &'a Tail, point: &'a OnePoint) -> PatchWarp<'a> {
+        let rows = point.tile().rows();
+        let mut state = vec![[0.0; LANES]; COLUMNS * rows.strips()];
+        self.prepare(&Unoccluded, &rows, &mut state, &point.arena);
+        PatchWarp { patches: self, tail, point, state }
+    }
+
+    /// The logit of the share of samples that patches have beside BRDF sampling at a point: what a head's is added to.
+    pub fn share_logit(point: &OnePoint) -> f32 {
+        let rows = point.tile().rows();
+        let (mut shares, mut lobes) = (vec![[0.0; LANES]; rows.strips()], point.arena.columns::<LOBES>(rows.strips()));
+        rows.lobes(lobes.get_mut(), &point.arena);
+        draw::shares_beside_brdf(lobes.get(), &mut shares);
+        logit_of_share(shares[0][0])
+    }
+}
+
+impl PatchWarp<'_> {
+    /// Points of the square to points of Y, with the density over Y that uniform points have there: 0 where there is nothing to draw.
+    pub fn forward(&self, z: &[Vec2]) -> Vec<(Vec2, f32)> {
+        let rows = self.point.tile().rows();
+        let draw = |z: [&[Lanes]; 2], [u, v, q]: [&mut [Lanes]; 3]| {
+            draw::sample(self.patches, &Unoccluded, &rows, &self.state, z, [u, v], q);
+        };
+        self.point.map(z, draw).map(|[u, v, q]| (Vec2::new(u, v), q)).collect()
+    }
+
+    /// Directions to the points of the square that are carried to them by patches and tail; `None` where none is.
+    pub fn inverse(&self, wi: &[Vec3A]) -> Vec<Option<Vec2>> {
+        let x: Vec<Vec2> = wi.iter().map(|&wi| latlong::square(wi)).collect();
+        let y = self.tail.inverse_points(&x);
+        let both: Vec<(Vec2, Vec2)> = x.into_iter().zip(&y).map(|(x, &(y, _))| (x, y)).collect();
+        let found = self.preimages(&both).into_iter().zip(&y);
+        found.map(|((z, q), &(_, density))| (q > 0.0 && density > 0.0).then_some(z)).collect()
+    }
+
+    /// The points that are carried to points of Y with their images in X, and the densities over Y.
+    fn preimages(&self, x_and_y: &[(Vec2, Vec2)]) -> Vec<(Vec2, f32)> {
+        let (rows, grid) = (self.point.tile().rows(), self.tail.light());
+        let invert = |[x_u, x_v, y_u, y_v]: [&[Lanes]; 4], [u, v, q]: [&mut [Lanes]; 3]| {
+            draw::invert(self.patches, &Unoccluded, grid, &rows, &self.state, [x_u, x_v], [y_u, y_v], [u, v], q);
+        };
+        let all: Vec<Vec4> = x_and_y.iter().map(|(x, y)| Vec4::new(x.x, x.y, y.x, y.y)).collect();
+        self.point.map(&all, invert).map(|[u, v, q]| (Vec2::new(u, v), q)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::Vec3;
+
+    use super::*;
+    use crate::{
+        brdf::{Ggx, Lambert, MetallicRoughness, Surface},
+        environment::built_in,
+        patches::{Detail, PatchSampler},
+        random::{Purpose, Stream},
+        sampler::{EnvironmentLight, Sampler},
+        tail::TailKind,
+        tile::ShadingPoint,
+    };
+
+    fn surfaces() -> [Surface; 4] {
+        let ggx = |alpha| Ggx::new(alpha, Vec3::ONE).into();
+        let mixture = MetallicRoughness::new(Vec3::splat(0.6), 0.5, 0.4).into();
+        [Lambert { albedo: Vec3::ONE }.into(), ggx(0.05), ggx(0.4), mixture]
+    }
+
+    /// Each coordinate of a point takes at most four roundings of 6e-8 on its way there and back, in units of the narrower of both rectangles
+    /// that it is in: that of the square or that of Y.
+    #[test]
+    fn the_inverse_leads_back() {
+        const BOUND: f32 = 5e-7;
+        for name in ["studio", "sunset"] {
+            let light = EnvironmentLight::new(Arc::new(built_in(name).unwrap()), TailKind::Hierarchical).unwrap();
+            for (k, detail) in [Detail::Leaves, Detail::Twigs].into_iter().enumerate() {
+                let sampler = PatchSampler::new(light.clone(), detail).unwrap();
+                let mut random = Stream::new(2, Purpose::Test, k as u64);
+                let (mut wrong, mut all) = (0, 0);
+                for surface in surfaces() {
+                    let n = random.direction();
+                    let wo = (n + 0.7 * n.any_orthonormal_vector()).normalize();
+                    let point = ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }.one();
+                    let warp = sampler.patches.warp_at(light.tail(), &point);
+                    let z: Vec<Vec2> = (0..4000).map(|_| random.uniform2()).collect();
+                    let there = warp.forward(&z);
+                    let y: Vec<Vec2> = there.iter().map(|&(y, _)| y).collect();
+                    let x = light.tail().forward_points(&y);
+                    let both: Vec<(Vec2, Vec2)> = x.into_iter().zip(&y).map(|((x, _), &y)| (x, y)).collect();
+                    let back: Vec<(Vec2, f32)> = warp.preimages(&both);
+                    let again = warp.forward(&back.iter().map(|&(z, _)| z).collect::<Vec<_>>());
+                    for k in (0..z.len()).filter(|&k| there[k].1 > 0.0) {
+                        let (in_square, in_y) = ((back[k].0 - z[k]).abs(), (again[k].0 - y[k]).abs());
+                        let is_near = (0..2).all(|axis| in_square[axis].min(in_y[axis]) < BOUND);
+                        all += 1;
+                        wrong += usize::from(!is_near || back[k].1.to_bits() != there[k].1.to_bits());
+                    }
+                }
+                // A point that is rounded across the edge of a patch is of the neighbour: 256 edges of 1e-7 are 3e-5 of the square, and under a
+                // sun the whole patch is a few steps of X wide.
+                assert!(all > 10_000 && wrong as f32 <= 2e-3 * all as f32, "{name} {detail:?}: {wrong} of {all}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_inverse_of_directions_is_that_of_points() {
+        let light = EnvironmentLight::new(Arc::new(built_in("studio").unwrap()), TailKind::Hierarchical).unwrap();
+        let sampler = PatchSampler::new(light.clone(), Detail::Leaves).unwrap();
+        let surface = Ggx::new(0.2, Vec3::ONE).into();
+        let at = ShadingPoint { p: Vec3A::ZERO, ng: Vec3A::Y, ns: Vec3A::Y, wo: Vec3A::Y, surface };
+        let point = at.one();
+        let warp = sampler.patches.warp_at(light.tail(), &point);
+        let mut random = Stream::new(4, Purpose::Test, 0);
+        let z: Vec<Vec2> = (0..4000).map(|_| random.uniform2()).collect();
+        let there = warp.forward(&z);
+        let wi: Vec<Vec3A> =
+            light.tail().forward_directions(&there.iter().map(|&(y, _)| y).collect::<Vec<_>>()).map(|d| d.1).collect();
+        let near = |(z, found): (&Vec2, Option<Vec2>)| found.is_some_and(|own: Vec2| (own - *z).length() < 1e-2);
+        let close = z.iter().zip(warp.inverse(&wi)).filter(|&(z, found)| near((z, found))).count();
+        // A direction is rounded to 1e-7, which the densities of tail and patches magnify by up to 1e5.
+        assert!(close > 3960, "{close}");
+        // Below the surface nothing is drawn.
+        assert_eq!(warp.inverse(&[-Vec3A::Y]), [None]);
+        assert_eq!(Patches::share_logit(&point), logit_of_share(sampler_share(&sampler, &point)));
+    }
+
+    fn sampler_share(sampler: &PatchSampler, point: &OnePoint) -> f32 {
+        let mut shares = vec![[0.0; LANES]; point.tile().rows().strips()];
+        sampler.share(&point.tile().rows(), &mut shares, &point.arena);
+        shares[0][0]
+    }
+}
