@@ -338,7 +338,7 @@ impl<'a> Rows<'a> {
     }
 
     /// Calls `work` for each BRDF that is there, with its points.
-    fn by_brdf(&self, arena: &Arena, mut work: impl FnMut(Group<'_>)) {
+    pub(crate) fn by_brdf(&self, arena: &Arena, mut work: impl FnMut(Group<'_>)) {
         if self.is_empty() {
             return;
         }
@@ -405,21 +405,21 @@ vectorized! {
 }
 
 /// Points of one BRDF.
-struct Group<'a> {
-    brdf: &'a dyn Brdf,
+pub(crate) struct Group<'a> {
+    pub brdf: &'a dyn Brdf,
     /// Places among the rows; `None` for all.
-    places: Option<&'a [u16]>,
-    strips: usize,
-    surfaces: Surfaces<'a>,
+    pub places: Option<&'a [u16]>,
+    pub strips: usize,
+    pub surfaces: Surfaces<'a>,
 }
 
-fn gather_all<const N: usize>(from: [&[Lanes]; N], places: &[u16], to: [&mut [Lanes]; N]) {
+pub(crate) fn gather_all<const N: usize>(from: [&[Lanes]; N], places: &[u16], to: [&mut [Lanes]; N]) {
     for (from, to) in from.into_iter().zip(to) {
         gather(from, places, to);
     }
 }
 
-fn scatter_all<const N: usize>(from: [&[Lanes]; N], places: &[u16], to: [&mut [Lanes]; N]) {
+pub(crate) fn scatter_all<const N: usize>(from: [&[Lanes]; N], places: &[u16], to: [&mut [Lanes]; N]) {
     for (from, to) in from.into_iter().zip(to) {
         scatter(from, places, to);
     }

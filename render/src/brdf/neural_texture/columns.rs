@@ -42,6 +42,20 @@ impl Brdf for NeuralTexture {
     fn lobes(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; 4]) {
         lobes(self, at, out);
     }
+
+    fn frames(&self, at: &Surfaces<'_>, [sx, sy, sz, tx, ty, tz]: [&mut [Lanes]; 6]) {
+        frames(at, [sx, sy, sz], [tx, ty, tz]);
+    }
+
+    fn features(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; FEATURES]) {
+        for (from, to) in at.parameters.iter().zip(out) {
+            to.copy_from_slice(&from[..to.len()]);
+        }
+    }
+
+    fn identity(&self) -> Option<blake3::Hash> {
+        Some(self.hash())
+    }
 }
 
 /// The tangent frame of one lane: from the frame of the normal, turned.
@@ -207,6 +221,19 @@ vectorized! {
                 specular[strip][lane] = share;
                 f0[strip][lane] = 1.0;
                 alpha[strip][lane] = width(raw[6][lane]);
+            }
+        }
+    }
+}
+
+vectorized! {
+    fn frames['a](_simd, at: &'a Surfaces<'a>, s: [&'a mut [Lanes]; 3], t: [&'a mut [Lanes]; 3]) {
+        for strip in 0..s[0].len() {
+            let surfaces = Strip::load(at, strip);
+            for lane in 0..LANES {
+                let Frame { s: first, t: second, .. } = tangent_frame(&surfaces, lane);
+                (s[0][strip][lane], s[1][strip][lane], s[2][strip][lane]) = (first.x, first.y, first.z);
+                (t[0][strip][lane], t[1][strip][lane], t[2][strip][lane]) = (second.x, second.y, second.z);
             }
         }
     }

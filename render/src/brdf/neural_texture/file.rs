@@ -140,8 +140,8 @@ impl NeuralTexture {
         serialize(views, Some(metadata)).map_err(|error| error.to_string())
     }
 
-    /// BLAKE3 of all that reflectance depends on, in hexadecimal.
-    pub(super) fn content_hash(&self) -> String {
+    /// BLAKE3 of all that reflectance depends on.
+    pub(super) fn content_hash(&self) -> blake3::Hash {
         let mut hasher = blake3::Hasher::new();
         let mut add = |values: &[f32]| {
             values.iter().for_each(|value| {
@@ -156,7 +156,7 @@ impl NeuralTexture {
                 add(layer.bias());
             });
         }
-        hasher.finalize().to_hex().to_string()
+        hasher.finalize()
     }
 }
 

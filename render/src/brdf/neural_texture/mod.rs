@@ -10,7 +10,7 @@
 mod columns;
 mod file;
 mod mixture;
-mod network;
+pub(crate) mod network;
 mod pyramid;
 
 pub use file::{Description, FORMAT_VERSION};
@@ -79,13 +79,13 @@ pub struct NeuralTexture {
     reflectance: Network,
     mixture: Network,
     description: Description,
-    hash: String,
+    hash: blake3::Hash,
 }
 
 impl fmt::Debug for NeuralTexture {
     /// What it is told apart by: equal hashes mean equal materials.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "NeuralTexture({} {})", self.description.name, self.hash)
+        write!(f, "NeuralTexture({} {})", self.description.name, self.hash.to_hex())
     }
 }
 
@@ -102,7 +102,7 @@ impl NeuralTexture {
             reflectance: Network::new("reflectance", &REFLECTANCE_SIZES, reflectance, leaky_slope)?,
             mixture: Network::new("mixture", &MIXTURE_SIZES, mixture, leaky_slope)?,
             description,
-            hash: String::new(),
+            hash: blake3::Hash::from_bytes([0; 32]),
         };
         material.hash = material.content_hash();
         Ok(material)
@@ -116,6 +116,11 @@ impl NeuralTexture {
     /// Notes its measured error, in dB; see [`Description::psnr`].
     pub fn set_psnr(&mut self, psnr: f64) {
         self.description.psnr = psnr.is_finite().then_some(psnr);
+    }
+
+    /// BLAKE3 of all that reflectance depends on.
+    pub fn hash(&self) -> blake3::Hash {
+        self.hash
     }
 
     /// The textures.
@@ -152,4 +157,4 @@ impl NeuralTexture {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
