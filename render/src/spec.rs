@@ -16,8 +16,8 @@ use crate::{
     estimator::{Estimator, LearnedVisibility, Ris, SingleSample, TwoSampleMis},
     export::{ExportedSampler, Intermediate},
     patches::{Detail, PatchSampler},
-    sampler::{BrdfSampler, Covering, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
     rival::{RivalKind, RivalSampler},
+    sampler::{BrdfSampler, Covering, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
     scene::Scene,
     tail::TailKind,
     visibility::SceneVisibility,
@@ -70,10 +70,14 @@ pub enum Source {
     /// A file's sampler.
     File(FileKind, PathBuf),
     /// A sampler that others trained for a material, alone or in one-sample MIS with emitter sampling.
-    Rival { /// Which.
-        family: RivalFamily, /// Its file.
-        file: PathBuf, /// Whether it is beside emitter sampling.
-        with_emitter: bool },
+    Rival {
+        /// Which.
+        family: RivalFamily,
+        /// Its file.
+        file: PathBuf,
+        /// Whether it is beside emitter sampling.
+        with_emitter: bool,
+    },
     /// One-sample MIS with BRDF sampling, with the share that the source has learned, else 1/2.
     Mixture(Box<Source>),
 }

@@ -5,6 +5,7 @@ use glam::Vec3A;
 use crate::{
     brdf::{Brdf, BrdfTable, LATENTS, MAX_PARAMETERS, Surface, Surfaces},
     columns::{Arena, gather, scatter, strips, vectorized},
+    head::OF_MATERIAL,
     simd::{LANES, Lanes},
 };
 
@@ -317,6 +318,20 @@ impl<'a> Rows<'a> {
                         let out = out.as_flattened_mut();
                         places.iter().for_each(|&place| out[usize::from(place)] = number);
                     }
+                }
+            }
+        });
+    }
+
+    /// What neural materials over surfaces are like at the points: features, the first tangent, and the handedness; zeros for other BRDFs.
+    pub fn textures(&self, mut out: [&mut [Lanes]; OF_MATERIAL], arena: &Arena) {
+        self.by_brdf(arena, |group| {
+            let mut own = arena.columns::<OF_MATERIAL>(group.strips);
+            group.brdf.texture(&group.surfaces, own.get_mut());
+            for (from, to) in own.get().into_iter().zip(&mut out) {
+                match group.places {
+                    None => to.copy_from_slice(from),
+                    Some(places) => scatter(from, places, to),
                 }
             }
         });

@@ -22,6 +22,7 @@ use glam::{Vec2, Vec3};
 use crate::{
     columns::vectorized,
     frame::Frame,
+    head::OF_MATERIAL,
     simd::{LANES, Lanes},
 };
 
@@ -125,6 +126,11 @@ pub trait Brdf: fmt::Debug + Send + Sync {
 
     /// What a neural material's texture says of the points; zeros by default.
     fn features(&self, _at: &Surfaces<'_>, out: [&mut [Lanes]; neural_texture::FEATURES]) {
+        out.into_iter().for_each(|column| column.fill([0.0; LANES]));
+    }
+
+    /// What heads see of a neural material over a surface: its features, the first tangent, and the handedness; zeros for other BRDFs.
+    fn texture(&self, _at: &Surfaces<'_>, out: [&mut [Lanes]; OF_MATERIAL]) {
         out.into_iter().for_each(|column| column.fill([0.0; LANES]));
     }
 

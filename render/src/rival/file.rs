@@ -66,7 +66,8 @@ impl RivalFile {
     /// # Errors
     /// As [`Self::read`].
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let none = |reason: String| Error::invalid(path, "header", format!("this is no sampler of materials ({reason})"));
+        let none =
+            |reason: String| Error::invalid(path, "header", format!("this is no sampler of materials ({reason})"));
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| none(error.to_string()))?;
         let tensors = SafeTensors::deserialize(bytes).map_err(|error| none(error.to_string()))?;
         let field = "metadata 'headtail-rival'";
@@ -93,7 +94,9 @@ impl RivalFile {
             let identity = blake3::Hash::from_hex(identity.as_bytes())
                 .map_err(|_| Error::invalid(path, "identity", "is no hash of a material in hexadecimal"))?;
             let layers_of = |(part, sizes): &(&str, &[usize])| -> Result<Vec<Linear>> {
-                (0..sizes.len() - 1).map(|layer| read_layer(path, &tensors, &format!("{index}.{part}.linear{layer}"))).collect()
+                (0..sizes.len() - 1)
+                    .map(|layer| read_layer(path, &tensors, &format!("{index}.{part}.linear{layer}")))
+                    .collect()
             };
             let networks = kind.networks().iter().map(layers_of).collect::<Result<_>>()?;
             let rival = Rival::new(kind, networks).map_err(|error| error.in_file(path))?;
@@ -142,9 +145,8 @@ impl RivalFile {
 fn read_layer(path: &Path, tensors: &SafeTensors<'_>, name: &str) -> Result<Linear> {
     let take = |part: &str, rank: usize| {
         let field = format!("tensor '{name}.{part}'");
-        let view = tensors
-            .tensor(&format!("{name}.{part}"))
-            .map_err(|_| Error::invalid(path, field.clone(), "is missing"))?;
+        let view =
+            tensors.tensor(&format!("{name}.{part}")).map_err(|_| Error::invalid(path, field.clone(), "is missing"))?;
         if view.dtype() != Dtype::F32 || view.shape().len() != rank {
             let reason = format!("is {:?} {:?}; f32 with {rank} axes is expected", view.dtype(), view.shape());
             return Err(Error::invalid(path, field, reason));

@@ -8,7 +8,7 @@ use std::f32::consts::TAU;
 use super::{
     COORDINATE, VIEW_CONDITION,
     encoding::{Seen, encode},
-    lobes::SLOPE,
+    lobes::LEAKY_SLOPE,
     sampler::{Local, normal_pair},
 };
 use crate::{
@@ -48,9 +48,9 @@ impl Flow {
     pub(super) fn new(networks: Vec<Vec<Linear>>) -> Result<Self> {
         let [prior, second, first] = super::file::of_count(networks)?;
         Ok(Self {
-            prior: Network::new("prior", &PRIOR_SIZES, prior, SLOPE)?,
-            second: Network::new("second", &FLOW_SIZES, second, SLOPE)?,
-            first: Network::new("first", &FLOW_SIZES, first, SLOPE)?,
+            prior: Network::new("prior", &PRIOR_SIZES, prior, LEAKY_SLOPE)?,
+            second: Network::new("second", &FLOW_SIZES, second, LEAKY_SLOPE)?,
+            first: Network::new("first", &FLOW_SIZES, first, LEAKY_SLOPE)?,
         })
     }
 

@@ -24,8 +24,8 @@ pub const LEAST_COSINE_SHARE: f32 = 0.02;
 pub const LEAST_WIDTH: f32 = 0.01;
 /// How much wider a Gaussian may be.
 pub const WIDTH_RANGE: f32 = 1.0;
-/// Slope of the leaky ReLU.
-pub(super) const SLOPE: f32 = 0.01;
+/// Slope of the leaky ReLU of the networks of lobes and flows.
+pub const LEAKY_SLOPE: f32 = 0.01;
 
 const GAUSSIANS: usize = 2;
 
@@ -46,7 +46,7 @@ struct Mixture {
 impl Lobes {
     pub(super) fn new(networks: Vec<Vec<Linear>>) -> Result<Self> {
         let [layers] = super::file::of_count(networks)?;
-        Ok(Self { network: Network::new("lobes", &LOBES_SIZES, layers, SLOPE)? })
+        Ok(Self { network: Network::new("lobes", &LOBES_SIZES, layers, LEAKY_SLOPE)? })
     }
 
     pub(super) fn networks(&self) -> Vec<&[Linear]> {
@@ -106,8 +106,20 @@ impl Local for Lobes {
             let first = mixture.shares[0][lane];
             let second = first + mixture.shares[1][lane];
             let (is_cosine, is_first) = (u[0][lane] < first, u[0][lane] < second);
-            let from = if is_cosine { 0.0 } else if is_first { first } else { second };
-            let to = if is_cosine { first } else if is_first { second } else { 1.0 };
+            let from = if is_cosine {
+                0.0
+            } else if is_first {
+                first
+            } else {
+                second
+            };
+            let to = if is_cosine {
+                first
+            } else if is_first {
+                second
+            } else {
+                1.0
+            };
             // What is left of the number stretches over the unit interval.
             let stretched = (u[0][lane] - from) / (to - from);
             let stretched = if stretched < BELOW_ONE { stretched } else { BELOW_ONE };

@@ -25,7 +25,7 @@ use crate::{
     discrete::BELOW_ONE,
     error::Result,
     head::Linear,
-    linear::{Packed, Start},
+    linear::{Packed, Start as From},
     simd::{self, LANES, Lanes, Simd},
 };
 
@@ -56,16 +56,19 @@ pub struct Reparameterised {
     packed: Vec<Packed>,
 }
 
+/// What the first layer makes of features and view.
+pub(super) type Start = [Lanes; WIDEST];
+
 /// A strip of values of F, with the columns of its Jacobian.
-struct Mapped {
-    s: [Lanes; 2],
+pub(super) struct Mapped {
+    pub s: [Lanes; 2],
     /// `ds/dp_x` and `ds/dp_y`.
-    by: [[Lanes; 2]; 2],
+    pub by: [[Lanes; 2]; 2],
 }
 
 impl Mapped {
     #[inline(always)]
-    fn determinant(&self, lane: usize) -> f32 {
+    pub(super) fn determinant(&self, lane: usize) -> f32 {
         self.by[0][0][lane] * self.by[1][1][lane] - self.by[0][1][lane] * self.by[1][0][lane]
     }
 }
@@ -86,18 +89,18 @@ impl Reparameterised {
 
     /// What the first layer makes of features and view.
     #[inline(always)]
-    fn start<S: Simd>(&self, simd: S, seen: &Seen) -> [Lanes; WIDEST] {
+    pub(super) fn start<S: Simd>(&self, simd: S, seen: &Seen) -> Start {
         let mut input = [[0.0; LANES]; FEATURES + 2];
         input[..FEATURES].copy_from_slice(&seen.features);
         (input[FEATURES], input[FEATURES + 1]) = (seen.wo[0], seen.wo[1]);
         let mut out = [[0.0; LANES]; WIDEST];
-        self.packed[0].forward(simd, Start::Bias, &input, &mut out, None);
+        self.packed[0].forward(simd, From::Bias, &input, &mut out, None);
         out
     }
 
     /// The network and its derivatives by both coordinates of the disk.
     #[inline(always)]
-    fn network<S: Simd>(&self, simd: S, start: &[Lanes; WIDEST], d: &[Lanes; 2]) -> [[Lanes; WIDEST]; 3] {
+    fn network<S: Simd>(&self, simd: S, start: &Start, d: &[Lanes; 2]) -> [[Lanes; WIDEST]; 3] {
         let zeros = [[0.0; LANES]; WIDEST];
         let mut input = [[0.0; LANES]; 2 * COORDINATE];
         let mut slopes = [[[0.0; LANES]; 2 * COORDINATE]; 2];
@@ -108,9 +111,9 @@ impl Reparameterised {
             encoding_slopes(encoded, &mut slopes[axis][range]);
         }
         let mut x = [zeros; 3];
-        self.packed[1].forward(simd, Start::Of(start), &input, &mut x[0], None);
-        self.packed[1].forward(simd, Start::Of(&zeros), &slopes[0], &mut x[1], None);
-        self.packed[1].forward(simd, Start::Of(&zeros), &slopes[1], &mut x[2], None);
+        self.packed[1].forward(simd, From::Of(start), &input, &mut x[0], None);
+        self.packed[1].forward(simd, From::Of(&zeros), &slopes[0], &mut x[1], None);
+        self.packed[1].forward(simd, From::Of(&zeros), &slopes[1], &mut x[2], None);
         for layer in &self.packed[2..] {
             let [value, by_x, by_y] = &mut x;
             for k in 0..WIDEST {
@@ -124,9 +127,9 @@ impl Reparameterised {
                 }
             }
             let mut next = [zeros; 3];
-            layer.forward(simd, Start::Bias, &x[0], &mut next[0], None);
-            layer.forward(simd, Start::Of(&zeros), &x[1], &mut next[1], None);
-            layer.forward(simd, Start::Of(&zeros), &x[2], &mut next[2], None);
+            layer.forward(simd, From::Bias, &x[0], &mut next[0], None);
+            layer.forward(simd, From::Of(&zeros), &x[1], &mut next[1], None);
+            layer.forward(simd, From::Of(&zeros), &x[2], &mut next[2], None);
             x = next;
         }
         x
@@ -134,7 +137,7 @@ impl Reparameterised {
 
     /// F with its Jacobian.
     #[inline(always)]
-    fn map<S: Simd>(&self, simd: S, start: &[Lanes; WIDEST], p: &[Lanes; 2]) -> Mapped {
+    pub(super) fn map<S: Simd>(&self, simd: S, start: &Start, p: &[Lanes; 2]) -> Mapped {
         let (mut d, mut inverse) = ([[0.0; LANES]; 2], [0.0; LANES]);
         for lane in 0..LANES {
             inverse[lane] = 1.0 / (1.0 + p[0][lane] * p[0][lane] + p[1][lane] * p[1][lane]).sqrt();
@@ -169,7 +172,7 @@ impl Reparameterised {
     /// The point that a direction is taken to come from, the same for equal directions; and the density there without the cosine lobe, 0 where
     /// the search fails.
     #[inline(always)]
-    fn search<S: Simd>(&self, simd: S, start: &[Lanes; WIDEST], wi: &[Lanes; 3]) -> ([Lanes; 2], Lanes) {
+    pub(super) fn search<S: Simd>(&self, simd: S, start: &Start, wi: &[Lanes; 3]) -> ([Lanes; 2], Lanes) {
         let mut s = [[0.0; LANES]; 2];
         for axis in 0..2 {
             for lane in 0..LANES {
@@ -197,7 +200,8 @@ impl Reparameterised {
         let mut density = [0.0; LANES];
         for lane in 0..LANES {
             let (x, y) = (s[0][lane] - there.s[0][lane], s[1][lane] - there.s[1][lane]);
-            let found = (x * x + y * y).sqrt() < SAME_SLOPE * size(s[0][lane], s[1][lane]) * determinant_root(&there, lane);
+            let found =
+                (x * x + y * y).sqrt() < SAME_SLOPE * size(s[0][lane], s[1][lane]) * determinant_root(&there, lane);
             let squared = size(p[0][lane], p[1][lane]);
             let squared = squared * squared;
             let z = wi[2][lane];
@@ -210,7 +214,7 @@ impl Reparameterised {
 
 /// The length that `p` changes by where its disk changes by about 1.
 #[inline(always)]
-fn size(x: f32, y: f32) -> f32 {
+pub(super) fn size(x: f32, y: f32) -> f32 {
     (1.0 + x * x + y * y).sqrt()
 }
 
@@ -278,6 +282,6 @@ impl Local for Reparameterised {
 
 /// The density of both kinds of draws.
 #[inline(always)]
-fn mixture(density: f32, z: f32) -> f32 {
+pub(super) fn mixture(density: f32, z: f32) -> f32 {
     (1.0 - COSINE_SHARE) * density + COSINE_SHARE * FRAC_1_PI * z
 }

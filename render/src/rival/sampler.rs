@@ -92,8 +92,9 @@ fn to_world(axes: &Axes, local: &[Lanes; 3]) -> [Lanes; 3] {
     let mut world = [[0.0; LANES]; 3];
     for k in 0..3 {
         for lane in 0..LANES {
-            world[k][lane] =
-                axes[0][k][lane] * local[0][lane] + axes[1][k][lane] * local[1][lane] + axes[2][k][lane] * local[2][lane];
+            world[k][lane] = axes[0][k][lane] * local[0][lane]
+                + axes[1][k][lane] * local[1][lane]
+                + axes[2][k][lane] * local[2][lane];
         }
     }
     world

@@ -50,9 +50,8 @@ fn pdfs(one: &OnePoint, sampler: &RivalSampler, wi: &[Vec3A]) -> Vec<f32> {
     one.map(wi, |wi, [pdf]| sampler.pdf(&one.tile().rows(), &[], wi, pdf, &one.arena)).map(|[pdf]| pdf).collect()
 }
 
-/// Kinds, and how large weights of random samplers are: a large one of the reparameterised kind folds.
-const CASES: [(RivalKind, f32); 4] =
-    [(RivalKind::Lobes, 1.5), (RivalKind::Flow, 0.7), (RivalKind::Reparam, 0.5), (RivalKind::Reparam, 1.0)];
+/// Kinds, and how large weights of random samplers are: larger ones have structure that cells of the test do not resolve.
+const CASES: [(RivalKind, f32); 3] = [(RivalKind::Lobes, 1.5), (RivalKind::Flow, 0.7), (RivalKind::Reparam, 0.4)];
 const SEEDS: u64 = 4;
 
 #[test]
@@ -93,6 +92,30 @@ fn the_density_of_a_draw_is_the_density_there() {
                 (own - there).abs() > 2e-2 * own.max(*there)
             });
             assert!(worst.count() * 200 <= drawn.len(), "{kind:?} {seed}");
+        }
+    }
+}
+
+#[test]
+fn estimates_have_no_bias_even_where_the_network_folds() {
+    // A network of such weights takes several points to one direction: a tenth of its draws and more are no samples.
+    for (kind, size) in [(RivalKind::Lobes, 1.5), (RivalKind::Reparam, 0.4), (RivalKind::Reparam, 1.0)] {
+        for seed in 0..SEEDS {
+            let (one, sampler) = case(kind, seed, size);
+            let n = one.tile().point(0).ns;
+            let mut random = Stream::new(seed, Purpose::Test, 12);
+            let u: Vec<Vec2> = (0..400_000).map(|_| random.uniform2()).collect();
+            let drawn = draws(&one, &sampler, &u);
+            let folds = drawn.iter().filter(|drawn| drawn.is_none()).count() > u.len() / 20;
+            assert!(folds || kind == RivalKind::Lobes || size < 1.0, "{seed}: nothing folds");
+            // The integral of cosine over pi is 1.
+            let values =
+                drawn.iter().flatten().map(|(wi, pdf)| f64::from(n.dot(*wi).max(0.0) / (std::f32::consts::PI * pdf)));
+            let (sum, squares) = values.fold((0.0, 0.0), |(sum, squares), v| (sum + v, squares + v * v));
+            let mean = sum / u.len() as f64;
+            let error = ((squares / u.len() as f64 - mean * mean) / u.len() as f64).sqrt();
+            // Twelve tests: five standard errors fail once in 100 000 runs.
+            assert!((mean - 1.0).abs() < 5.0 * error, "{kind:?} {size} {seed}: {mean} +- {error}");
         }
     }
 }

@@ -230,7 +230,7 @@ impl Scene {
     }
 
     /// The BRDFs that surfaces refer to.
-    pub(crate) fn brdfs(&self) -> &BrdfTable {
+    pub fn brdfs(&self) -> &BrdfTable {
         &self.brdfs
     }
 

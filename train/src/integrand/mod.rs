@@ -12,6 +12,7 @@ mod product;
 mod surface;
 mod tabulated;
 mod tail_map;
+mod textured;
 mod viewpoints;
 
 pub use batch::{Batch, BatchShape, ConditionPoints};
@@ -23,7 +24,8 @@ pub use product::{CosineTarget, ProductTarget};
 pub use surface::{Lambert, Surface};
 pub use tabulated::TabulatedTarget;
 pub use tail_map::{TailMap, TailPoint};
-pub use viewpoints::Viewpoints;
+pub use textured::TexturedSurface;
+pub use viewpoints::{SeenPoint, Viewpoints};
 
 use headtail_model::Condition;
 use headtail_render::random::Stream;

@@ -12,6 +12,7 @@ use crate::{
     columns::vectorized,
     discrete::BELOW_ONE,
     frame::Frame,
+    head::OF_MATERIAL,
     simd::{self, LANES, Lanes, Simd},
 };
 
@@ -51,6 +52,10 @@ impl Brdf for NeuralTexture {
         for (from, to) in at.parameters.iter().zip(out) {
             to.copy_from_slice(&from[..to.len()]);
         }
+    }
+
+    fn texture(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; OF_MATERIAL]) {
+        texture(at, out);
     }
 
     fn identity(&self) -> Option<blake3::Hash> {
@@ -235,6 +240,23 @@ vectorized! {
                 (s[0][strip][lane], s[1][strip][lane], s[2][strip][lane]) = (first.x, first.y, first.z);
                 (t[0][strip][lane], t[1][strip][lane], t[2][strip][lane]) = (second.x, second.y, second.z);
             }
+        }
+    }
+}
+
+vectorized! {
+    fn texture['a](_simd, at: &'a Surfaces<'a>, out: [&'a mut [Lanes]; OF_MATERIAL]) {
+        let [a, b, c, d, e, f, g, h, x, y, z, hand] = out;
+        for strip in 0..hand.len() {
+            let surfaces = Strip::load(at, strip);
+            for (k, column) in [&mut *a, &mut *b, &mut *c, &mut *d, &mut *e, &mut *f, &mut *g, &mut *h].into_iter().enumerate() {
+                column[strip] = surfaces.input[k];
+            }
+            for lane in 0..LANES {
+                let Frame { s, .. } = tangent_frame(&surfaces, lane);
+                (x[strip][lane], y[strip][lane], z[strip][lane]) = (s.x, s.y, s.z);
+            }
+            hand[strip] = surfaces.tangent[2];
         }
     }
 }
