@@ -14,6 +14,7 @@ mod export;
 mod exposure;
 mod fit;
 mod fit_material;
+mod fit_rival;
 mod info;
 mod inspect;
 mod light;
@@ -53,6 +54,7 @@ enum Command {
     Demo(demo::Arguments),
     Fit(fit::Arguments),
     FitMaterial(fit_material::Arguments),
+    FitRival(fit_rival::Arguments),
     CheckMaterial(check_material::Arguments),
     Bake(bake::Arguments),
     Render(render::Arguments),
@@ -105,6 +107,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
         Command::FitMaterial(arguments) => fit_material::run(&arguments),
+        Command::FitRival(arguments) => fit_rival::run(&arguments),
         Command::CheckMaterial(arguments) => check_material::run(&arguments),
         Command::Bake(arguments) => bake::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),

@@ -29,6 +29,7 @@ pub mod one_point;
 pub mod patches;
 pub mod points;
 pub mod random;
+pub mod rival;
 pub mod sampler;
 pub mod scene;
 pub mod simd;

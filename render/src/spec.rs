@@ -16,6 +16,7 @@ use crate::{
     estimator::{Estimator, LearnedVisibility, Ris, SingleSample, TwoSampleMis},
     export::{ExportedSampler, Intermediate},
     patches::{Detail, PatchSampler},
+    rival::{RivalKind, RivalSampler},
     sampler::{BrdfSampler, Covering, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
     scene::Scene,
     tail::TailKind,
@@ -69,8 +70,42 @@ pub enum Source {
     Oracle,
     /// A file's sampler.
     File(FileKind, PathBuf),
+    /// A sampler that others trained for a material, alone or in one-sample MIS with emitter sampling.
+    Rival {
+        /// Which.
+        family: RivalFamily,
+        /// Its file.
+        file: PathBuf,
+        /// Whether it is beside emitter sampling.
+        with_emitter: bool,
+    },
     /// One-sample MIS with BRDF sampling, with the share that the source has learned, else 1/2.
     Mixture(Box<Source>),
+}
+
+/// Whose sampler a rival is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RivalFamily {
+    /// NeuSample's lobes or flow, as the file has them.
+    NeuSample,
+    /// The reparameterised sampler.
+    Reparam,
+}
+
+impl RivalFamily {
+    fn name(self) -> &'static str {
+        match self {
+            Self::NeuSample => "neusample",
+            Self::Reparam => "reparam",
+        }
+    }
+
+    fn kinds(self) -> &'static [RivalKind] {
+        match self {
+            Self::NeuSample => &[RivalKind::Lobes, RivalKind::Flow],
+            Self::Reparam => &[RivalKind::Reparam],
+        }
+    }
 }
 
 /// What a file's sampler is.
@@ -190,11 +225,11 @@ impl SamplerSpec {
             Self::Learning(Source::File(FileKind::HeadOverPatches, file), None) => {
                 let exported = read(FileKind::HeadOverPatches, file)?;
                 let sampler = exported.patch_sampler(environment).map_err(|error| error.in_file(file))?;
-                return Ok(Box::new(LearnedVisibility::new(sampler, environment.clone(), place.memory)?));
+                return Ok(Box::new(LearnedVisibility::of_sampler(sampler, environment.clone(), place.memory)?));
             }
             _ => {}
         }
-        let source = self.source().build(environment)?;
+        let source = self.source().build_in(environment, place)?;
         let environment = environment.clone();
         Ok(match self {
             Self::Learning(source, _) => {
@@ -230,6 +265,10 @@ impl Source {
     /// # Errors
     /// As [`SamplerSpec::build`].
     pub fn build(&self, environment: &Arc<Environment>) -> Result<Arc<dyn Sampler>> {
+        self.build_in(environment, Place::default())
+    }
+
+    fn build_in(&self, environment: &Arc<Environment>, place: Place<'_>) -> Result<Arc<dyn Sampler>> {
         let light = || EnvironmentLight::new(environment.clone(), TailKind::Hierarchical);
         Ok(match self {
             Self::Brdf | Self::Cosine => Arc::new(BrdfSampler),
@@ -241,10 +280,20 @@ impl Source {
             }
             Self::Patches(detail) => Arc::new(OneSampleMis::new(PatchSampler::new(light()?, *detail)?, BrdfSampler)),
             Self::File(kind, file) => open(*kind, file, environment, *kind == FileKind::HeadOverPatches)?,
+            Self::Rival { family, file, with_emitter } => {
+                let rival = RivalSampler::open(file, family.kinds())?;
+                let checked = place.scene.map_or(Ok(()), |scene| rival.check(scene.brdfs()));
+                checked.map_err(|error| error.in_file(file))?;
+                if *with_emitter {
+                    Arc::new(OneSampleMis::new(EmitterSampler::new(light()?), rival))
+                } else {
+                    Arc::new(rival)
+                }
+            }
             Self::Mixture(source) => match &**source {
                 // The compact emitters of a file are outside of the mixture.
                 Self::File(kind, file) => open(*kind, file, environment, true)?,
-                other => Arc::new(OneSampleMis::new(other.build(environment)?, BrdfSampler)),
+                other => Arc::new(OneSampleMis::new(other.build_in(environment, place)?, BrdfSampler)),
             },
         })
     }
@@ -324,11 +373,19 @@ impl FromStr for SamplerSpec {
     }
 }
 
+/// The rival of a name, and whether it is beside emitter sampling.
+fn rival_of(name: &str) -> Option<(RivalFamily, bool)> {
+    let (base, with_emitter) = name.strip_suffix("+emitter").map_or((name, false), |base| (base, true));
+    let families = [RivalFamily::NeuSample, RivalFamily::Reparam];
+    families.into_iter().find(|family| family.name() == base).map(|family| (family, with_emitter))
+}
+
 /// The source of a part of a SPEC, which `whole` is.
 fn source_of(text: &str, whole: &str) -> Result<Source> {
     const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, patches:fine, patches+vis, patches:fine+vis, \
                          patches+vis:FILE, head:FILE, head+patches:FILE, head+patches+vis:FILE, baked:FILE, direct:FILE, \
-                         head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, oracle";
+                         head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, neusample:FILE, \
+                         neusample+emitter:FILE, reparam:FILE, reparam+emitter:FILE, oracle";
     let wrong = |reason: String| Error::argument(format!("sampler '{whole}'"), reason);
     let (name, file) = text.split_once(':').map_or((text, None), |(name, file)| (name, Some(file)));
     let (base, mixed) = name.strip_suffix("+mis").map_or((name, false), |base| (base, true));
@@ -341,6 +398,12 @@ fn source_of(text: &str, whole: &str) -> Result<Source> {
         "oracle" => Source::Oracle,
         "patches" if file == Some("fine") && !mixed => return Ok(Source::Patches(Detail::Twigs)),
         "patches" => Source::Patches(Detail::Leaves),
+        _ if rival_of(base).is_some() && !mixed => {
+            let file = file.filter(|file| !file.is_empty());
+            let file = file.ok_or_else(|| wrong(format!("name a file, as in {name}:FILE")))?.into();
+            let (family, with_emitter) = rival_of(base).expect("it is one");
+            return Ok(Source::Rival { family, file, with_emitter });
+        }
         _ => {
             let kind = FileKind::ALL.into_iter().find(|kind| kind.name() == base);
             let kind = kind.ok_or_else(|| wrong(KNOWN.to_owned()))?;
@@ -389,6 +452,9 @@ impl fmt::Display for Source {
             Self::Patches(Detail::Leaves) => f.write_str("patches"),
             Self::Patches(Detail::Twigs) => f.write_str("patches:fine"),
             Self::File(kind, file) => write!(f, "{}:{}", kind.name(), file.display()),
+            Self::Rival { family, file, with_emitter } => {
+                write!(f, "{}{}:{}", family.name(), if *with_emitter { "+emitter" } else { "" }, file.display())
+            }
             Self::Mixture(source) => match &**source {
                 Self::Emitter => f.write_str("mis"),
                 Self::Compensated => f.write_str("mis-comp"),

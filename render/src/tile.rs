@@ -5,6 +5,7 @@ use glam::Vec3A;
 use crate::{
     brdf::{Brdf, BrdfTable, LATENTS, MAX_PARAMETERS, Surface, Surfaces},
     columns::{Arena, gather, scatter, strips, vectorized},
+    head::OF_MATERIAL,
     simd::{LANES, Lanes},
 };
 
@@ -322,6 +323,20 @@ impl<'a> Rows<'a> {
         });
     }
 
+    /// What neural materials over surfaces are like at the points: features, the first tangent, and the handedness; zeros for other BRDFs.
+    pub fn textures(&self, mut out: [&mut [Lanes]; OF_MATERIAL], arena: &Arena) {
+        self.by_brdf(arena, |group| {
+            let mut own = arena.columns::<OF_MATERIAL>(group.strips);
+            group.brdf.texture(&group.surfaces, own.get_mut());
+            for (from, to) in own.get().into_iter().zip(&mut out) {
+                match group.places {
+                    None => to.copy_from_slice(from),
+                    Some(places) => scatter(from, places, to),
+                }
+            }
+        });
+    }
+
     /// Columns of [`crate::brdf::Lobes`]: diffuse, specular, f0 and alpha.
     pub fn lobes(&self, mut out: [&mut [Lanes]; 4], arena: &Arena) {
         self.by_brdf(arena, |group| {
@@ -338,7 +353,7 @@ impl<'a> Rows<'a> {
     }
 
     /// Calls `work` for each BRDF that is there, with its points.
-    fn by_brdf(&self, arena: &Arena, mut work: impl FnMut(Group<'_>)) {
+    pub(crate) fn by_brdf(&self, arena: &Arena, mut work: impl FnMut(Group<'_>)) {
         if self.is_empty() {
             return;
         }
@@ -405,21 +420,21 @@ vectorized! {
 }
 
 /// Points of one BRDF.
-struct Group<'a> {
-    brdf: &'a dyn Brdf,
+pub(crate) struct Group<'a> {
+    pub brdf: &'a dyn Brdf,
     /// Places among the rows; `None` for all.
-    places: Option<&'a [u16]>,
-    strips: usize,
-    surfaces: Surfaces<'a>,
+    pub places: Option<&'a [u16]>,
+    pub strips: usize,
+    pub surfaces: Surfaces<'a>,
 }
 
-fn gather_all<const N: usize>(from: [&[Lanes]; N], places: &[u16], to: [&mut [Lanes]; N]) {
+pub(crate) fn gather_all<const N: usize>(from: [&[Lanes]; N], places: &[u16], to: [&mut [Lanes]; N]) {
     for (from, to) in from.into_iter().zip(to) {
         gather(from, places, to);
     }
 }
 
-fn scatter_all<const N: usize>(from: [&[Lanes]; N], places: &[u16], to: [&mut [Lanes]; N]) {
+pub(crate) fn scatter_all<const N: usize>(from: [&[Lanes]; N], places: &[u16], to: [&mut [Lanes]; N]) {
     for (from, to) in from.into_iter().zip(to) {
         scatter(from, places, to);
     }

@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
-    brdf::{BrdfTable, Ggx, Lambert},
+    brdf::{BrdfTable, Ggx, Lambert, MAX_PARAMETERS, Surface},
     color::luminance,
     export::{ExportedSampler, Intermediate},
     file,
@@ -60,7 +60,7 @@ pub struct Arguments {
     /// The direction to the viewer, on the normal's side; it need not have unit length. Default: the normal.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     view: Option<Triple>,
-    /// The surface: lambert, or ggx:alpha=A. Default: lambert; a head for glossy surfaces needs to be told.
+    /// The surface: lambert, ggx:alpha=A or nbrdf:FILE#NAME. Default: lambert; a head for glossy surfaces needs to be told.
     #[arg(long, value_name = "MATERIAL")]
     material: Option<Material>,
     /// Print the figures as a JSON object.
@@ -108,8 +108,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     // The parser of arguments asks for it.
     let Some(file) = &arguments.file else { bail!("name a file") };
     let exported = ExportedSampler::read(file)?;
-    let at = shading_point(arguments, &exported.intermediate)?;
-    let (panels, figures) = tabulate(&exported, &at)?;
+    let (at, table) = shading_point(arguments, &exported.intermediate)?;
+    let (panels, figures) = tabulate(&exported, &at, &table)?;
     let direction = |v: Vec3A| format!("{:.3} {:.3} {:.3}", v.x, v.y, v.z);
     let mut title = format!(
         "{} of '{}', {} tail, normal {}",
@@ -118,7 +118,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         exported.tail.kind().name(),
         direction(at.ns)
     );
-    if at.surface.brdf == BrdfTable::GGX {
+    if let Some(material @ Material::Measured(_)) = arguments.material {
+        title += &format!(", {material}, view {}", direction(at.wo));
+    } else if at.surface.brdf == BrdfTable::GGX {
         title += &format!(", alpha {}, view {}", at.lobe_width(), direction(at.wo));
     }
     let mut facts = format!(
@@ -157,21 +159,29 @@ fn write(arguments: &Arguments, picture: &Chart) -> Result<()> {
 }
 
 /// The surface that the arguments describe, if it is one for the sampler.
-fn shading_point(arguments: &Arguments, intermediate: &Intermediate) -> Result<ShadingPoint> {
+fn shading_point(arguments: &Arguments, intermediate: &Intermediate) -> Result<(ShadingPoint, BrdfTable)> {
     let normal = arguments.normal.0;
     ensure!(normal.length() > 1e-6, "--normal: the vector has no length");
     let view = arguments.view.map_or(normal, |view| view.0);
     ensure!(view.dot(normal) > 1e-6, "--view: the direction is not on the normal's side");
     let glossy = matches!(intermediate, Intermediate::Head(head) if head.condition() != Condition::Normal);
+    let mut table = BrdfTable::default();
     let surface = match arguments.material {
-        None if glossy => bail!("the head is for glossy surfaces: give --material ggx:alpha=A"),
+        None if glossy => bail!("the head is for glossy surfaces: give --material ggx:alpha=A or nbrdf:FILE#NAME"),
         None | Some(Material::Lambert) => Lambert { albedo: Vec3::ONE }.into(),
         Some(Material::Ggx { low, high }) if low == high => Ggx::new(low, Vec3::ONE).into(),
-        Some(Material::Measured(_)) => bail!("--material: pictures are made of analytic materials only"),
+        Some(Material::Measured(materials)) => {
+            let [brdf] = materials.brdfs() else {
+                bail!("--material: name one measured material, as in nbrdf:FILE#NAME");
+            };
+            let (with, brdf) = table.with(brdf.clone());
+            table = with;
+            Surface { brdf, parameters: [0.0; MAX_PARAMETERS] }
+        }
         Some(material) => bail!("--material {material}: name one width, as in ggx:alpha=0.4"),
     };
     let (n, wo) = (normal.normalize(), view.normalize());
-    Ok(ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface })
+    Ok((ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }, table))
 }
 
 fn kind(intermediate: &Intermediate) -> &'static str {
@@ -186,14 +196,26 @@ fn kind(intermediate: &Intermediate) -> &'static str {
 type Density<'a> = Box<dyn Fn(&[Vec2]) -> Vec<f32> + 'a>;
 
 /// A sampler's density over Y at a shading point, and which share of samples it is for, if that was learned.
-fn intermediate_density<'a>(exported: &'a ExportedSampler, at: &ShadingPoint) -> Result<(Density<'a>, Option<f32>)> {
+fn intermediate_density<'a>(
+    exported: &'a ExportedSampler,
+    at: &ShadingPoint,
+    table: &BrdfTable,
+) -> Result<(Density<'a>, Option<f32>)> {
     let normal = at.ns;
     Ok(match &exported.intermediate {
         Intermediate::Head(_) if exported.patches.is_some() => {
             bail!("the file holds a head over patches of sky, which gives no density over Y alone")
         }
         Intermediate::Head(head) => {
-            let condition = head.condition().encode(at.wo.into(), normal.into(), at.lobe_width());
+            let condition = match head.condition() {
+                Condition::Texture => {
+                    bail!("the head is for a neural material over a surface, of which no point can be named")
+                }
+                Condition::Family => {
+                    Condition::encode_family(at.wo.into(), normal.into(), &table.get(at.surface.brdf).latent())
+                }
+                condition => condition.encode(at.wo.into(), normal.into(), at.one_of(table).lobe_width()),
+            };
             let head_at = head.at(&condition[..head.condition().length()])?;
             let share = head.has_selection().then(|| head_at.share());
             (Box::new(move |y| head_at.invert(y).into_iter().map(|(_, density)| density).collect()), share)
@@ -204,9 +226,9 @@ fn intermediate_density<'a>(exported: &'a ExportedSampler, at: &ShadingPoint) ->
     })
 }
 
-fn tabulate(exported: &ExportedSampler, at: &ShadingPoint) -> Result<([Panel; 3], Figures)> {
-    let (density, share) = intermediate_density(exported, at)?;
-    let surface = at.one();
+fn tabulate(exported: &ExportedSampler, at: &ShadingPoint, table: &BrdfTable) -> Result<([Panel; 3], Figures)> {
+    let (density, share) = intermediate_density(exported, at, table)?;
+    let surface = at.one_of(table);
     let points: Vec<Vec2> = (0..WIDTH * HEIGHT)
         .map(|k| Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32))
         .collect();

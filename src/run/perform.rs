@@ -6,9 +6,16 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail};
-use headtail_render::{environment::Environment, file, scene::Scene, spec::SamplerSpec, tail::TailKind};
+use headtail_render::{
+    environment::Environment,
+    file,
+    head::Condition,
+    scene::{MaterialSpec, Scene},
+    spec::SamplerSpec,
+    tail::TailKind,
+};
 use headtail_train::{
-    CheckpointFolder, DensityPair, Fitted, FlowSummary, MetricsFile, Progress, Run, Summary, TensorBoard,
+    CheckpointFolder, DensityPair, Fitted, FlowSummary, Material, MetricsFile, Progress, Run, Summary, TensorBoard,
     TrainingLight, Viewpoints, build_target, check_exportable, density_pairs, exported_sampler, fit_with,
 };
 
@@ -83,7 +90,10 @@ pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finish
     make_folder(&out)?;
     let resolved = run.to_toml()?;
     file::replace(&out.join(RESOLVED), resolved.as_bytes())?;
-    let viewpoints = run.viewpoints.as_ref().map_or(Ok(Viewpoints::Sphere), |picture| seen(picture, config.seed))?;
+    let viewpoints = run
+        .viewpoints
+        .as_ref()
+        .map_or(Ok(Viewpoints::Sphere), |picture| seen(picture, config.material, config.seed))?;
     let checkpoints = run.checkpoints.as_ref().map(|checkpoints| CheckpointFolder {
         folder: checkpoints.folder.clone(),
         every: checkpoints.every,
@@ -215,11 +225,15 @@ fn fit_light(
 }
 
 /// What a camera sees of a scene.
-fn seen(picture: &Picture, seed: u64) -> Result<Viewpoints> {
+fn seen(picture: &Picture, material: Material, seed: u64) -> Result<Viewpoints> {
     let mut scene = Scene::open(&picture.scene)?;
     let camera = picture.camera().open(&scene)?;
     if picture.ground {
         scene.add_ground();
+    }
+    if material.condition() == Condition::Texture {
+        let bounds = scene.bounds();
+        scene = material.to_string().parse::<MaterialSpec>()?.dress(scene, &bounds)?;
     }
     Ok(Viewpoints::of_scene(&scene, &camera, picture.width as usize, picture.height as usize, seed)?)
 }

@@ -65,6 +65,7 @@ fn small(command: &str) -> String {
         "render" | "compare" | "view" if !has("--width") => added += &format!(" {SMALL}"),
         "bake" if has("--visibility") => added += &format!(" {SMALL} --spp 1"),
         "composite" => added += " --spp 1",
+        "fit-rival" => added += " --steps 2 --views 4 --directions 8",
         "fit" if !has("--print-config") => {
             added += " --set steps=12 --set conditions=4 --set validation_conditions=2";
             if has("flow") {

@@ -123,6 +123,7 @@ fn the_help_of_every_command_ends_with_examples() {
         "demo",
         "fit",
         "fit-material",
+        "fit-rival",
         "check-material",
         "backends",
         "bake",

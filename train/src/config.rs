@@ -201,6 +201,7 @@ impl FitConfig {
                 Condition::Ggx => "`ggx` for this material",
                 Condition::GgxRoughness => "`ggx-roughness` for this material",
                 Condition::Family => "`family` for these materials",
+                Condition::Texture => "`texture` for this material",
             };
             return Err(Error::Config { field: "head.condition", value, requirement });
         }

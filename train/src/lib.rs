@@ -28,6 +28,7 @@ pub mod peak_memory;
 pub mod picture;
 pub mod preset;
 pub mod reference;
+pub mod rival;
 pub mod setback;
 pub mod state;
 pub mod step_gradient;

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Measured;
 
-/// A material, written `lambert`, `ggx:alpha=0.4`, `ggx:alpha=0.2..0.8`, `nbrdf:FILE#NAME` or `nbrdf:FILE#NAME,NAME,...`.
+/// A material, written `lambert`, `ggx:alpha=0.4`, `ggx:alpha=0.2..0.8`, `nbrdf:FILE#NAME`, `nbrdf:FILE#NAME,NAME,...` or `neural:FILE`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Material {
@@ -21,7 +21,7 @@ pub enum Material {
         /// The largest.
         high: f32,
     },
-    /// Measured: one, or a family that one head serves.
+    /// Measured: one, or a family that one head serves; or a neural material over a surface.
     Measured(&'static Measured),
 }
 
@@ -32,6 +32,7 @@ impl Material {
             Self::Lambert => Condition::Normal,
             Self::Ggx { low, high } if low == high => Condition::Ggx,
             Self::Ggx { .. } => Condition::GgxRoughness,
+            Self::Measured(materials) if materials.texture().is_some() => Condition::Texture,
             Self::Measured(materials) if materials.is_family() => Condition::Family,
             Self::Measured(_) => Condition::Ggx,
         }
@@ -58,7 +59,7 @@ impl FromStr for Material {
             MaterialSpec::Lambert { albedo: 1.0 } => Ok(Self::Lambert),
             MaterialSpec::Ggx { alpha, f0: 1.0 } => Ok(Self::Ggx { low: alpha.low, high: alpha.high }),
             MaterialSpec::Measured { file, names } => Measured::open(text, &file, &names).map(Self::Measured),
-            MaterialSpec::Neural(_) => Err(format!("material '{text}': there are no heads for neural materials")),
+            MaterialSpec::Neural(spec) => Measured::open_texture(text, &spec).map(Self::Measured),
             MaterialSpec::Lambert { .. } | MaterialSpec::Ggx { .. } => {
                 Err(format!("material '{text}': a head serves every albedo and f0: leave them out"))
             }

@@ -21,6 +21,8 @@ use glam::{Vec2, Vec3};
 
 use crate::{
     columns::vectorized,
+    frame::Frame,
+    head::OF_MATERIAL,
     simd::{LANES, Lanes},
 };
 
@@ -114,6 +116,27 @@ pub trait Brdf: fmt::Debug + Send + Sync {
     /// What it is like, for heads that serve many materials; zeros where it does not say.
     fn latent(&self) -> [f32; LATENTS] {
         [0.0; LATENTS]
+    }
+
+    /// The tangents `s` and `t` of the frame that the material is given in, whose third axis is the normal: for each a column of x, y and
+    /// z. By default the material is the same in all directions, and `s` is the direction to the viewer along the surface.
+    fn frames(&self, at: &Surfaces<'_>, [sx, sy, sz, tx, ty, tz]: [&mut [Lanes]; 6]) {
+        frames_of_views(at, [sx, sy, sz], [tx, ty, tz]);
+    }
+
+    /// What a neural material's texture says of the points; zeros by default.
+    fn features(&self, _at: &Surfaces<'_>, out: [&mut [Lanes]; neural_texture::FEATURES]) {
+        out.into_iter().for_each(|column| column.fill([0.0; LANES]));
+    }
+
+    /// What heads see of a neural material over a surface: its features, the first tangent, and the handedness; zeros for other BRDFs.
+    fn texture(&self, _at: &Surfaces<'_>, out: [&mut [Lanes]; OF_MATERIAL]) {
+        out.into_iter().for_each(|column| column.fill([0.0; LANES]));
+    }
+
+    /// A hash of all that it reflects, if it has one: samplers that were made for it know it by that.
+    fn identity(&self) -> Option<blake3::Hash> {
+        None
     }
 
     /// What was found out about it when it was loaded: a line for the user.
@@ -268,6 +291,34 @@ vectorized! {
                 f0[strip][lane] = lobes.f0;
                 alpha[strip][lane] = lobes.alpha;
             }
+        }
+    }
+}
+
+/// Below this sine of the angle to the normal, a view has no direction along the surface.
+const LEAST_SINE: f32 = 1e-4;
+
+vectorized! {
+    /// The frames of [`Brdf::frames`] by the views.
+    fn frames_of_views['a](_simd, at: &'a Surfaces<'a>, s: [&'a mut [Lanes]; 3], t: [&'a mut [Lanes]; 3]) {
+        for strip in 0..s[0].len() {
+            let [n, wo] = [at.n, at.wo].map(|column| [column[0][strip], column[1][strip], column[2][strip]]);
+            let (mut first, mut second) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+            for lane in 0..LANES {
+                let (n, wo) = (vector(&n, lane), vector(&wo, lane));
+                let along = wo - n * n.dot(wo);
+                let length = along.dot(along).sqrt();
+                let any = Frame::from_normal(n).s;
+                let has_one = length > LEAST_SINE;
+                let scale = 1.0 / if has_one { length } else { 1.0 };
+                let pick = |a: f32, b: f32| if has_one { a * scale } else { b };
+                let s = Vec3::new(pick(along.x, any.x), pick(along.y, any.y), pick(along.z, any.z));
+                let t = n.cross(s);
+                (first[0][lane], first[1][lane], first[2][lane]) = (s.x, s.y, s.z);
+                (second[0][lane], second[1][lane], second[2][lane]) = (t.x, t.y, t.z);
+            }
+            (s[0][strip], s[1][strip], s[2][strip]) = (first[0], first[1], first[2]);
+            (t[0][strip], t[1][strip], t[2][strip]) = (second[0], second[1], second[2]);
         }
     }
 }

@@ -39,7 +39,14 @@ impl LearnedVisibility {
     /// The map has no light, or is too large.
     pub fn new(environment: Arc<Environment>, detail: Detail, memory: usize) -> Result<Self> {
         let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
-        let sampler = PatchSampler::new(light, detail)?;
+        Self::of_sampler(PatchSampler::new(light, detail)?, environment, memory)
+    }
+
+    /// The same over patches that are there already, perhaps below a head.
+    ///
+    /// # Errors
+    /// The sampler leaves a part of the light out.
+    pub fn of_sampler(sampler: PatchSampler, environment: Arc<Environment>, memory: usize) -> Result<Self> {
         Ok(Self { sampler: Covering::new(sampler)?, environment, memory, known: None })
     }
 

@@ -4,7 +4,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    brdf::LATENTS,
+    brdf::{LATENTS, neural_texture::FEATURES},
     simd::{LANES, Lanes},
 };
 
@@ -20,10 +20,16 @@ pub enum Condition {
     GgxRoughness,
     /// Any of many measured materials: the numbers of [`Condition::Ggx`], then [`crate::brdf::Brdf::latent`]: 16 numbers.
     Family,
+    /// A neural material over a surface: the numbers of [`Condition::Ggx`], its features, the first tangent in world space, and 1, -1 where
+    /// the texture is mirrored, or 0 on other surfaces, where features and tangent are 0: 22 numbers.
+    Texture,
 }
 
+/// Most numbers that a condition has of a material: features, a tangent, and the handedness.
+pub const OF_MATERIAL: usize = FEATURES + 4;
+
 /// The longest condition vector.
-pub const MAX_CONDITION: usize = GEOMETRY + LATENTS;
+pub const MAX_CONDITION: usize = GEOMETRY + OF_MATERIAL;
 
 /// Numbers of view direction and normal.
 const GEOMETRY: usize = 10;
@@ -35,7 +41,8 @@ impl Condition {
             Self::Normal => 3,
             Self::Ggx => 10,
             Self::GgxRoughness => 12,
-            Self::Family => MAX_CONDITION,
+            Self::Family => GEOMETRY + LATENTS,
+            Self::Texture => MAX_CONDITION,
         }
     }
 
@@ -45,12 +52,14 @@ impl Condition {
             Self::Normal | Self::Ggx => 0,
             Self::GgxRoughness => 1,
             Self::Family => LATENTS,
+            Self::Texture => OF_MATERIAL,
         }
     }
 
-    /// The conditions of one strip of shading points, a column for each number. `material` is the width of the lobe, or the latents.
+    /// The conditions of one strip of shading points, a column for each number. `material` is the width of the lobe, the
+    /// latents, or what the texture says.
     #[inline(always)]
-    pub(super) fn load(self, n: &[Lanes; 3], wo: &[Lanes; 3], material: &[Lanes; LATENTS], out: &mut [Lanes]) {
+    pub(super) fn load(self, n: &[Lanes; 3], wo: &[Lanes; 3], material: &[Lanes; OF_MATERIAL], out: &mut [Lanes]) {
         let out = &mut out[..self.length()];
         for lane in 0..LANES {
             let [n, wo] = [n, wo].map(|columns| Vec3::new(columns[0][lane], columns[1][lane], columns[2][lane]));
@@ -59,15 +68,23 @@ impl Condition {
                 out[lane] = number;
             }
         }
-        if self == Self::Family {
-            out[GEOMETRY..].copy_from_slice(material);
+        if matches!(self, Self::Family | Self::Texture) {
+            let count = self.of_material();
+            out[GEOMETRY..].copy_from_slice(&material[..count]);
         }
     }
 
     /// The condition of a measured material.
     pub fn encode_family(wo: Vec3, n: Vec3, latent: &[f32; LATENTS]) -> [f32; MAX_CONDITION] {
         let mut condition = Self::Family.encode(wo, n, 1.0);
-        condition[GEOMETRY..].copy_from_slice(latent);
+        condition[GEOMETRY..GEOMETRY + LATENTS].copy_from_slice(latent);
+        condition
+    }
+
+    /// The condition of a point of a neural material, from its features, tangent and handedness.
+    pub fn encode_texture(wo: Vec3, n: Vec3, material: &[f32; OF_MATERIAL]) -> [f32; MAX_CONDITION] {
+        let mut condition = Self::Texture.encode(wo, n, 1.0);
+        condition[GEOMETRY..].copy_from_slice(material);
         condition
     }
 
@@ -82,6 +99,9 @@ impl Condition {
         let cosine = n.dot(wo);
         let mirrored = 2.0 * cosine * n - wo;
         let (width, log) = if self == Self::GgxRoughness { (alpha, alpha.ln()) } else { (0.0, 0.0) };
-        [wo.x, wo.y, wo.z, n.x, n.y, n.z, mirrored.x, mirrored.y, mirrored.z, cosine, width, log, 0.0, 0.0, 0.0, 0.0]
+        let mut condition = [0.0; MAX_CONDITION];
+        let numbers = [wo.x, wo.y, wo.z, n.x, n.y, n.z, mirrored.x, mirrored.y, mirrored.z, cosine, width, log];
+        condition[..12].copy_from_slice(&numbers);
+        condition
     }
 }

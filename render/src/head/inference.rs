@@ -4,9 +4,8 @@
 
 use glam::Vec2;
 
-use super::{Condition, Head, MAX_CONDITION, Mode, SELECTION_FLOOR};
+use super::{Condition, Head, MAX_CONDITION, Mode, OF_MATERIAL, SELECTION_FLOOR};
 use crate::{
-    brdf::LATENTS,
     columns::{Arena, vectorized},
     error::{Error, Result},
     linear::Start,
@@ -274,13 +273,13 @@ vectorized! {
 vectorized! {
     /// Prepares rows, or (without state) gives their shares in place of what is added to their logits.
     fn prepare_rows['a](
-        simd, head: &'a Head, at: &'a Rows<'a>, material: [&'a [Lanes]; LATENTS],
+        simd, head: &'a Head, at: &'a Rows<'a>, material: [&'a [Lanes]; OF_MATERIAL],
         state: &'a mut [Lanes], shares: &'a mut [Lanes], scratch: &'a mut [Lanes],
     ) {
         let mut scratch = head.scratch(scratch);
         let columns = head.columns();
         for strip in 0..at.strips() {
-            let mut own = [[1.0; LANES]; LATENTS];
+            let mut own = [[1.0; LANES]; OF_MATERIAL];
             for (own, column) in own.iter_mut().zip(material).take(head.condition.of_material()) {
                 *own = column[strip];
             }
@@ -359,13 +358,18 @@ impl Head {
     }
 
     /// Calls `work` with what the condition holds of materials, and with scratch.
-    fn with_conditions(&self, at: &Rows<'_>, arena: &Arena, work: impl FnOnce([&[Lanes]; LATENTS], &mut [Lanes])) {
+    fn with_conditions(&self, at: &Rows<'_>, arena: &Arena, work: impl FnOnce([&[Lanes]; OF_MATERIAL], &mut [Lanes])) {
         let known = if self.condition.of_material() > 0 { at.strips() } else { 0 };
-        let (mut material, mut scratch) = (arena.columns::<LATENTS>(known), arena.columns::<1>(self.scratch_strips()));
+        let (mut material, mut scratch) =
+            (arena.columns::<OF_MATERIAL>(known), arena.columns::<1>(self.scratch_strips()));
         match self.condition {
             Condition::Normal | Condition::Ggx => (),
             Condition::GgxRoughness => at.alpha(material.get_mut()[0], arena),
-            Condition::Family => at.latents(material.get_mut(), arena),
+            Condition::Family => {
+                let [a, b, c, d, e, f, ..] = material.get_mut();
+                at.latents([a, b, c, d, e, f], arena);
+            }
+            Condition::Texture => at.textures(material.get_mut(), arena),
         }
         work(material.get(), scratch.get_mut()[0]);
     }

@@ -4,6 +4,7 @@ use headtail_render::tail::Tail;
 
 use super::{
     Ggx, Lambert, MeasuredSurface, NaiveTarget, PatchedTarget, ProductTarget, RenderedSurface, TabulatedTarget, Target,
+    TexturedSurface,
     Viewpoints,
 };
 use crate::{FitConfig, Material, config::Points};
@@ -16,6 +17,9 @@ pub fn build_target<'a>(config: &FitConfig, tail: &'a Tail, viewpoints: Viewpoin
     let target = match config.material {
         Material::Lambert => of_surface(config, Lambert::seen_from(viewpoints), tail),
         Material::Ggx { low, high } => of_surface(config, Ggx::new(viewpoints, low, high), tail),
+        Material::Measured(materials) if materials.texture().is_some() => {
+            of_surface(config, TexturedSurface::new(viewpoints, materials), tail)
+        }
         Material::Measured(materials) => of_surface(config, MeasuredSurface::new(viewpoints, materials), tail),
     };
     if config.naive { Box::new(NaiveTarget::new(target, tail)) } else { target }

@@ -13,6 +13,7 @@ mod product;
 mod surface;
 mod tabulated;
 mod tail_map;
+mod textured;
 mod viewpoints;
 
 pub use batch::{Batch, BatchShape, ConditionPoints};
@@ -25,7 +26,8 @@ pub use product::{CosineTarget, ProductTarget};
 pub use surface::{Lambert, RenderedSurface, Surface};
 pub use tabulated::TabulatedTarget;
 pub use tail_map::{TailMap, TailPoint};
-pub use viewpoints::Viewpoints;
+pub use textured::TexturedSurface;
+pub use viewpoints::{SeenPoint, Viewpoints};
 
 use headtail_model::Condition;
 use headtail_render::random::Stream;

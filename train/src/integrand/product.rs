@@ -49,17 +49,13 @@ impl<S: Surface> Target for ProductTarget<'_, S> {
     fn at_points(&self, condition: &[f32], y: &[[f32; 2]]) -> Vec<PointValues> {
         let there = self.tail.forward(y);
         let directions: Vec<Vec3A> = there.iter().map(|there| there.direction).collect();
-        let values = |(there, lobe): (TailPoint, f32)| {
-            let target = lobe * there.light;
-            let brdf = if self.tail.is_invertible() {
-                let pdf = self.surface.pdf(condition, there.direction);
-                if pdf > 0.0 { (pdf / there.pdf).min(MAX_BRDF_DENSITY) } else { 0.0 }
-            } else {
-                0.0
-            };
-            PointValues { target, brdf, tail: there.density }
+        let pdfs =
+            if self.tail.is_invertible() { self.surface.pdfs(condition, &directions) } else { vec![0.0; y.len()] };
+        let values = |((there, lobe), pdf): ((TailPoint, f32), f32)| {
+            let brdf = if pdf > 0.0 { (pdf / there.pdf).min(MAX_BRDF_DENSITY) } else { 0.0 };
+            PointValues { target: lobe * there.light, brdf, tail: there.density }
         };
-        there.into_iter().zip(self.surface.lobes(condition, &directions)).map(values).collect()
+        there.into_iter().zip(self.surface.lobes(condition, &directions)).zip(pdfs).map(values).collect()
     }
 
     fn has_brdf_sampling(&self) -> bool {
@@ -67,7 +63,8 @@ impl<S: Surface> Target for ProductTarget<'_, S> {
     }
 
     fn brdf_samples(&self, condition: &[f32], u: &[[f32; 2]]) -> Vec<Option<[f32; 2]>> {
-        let drawn: Vec<_> = u.iter().map(|&u| self.surface.sample(condition, Vec2::from_array(u))).collect();
+        let u: Vec<Vec2> = u.iter().map(|&u| Vec2::from_array(u)).collect();
+        let drawn = self.surface.samples(condition, &u);
         let directions: Vec<Vec3A> = drawn.iter().flatten().copied().collect();
         let mut found = self.tail.inverse(&directions).into_iter();
         drawn.into_iter().map(|drawn| drawn.and_then(|_| found.next().flatten())).collect()

@@ -31,8 +31,18 @@ pub trait Surface: Sync {
     /// BRDF sampling: a direction for uniform numbers.
     fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A>;
 
+    /// [`Self::sample`] for many numbers.
+    fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>> {
+        u.iter().map(|&u| self.sample(condition, u)).collect()
+    }
+
     /// The solid-angle pdf of [`sample`](Self::sample).
     fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32;
+
+    /// [`Self::pdf`] of many directions.
+    fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
+        wi.iter().map(|&wi| self.pdf(condition, wi)).collect()
+    }
 }
 
 /// A surface that the renderer has, too.

@@ -2,8 +2,12 @@
 
 use glam::Vec3A;
 use headtail_render::{
+    columns::{Arena, strips},
+    head::OF_MATERIAL,
     random::{Purpose, Stream},
-    scene::{Camera, Scene},
+    scene::{Camera, Ray, Scene},
+    simd::LANES,
+    tile::Tile,
 };
 
 use crate::{Error, Result};
@@ -20,7 +24,18 @@ pub enum Viewpoints {
     /// Both uniform over the sphere, `wo` flipped to the side of `n` (the paper's).
     Sphere,
     /// One of a list.
-    Seen(Vec<[Vec3A; 2]>),
+    Seen(Vec<SeenPoint>),
+}
+
+/// A shading point that a camera sees.
+#[derive(Clone, Copy, Debug)]
+pub struct SeenPoint {
+    /// Direction to the viewer.
+    pub wo: Vec3A,
+    /// Shading normal.
+    pub n: Vec3A,
+    /// What a neural material's texture says of the point, see [`headtail_render::head::Condition::Texture`]; zeros on other surfaces.
+    pub texture: [f32; OF_MATERIAL],
 }
 
 impl Viewpoints {
@@ -30,13 +45,18 @@ impl Viewpoints {
     /// [`Error::NothingSeen`] if almost no ray meets a surface.
     pub fn of_scene(scene: &Scene, camera: &Camera, width: usize, height: usize, seed: u64) -> Result<Self> {
         let mut stream = Stream::new(seed, Purpose::Batch, u64::MAX);
-        let mut seen = Vec::with_capacity(SEEN);
+        let (mut seen, mut rays) = (Vec::with_capacity(SEEN), Vec::with_capacity(SEEN));
         for _ in 0..64 * SEEN {
             let at = stream.uniform2();
             let ray = camera.ray(at.x * width as f32, at.y * height as f32, width, height);
             let point = scene.intersect(&ray).filter(|point| point.ns.dot(point.wo) >= MIN_COSINE);
-            seen.extend(point.map(|point| [point.wo, point.ns]));
+            let texture = [0.0; OF_MATERIAL];
+            rays.extend(point.is_some().then_some(ray));
+            seen.extend(point.map(|point| SeenPoint { wo: point.wo, n: point.ns, texture }));
             if seen.len() == SEEN {
+                if scene.brdfs().added().next().is_some() {
+                    look_up_textures(scene, &rays, camera.pixel_spread(height), &mut seen);
+                }
                 return Ok(Self::Seen(seen));
             }
         }
@@ -54,9 +74,17 @@ impl Viewpoints {
                 }
             },
             Self::Seen(list) => {
-                let index = (stream.uniform() * list.len() as f32) as usize;
-                list[index.min(list.len() - 1)]
+                let SeenPoint { wo, n, .. } = pick(list, stream);
+                [wo, n]
             }
+        }
+    }
+
+    /// Draws a point that a camera sees; none where there is no camera.
+    pub fn draw_seen(&self, stream: &mut Stream) -> Option<SeenPoint> {
+        match self {
+            Self::Sphere => None,
+            Self::Seen(list) => Some(pick(list, stream)),
         }
     }
 
@@ -65,6 +93,25 @@ impl Viewpoints {
         match self {
             Self::Sphere => stream.direction(),
             Self::Seen(_) => self.draw(stream)[1],
+        }
+    }
+}
+
+fn pick(list: &[SeenPoint], stream: &mut Stream) -> SeenPoint {
+    let index = (stream.uniform() * list.len() as f32) as usize;
+    list[index.min(list.len() - 1)]
+}
+
+/// What textures say where rays meet surfaces, with the footprints of pixels that are `spread` radians apart.
+fn look_up_textures(scene: &Scene, rays: &[Ray], spread: f32, seen: &mut [SeenPoint]) {
+    let (mut tile, mut hits, arena) = (Tile::default(), Vec::new(), Arena::default());
+    for (rays, seen) in rays.chunks(4096).zip(seen.chunks_mut(4096)) {
+        hits.clear();
+        scene.intersect_batch(rays, spread, |k| k as u32, &mut tile, &mut hits);
+        let mut columns = arena.columns::<OF_MATERIAL>(strips(tile.len()));
+        tile.rows().textures(columns.get_mut(), &arena);
+        for (place, &ray) in hits.iter().enumerate() {
+            seen[ray].texture = columns.get().map(|column| column[place / LANES][place % LANES]);
         }
     }
 }

@@ -99,6 +99,10 @@ impl Brdf for NeuralBrdf {
         self.mixture.latent()
     }
 
+    fn identity(&self) -> Option<blake3::Hash> {
+        Some(self.hash)
+    }
+
     fn note(&self) -> Option<String> {
         Some(format!("{}: {}", self.name, self.check))
     }

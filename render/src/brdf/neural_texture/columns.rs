@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::{
-    FEATURES, LARGEST_LOG, Mixture, NeuralTexture,
+    FEATURES, HALF_VECTOR_SCALE, LARGEST_LOG, Mixture, NeuralTexture,
     mixture::{OUTPUTS, share, width},
     network::WIDEST,
 };
@@ -12,6 +12,7 @@ use crate::{
     columns::vectorized,
     discrete::BELOW_ONE,
     frame::Frame,
+    head::OF_MATERIAL,
     simd::{self, LANES, Lanes, Simd},
 };
 
@@ -41,6 +42,24 @@ impl Brdf for NeuralTexture {
 
     fn lobes(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; 4]) {
         lobes(self, at, out);
+    }
+
+    fn frames(&self, at: &Surfaces<'_>, [sx, sy, sz, tx, ty, tz]: [&mut [Lanes]; 6]) {
+        frames(at, [sx, sy, sz], [tx, ty, tz]);
+    }
+
+    fn features(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; FEATURES]) {
+        for (from, to) in at.parameters.iter().zip(out) {
+            to.copy_from_slice(&from[..to.len()]);
+        }
+    }
+
+    fn texture(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; OF_MATERIAL]) {
+        texture(at, out);
+    }
+
+    fn identity(&self) -> Option<blake3::Hash> {
+        Some(self.hash())
     }
 }
 
@@ -89,6 +108,24 @@ impl Strip {
         local
     }
 
+    /// What the network of the reflectance sees of the direction `wi`: the half vector, or itself.
+    #[inline(always)]
+    fn light(&self, wi: &[Lanes; 3], half_vector: bool) -> [Lanes; 2] {
+        if !half_vector {
+            return [wi[0], wi[1]];
+        }
+        let mut out = [[0.0; LANES]; 2];
+        for lane in 0..LANES {
+            let (x, y, z) =
+                (self.wo[0][lane] + wi[0][lane], self.wo[1][lane] + wi[1][lane], self.wo[2][lane] + wi[2][lane]);
+            let squared = x * x + y * y + z * z;
+            // Opposite directions are on different sides of the surface: nothing is reflected.
+            let scale = HALF_VECTOR_SCALE / if squared > 1e-12 { squared } else { 1e-12 }.sqrt();
+            (out[0][lane], out[1][lane]) = (scale * x, scale * y);
+        }
+        out
+    }
+
     /// Outputs of the mixture's network.
     #[inline(always)]
     fn mixture<S: Simd>(&self, simd: S, material: &NeuralTexture) -> [Lanes; OUTPUTS] {
@@ -110,11 +147,12 @@ vectorized! {
         simd, material: &'a NeuralTexture, at: &'a Surfaces<'a>, wi: [&'a [Lanes]; 3], out: [&'a mut [Lanes]; 3],
     ) {
         let [red, green, blue] = out;
+        let half_vector = material.description.half_vector;
         for strip in 0..red.len() {
             let mut surfaces = Strip::load(at, strip);
             let local = surfaces.to_local(&[wi[0][strip], wi[1][strip], wi[2][strip]]);
-            surfaces.input[FEATURES + 2] = local[0];
-            surfaces.input[FEATURES + 3] = local[1];
+            let [x, y] = surfaces.light(&local, half_vector);
+            (surfaces.input[FEATURES + 2], surfaces.input[FEATURES + 3]) = (x, y);
             let mut logs = [[0.0; LANES]; WIDEST];
             material.reflectance.forward(simd, &surfaces.input, &mut logs);
             let mut cosine = [0.0; LANES];
@@ -208,6 +246,36 @@ vectorized! {
                 f0[strip][lane] = 1.0;
                 alpha[strip][lane] = width(raw[6][lane]);
             }
+        }
+    }
+}
+
+vectorized! {
+    fn frames['a](_simd, at: &'a Surfaces<'a>, s: [&'a mut [Lanes]; 3], t: [&'a mut [Lanes]; 3]) {
+        for strip in 0..s[0].len() {
+            let surfaces = Strip::load(at, strip);
+            for lane in 0..LANES {
+                let Frame { s: first, t: second, .. } = tangent_frame(&surfaces, lane);
+                (s[0][strip][lane], s[1][strip][lane], s[2][strip][lane]) = (first.x, first.y, first.z);
+                (t[0][strip][lane], t[1][strip][lane], t[2][strip][lane]) = (second.x, second.y, second.z);
+            }
+        }
+    }
+}
+
+vectorized! {
+    fn texture['a](_simd, at: &'a Surfaces<'a>, out: [&'a mut [Lanes]; OF_MATERIAL]) {
+        let [a, b, c, d, e, f, g, h, x, y, z, hand] = out;
+        for strip in 0..hand.len() {
+            let surfaces = Strip::load(at, strip);
+            for (k, column) in [&mut *a, &mut *b, &mut *c, &mut *d, &mut *e, &mut *f, &mut *g, &mut *h].into_iter().enumerate() {
+                column[strip] = surfaces.input[k];
+            }
+            for lane in 0..LANES {
+                let Frame { s, .. } = tangent_frame(&surfaces, lane);
+                (x[strip][lane], y[strip][lane], z[strip][lane]) = (s.x, s.y, s.z);
+            }
+            hand[strip] = surfaces.tangent[2];
         }
     }
 }

@@ -38,6 +38,9 @@ pub struct Description {
     pub leaky_slope: f32,
     /// Steps of the training.
     pub steps: u64,
+    /// Whether the network of the reflectance sees the half vector, see [`super::HALF_VECTOR_SCALE`], and not `wi`.
+    #[serde(default)]
+    pub half_vector: bool,
     /// Peak signal-to-noise ratio in dB over directions and places that training has not seen; none where it was not measured.
     pub psnr: Option<f64>,
 }
@@ -46,7 +49,15 @@ impl Description {
     /// Of a material called `name`.
     pub fn new(name: &str, leaky_slope: f32) -> Self {
         let kind = "neural-texture".to_owned();
-        Self { format_version: FORMAT_VERSION, kind, name: name.to_owned(), leaky_slope, steps: 0, psnr: None }
+        Self {
+            format_version: FORMAT_VERSION,
+            kind,
+            name: name.to_owned(),
+            leaky_slope,
+            steps: 0,
+            half_vector: true,
+            psnr: None,
+        }
     }
 }
 
@@ -140,8 +151,8 @@ impl NeuralTexture {
         serialize(views, Some(metadata)).map_err(|error| error.to_string())
     }
 
-    /// BLAKE3 of all that reflectance depends on, in hexadecimal.
-    pub(super) fn content_hash(&self) -> String {
+    /// BLAKE3 of all that reflectance depends on.
+    pub(super) fn content_hash(&self) -> blake3::Hash {
         let mut hasher = blake3::Hasher::new();
         let mut add = |values: &[f32]| {
             values.iter().for_each(|value| {
@@ -149,6 +160,7 @@ impl NeuralTexture {
             });
         };
         add(self.pyramid.texels().as_flattened());
+        add(&[f32::from(u8::from(self.description.half_vector))]);
         for network in [&self.shift, &self.reflectance, &self.mixture] {
             add(&[network.leaky_slope()]);
             network.layers().iter().for_each(|layer| {
@@ -156,7 +168,7 @@ impl NeuralTexture {
                 add(layer.bias());
             });
         }
-        hasher.finalize().to_hex().to_string()
+        hasher.finalize()
     }
 }
 

@@ -10,7 +10,7 @@
 mod columns;
 mod file;
 mod mixture;
-mod network;
+pub(crate) mod network;
 mod pyramid;
 
 pub use file::{Description, FORMAT_VERSION};
@@ -38,6 +38,10 @@ pub const LEAST_SHIFT_COSINE: f32 = 0.15;
 /// The largest `ln f_r`: what weights are bounded by where a network is asked for what it has not seen.
 pub const LARGEST_LOG: f32 = 6.0;
 
+/// Reflectance is a function of `wo.xy` and of so many times `h.xy`, with `h` the half vector of `wo` and `wi`: a highlight then stays where it is
+/// while the view moves, and its width is of the order of 1.
+pub const HALF_VECTOR_SCALE: f32 = 3.0;
+
 /// Sizes of the networks, from input to output.
 pub const SHIFT_SIZES: [usize; 4] = [FEATURES + 2, 16, 16, 1];
 /// See [`SHIFT_SIZES`].
@@ -63,7 +67,8 @@ pub struct Seen {
 pub struct Networks {
     /// From features and `wo.xy` to the shift, see [`SHIFT_SIZES`].
     pub shift: Vec<Linear>,
-    /// From features, `wo.xy` and `wi.xy` to `ln f_r` per channel, see [`REFLECTANCE_SIZES`].
+    /// From features, `wo.xy` and the half vector (or `wi.xy`, see [`Description::half_vector`]) to `ln f_r` per channel, see
+    /// [`REFLECTANCE_SIZES`].
     pub reflectance: Vec<Linear>,
     /// From features and `wo.xy` to a [`Mixture`], see [`MIXTURE_SIZES`].
     pub mixture: Vec<Linear>,
@@ -79,13 +84,13 @@ pub struct NeuralTexture {
     reflectance: Network,
     mixture: Network,
     description: Description,
-    hash: String,
+    hash: blake3::Hash,
 }
 
 impl fmt::Debug for NeuralTexture {
     /// What it is told apart by: equal hashes mean equal materials.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "NeuralTexture({} {})", self.description.name, self.hash)
+        write!(f, "NeuralTexture({} {})", self.description.name, self.hash.to_hex())
     }
 }
 
@@ -102,7 +107,7 @@ impl NeuralTexture {
             reflectance: Network::new("reflectance", &REFLECTANCE_SIZES, reflectance, leaky_slope)?,
             mixture: Network::new("mixture", &MIXTURE_SIZES, mixture, leaky_slope)?,
             description,
-            hash: String::new(),
+            hash: blake3::Hash::from_bytes([0; 32]),
         };
         material.hash = material.content_hash();
         Ok(material)
@@ -116,6 +121,11 @@ impl NeuralTexture {
     /// Notes its measured error, in dB; see [`Description::psnr`].
     pub fn set_psnr(&mut self, psnr: f64) {
         self.description.psnr = psnr.is_finite().then_some(psnr);
+    }
+
+    /// BLAKE3 of all that reflectance depends on.
+    pub fn hash(&self) -> blake3::Hash {
+        self.hash
     }
 
     /// The textures.
@@ -152,4 +162,4 @@ impl NeuralTexture {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

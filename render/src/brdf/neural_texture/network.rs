@@ -1,4 +1,4 @@
-//! The small networks of a neural material.
+//! Small networks, evaluated in SIMD lanes: those of neural materials, and of samplers that were trained for a material.
 
 use crate::{
     error::{Error, Result},
@@ -6,12 +6,12 @@ use crate::{
     simd::{LANES, Lanes, Simd},
 };
 
-/// The widest layer.
+/// The widest layer of a neural material's networks.
 pub(super) const WIDEST: usize = 32;
 
 /// Layers with a leaky ReLU after all but the last.
 #[derive(Clone, Debug)]
-pub(super) struct Network {
+pub(crate) struct Network {
     layers: Vec<Linear>,
     packed: Vec<Packed>,
     leaky_slope: f32,
@@ -48,10 +48,10 @@ impl Network {
         self.leaky_slope
     }
 
-    /// The outputs of one strip of inputs, in the first places of `out`.
+    /// The outputs of one strip of inputs, in the first places of `out`, which is as wide as the widest layer.
     #[inline(always)]
-    pub fn forward<S: Simd>(&self, simd: S, input: &[Lanes], out: &mut [Lanes; WIDEST]) {
-        let mut other = [[0.0; LANES]; WIDEST];
+    pub fn forward<S: Simd, const W: usize>(&self, simd: S, input: &[Lanes], out: &mut [Lanes; W]) {
+        let mut other = [[0.0; LANES]; W];
         let last = self.packed.len() - 1;
         self.packed[0].forward(simd, Start::Bias, input, out, (last > 0).then_some(self.leaky_slope));
         for (index, layer) in self.packed.iter().enumerate().skip(1) {

@@ -35,7 +35,7 @@ pub(crate) fn random_material(seed: u64, side: usize) -> NeuralTexture {
 }
 
 /// A shading point of a material with a random normal, tangent, handedness and view at most `degrees` from the normal.
-fn point(material: &NeuralTexture, brdf: u32, random: &mut Stream, degrees: f32) -> ShadingPoint {
+pub(crate) fn point(material: &NeuralTexture, brdf: u32, random: &mut Stream, degrees: f32) -> ShadingPoint {
     let n = random.direction();
     let angle = (degrees * random.uniform()).to_radians();
     let wo = (angle.cos() * n + angle.sin() * random.direction().reject_from_normalized(n).normalize()).normalize();

@@ -1,0 +1,180 @@
+//! The file of samplers that were trained for materials: safetensors of f32 layers; nothing in it is trusted.
+
+use std::{collections::HashMap, path::Path};
+
+use safetensors::{
+    SafeTensors,
+    tensor::{Dtype, TensorView, serialize},
+};
+use serde::{Deserialize, Serialize};
+
+use super::{Rival, RivalKind};
+use crate::{
+    error::{Error, Result},
+    file,
+    head::Linear,
+};
+
+/// The version of the format that is written and read.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// Larger files are refused before they are read: a flow has 40 kB, and a file at most [`MOST_MATERIALS`] of them.
+const LARGEST_FILE: u64 = 1 << 25;
+/// Most materials of a file.
+const MOST_MATERIALS: usize = 256;
+
+/// What a file says of its samplers.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Description {
+    format_version: u32,
+    kind: RivalKind,
+    materials: Vec<Material>,
+}
+
+/// A material that a sampler was trained for.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Material {
+    name: String,
+    /// [`crate::brdf::Brdf::identity`], in hexadecimal.
+    identity: String,
+}
+
+/// Samplers of one kind, each with its material's name and identity.
+#[derive(Clone, Debug)]
+pub struct RivalFile {
+    /// Which kind.
+    pub kind: RivalKind,
+    /// Name and identity of the material, and its sampler.
+    pub rivals: Vec<(String, blake3::Hash, Rival)>,
+}
+
+impl RivalFile {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// One sentence that names the file and the field: it is not of this format, is damaged, or holds a field, a tensor or a version that
+    /// this reader does not know.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))?;
+        Self::from_bytes(path, &bytes)
+    }
+
+    /// [`Self::read`] of bytes that are already there; `path` is for errors.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self> {
+        let none =
+            |reason: String| Error::invalid(path, "header", format!("this is no sampler of materials ({reason})"));
+        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| none(error.to_string()))?;
+        let tensors = SafeTensors::deserialize(bytes).map_err(|error| none(error.to_string()))?;
+        let field = "metadata 'headtail-rival'";
+        let text = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail-rival"));
+        let text = text.ok_or_else(|| none(format!("{field} is missing")))?;
+        let described: Description =
+            serde_json::from_str(text).map_err(|error| Error::invalid(path, field, error.to_string()))?;
+        let Description { format_version, kind, materials } = described;
+        if format_version != FORMAT_VERSION {
+            let reason = format!("is {format_version}; this program reads version {FORMAT_VERSION}");
+            return Err(Error::invalid(path, "format_version", reason));
+        }
+        if materials.is_empty() || materials.len() > MOST_MATERIALS {
+            let reason = format!("there are {}; 1 to {MOST_MATERIALS} are expected", materials.len());
+            return Err(Error::invalid(path, "materials", reason));
+        }
+        let known: usize = kind.networks().iter().map(|(_, sizes)| 2 * (sizes.len() - 1)).sum();
+        if tensors.len() != known * materials.len() {
+            let reason = format!("there are {} instead of {}", tensors.len(), known * materials.len());
+            return Err(Error::invalid(path, "tensors", reason));
+        }
+        let mut rivals = Vec::with_capacity(materials.len());
+        for (index, Material { name, identity }) in materials.into_iter().enumerate() {
+            let identity = blake3::Hash::from_hex(identity.as_bytes())
+                .map_err(|_| Error::invalid(path, "identity", "is no hash of a material in hexadecimal"))?;
+            let layers_of = |(part, sizes): &(&str, &[usize])| -> Result<Vec<Linear>> {
+                (0..sizes.len() - 1)
+                    .map(|layer| read_layer(path, &tensors, &format!("{index}.{part}.linear{layer}")))
+                    .collect()
+            };
+            let networks = kind.networks().iter().map(layers_of).collect::<Result<_>>()?;
+            let rival = Rival::new(kind, networks).map_err(|error| error.in_file(path))?;
+            rivals.push((name, identity, rival));
+        }
+        Ok(Self { kind, rivals })
+    }
+
+    /// Writes the file to a temporary name beside `path` and renames it. Equal samplers give equal bytes.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let failed = |reason: String| Error::invalid(path, "tensors", reason);
+        let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
+        let little = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+        for (index, (_, _, rival)) in self.rivals.iter().enumerate() {
+            for ((part, _), layers) in self.kind.networks().iter().zip(rival.networks()) {
+                for (k, layer) in layers.iter().enumerate() {
+                    let name = format!("{index}.{part}.linear{k}");
+                    let shape = vec![layer.outputs(), layer.inputs()];
+                    tensors.push((format!("{name}.weight"), shape, little(layer.weight())));
+                    tensors.push((format!("{name}.bias"), vec![layer.outputs()], little(layer.bias())));
+                }
+            }
+        }
+        let material = |(name, identity, _): &(String, blake3::Hash, Rival)| Material {
+            name: name.clone(),
+            identity: identity.to_hex().to_string(),
+        };
+        let materials = self.rivals.iter().map(material).collect();
+        let description = Description { format_version: FORMAT_VERSION, kind: self.kind, materials };
+        let text = serde_json::to_string(&description).map_err(|error| failed(error.to_string()))?;
+        let mut views = Vec::with_capacity(tensors.len());
+        for (name, shape, bytes) in &tensors {
+            let view = TensorView::new(Dtype::F32, shape.clone(), bytes).map_err(|error| failed(error.to_string()))?;
+            views.push((name.as_str(), view));
+        }
+        // A single entry: the order of several would change from run to run.
+        let metadata = HashMap::from([("headtail-rival".to_owned(), text)]);
+        file::replace(path, &serialize(views, Some(metadata)).map_err(|error| failed(error.to_string()))?)
+    }
+}
+
+/// The layer `NAME.weight` `[out, in]`, `NAME.bias` `[out]`.
+fn read_layer(path: &Path, tensors: &SafeTensors<'_>, name: &str) -> Result<Linear> {
+    let take = |part: &str, rank: usize| {
+        let field = format!("tensor '{name}.{part}'");
+        let view =
+            tensors.tensor(&format!("{name}.{part}")).map_err(|_| Error::invalid(path, field.clone(), "is missing"))?;
+        if view.dtype() != Dtype::F32 || view.shape().len() != rank {
+            let reason = format!("is {:?} {:?}; f32 with {rank} axes is expected", view.dtype(), view.shape());
+            return Err(Error::invalid(path, field, reason));
+        }
+        let values = view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+        Ok((view.shape().to_vec(), values.collect::<Vec<f32>>()))
+    };
+    let ((shape, weight), (_, bias)) = (take("weight", 2)?, take("bias", 1)?);
+    Linear::new(name, shape[1], shape[0], &weight, bias).map_err(|error| error.in_file(path))
+}
+
+/// The networks as an array.
+pub(super) fn of_count<const N: usize>(networks: Vec<Vec<Linear>>) -> Result<[Vec<Linear>; N]> {
+    let found = networks.len();
+    networks.try_into().map_err(|_| Error::argument("networks", format!("are {found} instead of {N}")))
+}
+
+/// Checks the sizes of a network's layers, from input to output.
+pub(super) fn check_sizes(name: &str, sizes: &[usize], layers: &[Linear]) -> Result<()> {
+    if layers.len() + 1 != sizes.len() {
+        let reason = format!("has {} layers instead of {}", layers.len(), sizes.len() - 1);
+        return Err(Error::argument(name, reason));
+    }
+    for (index, (layer, size)) in layers.iter().zip(sizes.windows(2)).enumerate() {
+        if [layer.inputs(), layer.outputs()] != size {
+            let reason = format!("is {} x {} instead of {} x {}", layer.outputs(), layer.inputs(), size[1], size[0]);
+            return Err(Error::argument(format!("{name}.linear{index}.weight"), reason));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,183 @@
+//! Neural materials over surfaces, and the diffuse surfaces beside them.
+
+use std::{f32::consts::TAU, sync::Arc};
+
+use glam::{Vec2, Vec3, Vec3A};
+use headtail_model::Condition;
+use headtail_render::{
+    brdf::{
+        self, BrdfTable, MAX_PARAMETERS, NeuralTexture,
+        neural_texture::{FEATURES, Seen, TEXEL_WIDTH},
+    },
+    color::luminance,
+    frame::Frame,
+    head::{self, OF_MATERIAL},
+    one_point::OnePoint,
+    random::Stream,
+    simd::LANES,
+    tile::ShadingPoint,
+};
+
+use super::{RenderedSurface, Surface, Viewpoints};
+use crate::Measured;
+
+/// Where a condition holds what the texture says, and there the handedness.
+const MATERIAL: usize = head::MAX_CONDITION - OF_MATERIAL;
+const HAND: usize = head::MAX_CONDITION - 1;
+
+/// A neural material. Points that a camera sees on other surfaces count as diffuse: the head has to serve them, too.
+pub struct TexturedSurface {
+    viewpoints: Viewpoints,
+    texture: &'static Arc<NeuralTexture>,
+    table: BrdfTable,
+    index: u32,
+}
+
+impl TexturedSurface {
+    /// The material of `materials`, seen from viewpoints.
+    ///
+    /// # Panics
+    /// If these are measured materials.
+    pub fn new(viewpoints: Viewpoints, materials: &'static Measured) -> Self {
+        let texture = materials.texture().expect("the material is one over a surface");
+        let (table, index) = BrdfTable::default().with(texture.clone());
+        Self { viewpoints, texture, table, index }
+    }
+
+    /// Any place of the texture, any footprint and any tangent.
+    fn anywhere(&self, wo: Vec3A, n: Vec3A, stream: &mut Stream) -> [f32; OF_MATERIAL] {
+        let Frame { s, t, n } = Frame::from_normal(n.into());
+        let (sin, cos) = (TAU * stream.uniform()).sin_cos();
+        let tangent = s * cos + t * sin;
+        let wo = Vec3::from(wo);
+        let local = Vec3::new(wo.dot(tangent), wo.dot(n.cross(tangent)), wo.dot(n));
+        let side = self.texture.pyramid().side();
+        let level = side.ilog2() as f32 * stream.uniform().powi(2);
+        let width = TEXEL_WIDTH / side as f32 * level.exp2();
+        let features =
+            self.texture.features(&Seen { uv: stream.uniform2(), width, wo: local, tangent: [cos, sin, 1.0] });
+        let mut numbers = [0.0; OF_MATERIAL];
+        numbers[..FEATURES].copy_from_slice(&features);
+        numbers[FEATURES..].copy_from_slice(&[tangent.x, tangent.y, tangent.z, 1.0]);
+        numbers
+    }
+
+    /// The shading point of a condition, so many times.
+    fn points(&self, condition: &[f32], copies: usize) -> OnePoint {
+        let (wo, n) = (Vec3A::from_slice(condition), Vec3A::from_slice(&condition[3..]));
+        let surface = if condition[HAND] == 0.0 {
+            brdf::Lambert { albedo: Vec3::ONE }.into()
+        } else {
+            let mut parameters = [0.0; MAX_PARAMETERS];
+            let (features, tangent) = condition[MATERIAL..].split_at(FEATURES);
+            parameters[..FEATURES].copy_from_slice(features);
+            let (frame, tangent) = (Frame::from_normal(n.into()), Vec3::from_slice(tangent));
+            let in_frame = [tangent.dot(frame.s), tangent.dot(frame.t), condition[HAND]];
+            parameters[FEATURES..FEATURES + 3].copy_from_slice(&in_frame);
+            brdf::Surface { brdf: self.index, parameters }
+        };
+        let at = ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface };
+        OnePoint::of_table(&at, copies, &self.table)
+    }
+}
+
+impl Surface for TexturedSurface {
+    fn condition(&self) -> Condition {
+        Condition::Texture
+    }
+
+    fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
+        let (wo, n, material) = match self.viewpoints.draw_seen(stream) {
+            Some(seen) => (seen.wo, seen.n, seen.texture),
+            None => {
+                let [wo, n] = self.viewpoints.draw(stream);
+                (wo, n, self.anywhere(wo, n, stream))
+            }
+        };
+        condition.copy_from_slice(&head::Condition::encode_texture(wo.into(), n.into(), &material));
+    }
+
+    fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {
+        self.lobes(condition, &[wi])[0]
+    }
+
+    fn lobes(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
+        self.points(condition, wi.len()).brdf_cosines(wi).into_iter().map(luminance).collect()
+    }
+
+    fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A> {
+        self.samples(condition, &[u])[0]
+    }
+
+    fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>> {
+        self.points(condition, u.len()).sample_brdf(u).into_iter().map(|drawn| Some(drawn?.0)).collect()
+    }
+
+    fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
+        self.pdfs(condition, &[wi])[0]
+    }
+
+    fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
+        self.points(condition, wi.len()).brdf_pdfs(wi)
+    }
+}
+
+impl RenderedSurface for TexturedSurface {
+    fn point(&self, condition: &[f32]) -> OnePoint {
+        self.points(condition, LANES)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use headtail_render::{
+        random::Purpose,
+        scene::{MaterialSpec, Scene},
+    };
+
+    use super::*;
+    use crate::Material;
+
+    #[test]
+    fn conditions_are_what_a_renderer_sees_of_the_scene() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints/satin.safetensors");
+        let text = format!("neural:{file},repeat=5");
+        let material: Material = text.parse().unwrap();
+        assert_eq!(material.condition(), Condition::Texture);
+        let Material::Measured(materials) = material else { panic!("{material}") };
+        let scene = Scene::built_in("bedroom").unwrap();
+        let bounds = scene.bounds();
+        let scene = text.parse::<MaterialSpec>().unwrap().dress(scene, &bounds).unwrap();
+        let viewpoints = Viewpoints::of_scene(&scene, &scene.camera(), 64, 48, 0).unwrap();
+        let mut stream = Stream::new(0, Purpose::Test, 0);
+        let mut condition = [0.0; head::MAX_CONDITION];
+        let (mut on_cloth, mut beside) = (0, 0);
+        let everywhere = TexturedSurface::new(Viewpoints::Sphere, materials);
+        let surface = TexturedSurface::new(viewpoints, materials);
+        for k in 0..400 {
+            let from = if k % 2 == 0 { &surface } else { &everywhere };
+            from.draw_condition(&mut stream, &mut condition);
+            if condition[HAND] == 0.0 {
+                beside += 1;
+                assert!(k % 2 == 0 && condition[MATERIAL..].iter().all(|&number| number == 0.0));
+                continue;
+            }
+            on_cloth += 1;
+            let (n, tangent) =
+                (Vec3A::from_slice(&condition[3..]), Vec3A::from_slice(&condition[MATERIAL + FEATURES..]));
+            assert!(
+                condition[HAND].abs() == 1.0 && n.dot(tangent).abs() < 1e-5 && (tangent.length() - 1.0).abs() < 1e-5
+            );
+            // What the head sees in the renderer is the condition itself.
+            let one = surface.points(&condition, 1);
+            let seen: Vec<[f32; OF_MATERIAL]> =
+                one.map(&[Vec2::ZERO], |_: [&[_]; 2], out| one.tile().rows().textures(out, &one.arena)).collect();
+            let apart = seen[0].iter().zip(&condition[MATERIAL..]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(apart < 1e-5, "{apart}");
+            let u = stream.uniform2();
+            let Some(wi) = surface.sample(&condition, u) else { continue };
+            assert!(surface.pdf(&condition, wi) > 0.0 && surface.lobe(&condition, wi) >= 0.0);
+        }
+        assert!(on_cloth > 210 && beside > 20, "{on_cloth} {beside}");
+    }
+}

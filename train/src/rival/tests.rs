@@ -1,0 +1,93 @@
+use std::sync::Arc;
+
+use headtail_render::{
+    brdf::neural_texture::NeuralTexture,
+    random::{Purpose, Stream},
+};
+
+use super::{points::Points, *};
+use crate::neural_texture::Layout;
+
+/// A material of random weights.
+fn material() -> RivalMaterial {
+    use headtail_render::brdf::neural_texture::Description;
+    let layout = Layout::new(8);
+    let weights: Vec<f32> = layout.initial_weights(5).iter().map(|weight| 1.5 * weight).collect();
+    let texture: NeuralTexture = layout.material(&weights, Description::new("test", 0.01)).unwrap();
+    RivalMaterial::textured(Arc::new(texture))
+}
+
+/// Weights that are no longer the first ones.
+fn some_weights(kind: RivalKind, size: f32) -> Vec<f32> {
+    let mut random = Stream::new(3, Purpose::Test, 0);
+    model::initial_weights(kind, 1).iter().map(|w| w + size * (random.uniform() - 0.5)).collect()
+}
+
+#[test]
+fn the_renderer_has_the_densities_of_the_tensor_library() {
+    let material = material();
+    let points = Points::draw(&material, 24, 16, 2, 0);
+    let device = Backend::Flex.device().unwrap();
+    for kind in [RivalKind::Lobes, RivalKind::Flow] {
+        let weights = some_weights(kind, 0.3);
+        let logs = model::log_densities(kind, &weights, &points, &device.clone().autodiff());
+        let native = native_densities(&material, &model::native(kind, &weights).unwrap(), &points);
+        for (k, (log, native)) in logs.iter().zip(native).enumerate() {
+            let expected = log.exp() * points.wi[k][2];
+            // The logarithm is a sum of some ten terms of the order of 1, rounded to 1e-7 each, and angles of 8 pi are rounded to 2e-6.
+            assert!((native - expected).abs() < 3e-4 * expected, "{kind:?} {k}: {native} {expected}");
+        }
+    }
+}
+
+/// The renderer's pdfs of all directions.
+fn native_densities(material: &RivalMaterial, rival: &Rival, points: &Points) -> Vec<f32> {
+    points.densities(material, rival)
+}
+
+#[test]
+fn gradients_are_those_of_finite_differences_of_the_renderers_densities() {
+    let material = material();
+    let points = Points::draw(&material, 16, 16, 4, 0);
+    let device = Backend::Flex.device().unwrap().autodiff();
+    for kind in RivalKind::ALL {
+        let weights = some_weights(kind, 0.2);
+        let rival = model::native(kind, &weights).unwrap();
+        let (_, gradient) = model::gradient(kind, &weights, &rival, &points, &device);
+        let entropy = |weights: &[f32]| -> f64 {
+            let densities = native_densities(&material, &model::native(kind, weights).unwrap(), &points);
+            let logs = densities.iter().zip(&points.weights).filter(|(_, weight)| **weight > 0.0);
+            -logs.map(|(q, weight)| f64::from(*weight) * f64::from(*q).ln()).sum::<f64>() / points.views() as f64
+        };
+        // Along random directions: single weights change the entropy by too little beside the rounding of densities.
+        for seed in 0..4 {
+            let mut random = Stream::new(seed, Purpose::Test, 1);
+            let along: Vec<f32> = weights.iter().map(|_| random.uniform() - 0.5).collect();
+            const STEP: f32 = 1e-3;
+            let moved = |sign: f32| -> Vec<f32> {
+                weights.iter().zip(&along).map(|(weight, along)| weight + sign * STEP * along).collect()
+            };
+            let expected = (entropy(&moved(1.0)) - entropy(&moved(-1.0))) / f64::from(2.0 * STEP);
+            let found: f64 = gradient.iter().zip(&along).map(|(g, along)| f64::from(g * along)).sum();
+            let size = gradient.iter().map(|g| f64::from(g * g)).sum::<f64>().sqrt();
+            assert!((found - expected).abs() < 0.03 * size, "{kind:?}: {found} {expected} of {size}");
+        }
+    }
+}
+
+#[test]
+fn training_lowers_the_cross_entropy_and_equal_seeds_give_equal_samplers() {
+    let material = material();
+    for kind in RivalKind::ALL {
+        let settings = RivalSettings { steps: 40, views: 32, directions: 16, ..RivalSettings::new(kind) };
+        let run = || {
+            let mut fit = RivalFit::new(settings, &material).unwrap();
+            let losses: Vec<f32> = (0..settings.steps).map(|_| fit.advance().unwrap()).collect();
+            (losses, fit.weights)
+        };
+        let (losses, weights) = run();
+        let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
+        assert!(mean(&losses[30..]) < mean(&losses[..5]) - 0.02, "{kind:?}: {losses:?}");
+        assert!(run().1 == weights, "{kind:?}");
+    }
+}
