@@ -41,6 +41,8 @@ pub struct Entry {
     pub measurement: Measurement,
     /// Whether it is still in the contest.
     pub is_in: bool,
+    /// Whether it was ready in time.
+    is_allowed: bool,
 }
 
 /// Who was chosen.
@@ -69,11 +71,16 @@ pub struct Contest<'a> {
 /// depend on what else the machine does.
 const SAMPLES: u32 = 16;
 /// Trial pictures in each round.
-const ROUNDS: [usize; 4] = [4, 8, 16, 32];
+const ROUNDS: [usize; 5] = [2, 4, 8, 16, 32];
+/// Rounds before it is decided who is prepared: of those that are ready at once, and of tables.
+const FIRST_ROUNDS: usize = 2;
+const SECOND_ROUNDS: usize = 3;
 /// By how much the errors of tables of neighbouring sizes differ at most.
 const TABLES_DIFFER: f64 = 8.0;
 /// How many times longer the next table takes to be prepared, at least.
 const TABLES_GROW: f64 = 2.0;
+/// What the next table must gain on the one before for a further one to be tried.
+const TABLES_GAIN: f64 = 0.9;
 /// It is decided when nobody can be better than the best by more than this factor.
 const ENOUGH: f64 = 1.08;
 /// Within this share of the winner, the cheapest is named.
@@ -105,7 +112,7 @@ impl<'a> Contest<'a> {
         for candidate in plain() {
             self.enter(candidate, stop)?;
         }
-        self.rounds(1, stop);
+        self.rounds(FIRST_ROUNDS, stop);
         self.say_stage("samplers without a file");
         let perfect = if self.arguments.exhaustive { 0.0 } else { self.perfect_share()? };
         self.say_stage("the exact product");
@@ -113,8 +120,8 @@ impl<'a> Contest<'a> {
             self.tabulate(perfect, stop)?;
             self.say_stage("tables");
         }
-        self.rounds(2, stop);
-        self.say_stage("8 pictures");
+        self.rounds(SECOND_ROUNDS, stop);
+        self.say_stage("tables beside them");
         self.train(perfect, stop)?;
         self.say_stage("heads");
         self.rounds(ROUNDS.len(), stop);
@@ -129,6 +136,7 @@ impl<'a> Contest<'a> {
 
     /// Makes tables ready, from small to large, as long as a perfect one of the next size would win.
     fn tabulate(&mut self, perfect: f64, stop: &AtomicBool) -> Result<()> {
+        let mut before = f64::INFINITY;
         for candidate in tables() {
             if stop.load(atomic::Ordering::Relaxed) {
                 return Ok(());
@@ -138,10 +146,13 @@ impl<'a> Contest<'a> {
                 break;
             }
             let entry = &self.entries[index];
-            let prepared = TABLES_GROW * entry.ready.prepared;
-            if self.is_out_of_reach(self.sample_seconds(&entry.measurement), perfect, prepared) {
+            let (error, prepared) = (mean(&entry.measurement.errors()), TABLES_GROW * entry.ready.prepared);
+            let is_enough = error > TABLES_GAIN * before
+                || self.is_out_of_reach(self.sample_seconds(&entry.measurement), perfect, prepared);
+            if is_enough && !self.arguments.exhaustive {
                 break;
             }
+            before = error;
         }
         Ok(())
     }
@@ -150,7 +161,13 @@ impl<'a> Contest<'a> {
     /// need not be tried.
     pub fn is_hopeless(&mut self, index: usize, differ: f64) -> bool {
         let entry = &mut self.entries[index];
-        entry.measurement.extend(self.opened, &*entry.ready.estimator, &self.yardstick, ROUNDS[0], &self.covered);
+        entry.measurement.extend(
+            self.opened,
+            &*entry.ready.estimator,
+            &self.yardstick,
+            ROUNDS[FIRST_ROUNDS - 1],
+            &self.covered,
+        );
         let Some(best) = self.best() else { return false };
         !self.arguments.exhaustive && mean(&self.scores(index)) > differ * mean(&self.scores(best))
     }
@@ -170,8 +187,9 @@ impl<'a> Contest<'a> {
             let head = self.entries.iter().find(|entry| entry.recipe == Recipe::Head(shape, steps));
             ready.prepared += head.map_or(0.0, |head| head.ready.prepared);
         }
-        let is_in = ready.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
-        self.entries.push(Entry { name, recipe, ready, measurement: Measurement::new(SAMPLES), is_in });
+        let is_allowed = ready.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
+        let measurement = Measurement::new(SAMPLES);
+        self.entries.push(Entry { name, recipe, ready, measurement, is_in: is_allowed, is_allowed });
         Ok(self.entries.len() - 1)
     }
 
@@ -248,8 +266,8 @@ impl<'a> Contest<'a> {
     pub fn choose(&self) -> Result<Choice> {
         let winner = self.best().context("no candidate could be measured")?;
         let goal = NEAR * mean(&self.scores(winner));
-        let near =
-            (0..self.entries.len()).filter(|&index| self.entries[index].is_in && mean(&self.scores(index)) <= goal);
+        let near = (0..self.entries.len())
+            .filter(|&index| self.entries[index].is_allowed && mean(&self.scores(index)) <= goal);
         let cost = |&index: &usize| {
             let entry = &self.entries[index];
             (entry.recipe.is_prepared(), entry.ready.bytes, index)
@@ -261,7 +279,7 @@ impl<'a> Contest<'a> {
     /// Four pictures of a sampler that takes no part.
     pub fn trial(&self, estimator: &dyn Estimator) -> Measurement {
         let mut measurement = Measurement::new(SAMPLES);
-        measurement.extend(self.opened, estimator, &self.yardstick, ROUNDS[0], &self.covered);
+        measurement.extend(self.opened, estimator, &self.yardstick, ROUNDS[FIRST_ROUNDS - 1], &self.covered);
         measurement
     }
 

@@ -14,10 +14,10 @@ pub fn ratio(own: &[f64], best: &[f64]) -> Option<RatioInterval> {
     RatioInterval::paired(&own[..count], &best[..count])
 }
 
-/// Whether a sampler is out of the contest: certainly more than 5 % behind, or so far behind that nobody asks how far.
+/// Whether a sampler is out of the contest: certainly behind, or so far that nobody asks how far.
 pub fn is_out(ratio: Option<RatioInterval>) -> bool {
     const FAR: f64 = 3.0;
-    ratio.is_none_or(|ratio| ratio.ratio > FAR || ratio.ends().is_some_and(|(low, _)| low > 1.05))
+    ratio.is_none_or(|ratio| ratio.ratio > FAR || ratio.ends().is_some_and(|(low, _)| low > 1.0))
 }
 
 /// Whether a sampler is certainly not better than the best by more than a factor.
