@@ -8,7 +8,7 @@ use headtail_train::Material;
 
 use super::{
     candidates::{HEADS, HeadShape, Recipe, STEPS, baked, head},
-    contest::{Contest, mean},
+    contest::{Contest, Entry, mean},
     lineup::untrained,
     measurement::Measurement,
     score::at_time,
@@ -106,6 +106,11 @@ impl Contest<'_> {
         for &shape in shapes {
             if stop.load(atomic::Ordering::Relaxed) {
                 return Ok(None);
+            }
+            let has_flow = |entry: &Entry| matches!(entry.recipe, Recipe::Head(known, _) if known.is_flow);
+            if shape.is_flow && self.entries.iter().any(|entry| has_flow(entry) && !entry.is_in) {
+                // The fit of the flow alone took too long, or did not pay.
+                continue;
             }
             let index = self.enter(head(shape, steps), stop)?;
             entered.push(index);

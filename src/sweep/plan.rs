@@ -73,6 +73,7 @@ impl Plan {
                 plan.configurations.push(Configuration { assignment, trials: Vec::new() });
             }
         }
+        read_maps(space, contents);
         let of_configuration = |(index, configuration): (usize, &Configuration)| {
             let trial = |replicate: &Assignment| {
                 let mut assignment = configuration.assignment.clone();
@@ -96,6 +97,13 @@ impl Plan {
         }
         Ok(plan)
     }
+}
+
+/// Reads the maps once, before all threads ask for them at the same time.
+fn read_maps(space: &Space, contents: &Contents) {
+    let axis = space.axes.iter().find(|axis| axis.key == "env").and_then(|axis| axis.grid().ok());
+    let maps = axis.unwrap_or_default().into_iter().chain(space.run.get("env").cloned());
+    maps.filter_map(|map| map.as_str().map(str::to_owned)).for_each(|map| drop(contents.map(&map)));
 }
 
 /// The run of a trial.

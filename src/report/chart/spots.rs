@@ -1,19 +1,16 @@
-//! Many points without names of their own: one number against another, and the front of those that none beats in both.
+//! Many points, whose names a script knows: one number against another, and the front of those that none beats in both.
 
 use super::{
     Axis, Chart, Drawing, Extent, Layout, is_drawable,
     pareto::{Place, steps},
-    text,
 };
-use crate::report::{kind::Look, number::escape};
+use crate::report::kind::Look;
 
 /// A point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spot {
     /// What a script knows it by.
     pub index: usize,
-    /// For the pointer.
-    pub name: String,
     /// Across and up; less is better in both.
     pub at: [f64; 2],
     /// Whether it is filled.
@@ -43,13 +40,11 @@ fn draw(layout: &Layout, spots: &[&Spot], titles: [&str; 2]) -> Drawing {
     };
     steps(&mut drawing, [&x, &y], &spots.iter().map(place).collect::<Vec<_>>());
     drawing.group("series s2 v0", |drawing| {
-        for Spot { index, name, at, is_marked } in spots {
+        for Spot { index, at, is_marked } in spots {
             let (px, py) = (x.at(at[0]), y.at(at[1]));
             let class = if *is_marked { "spot marked" } else { "spot" };
-            let words = escape(&format!("{name}: {} {}, {} {}", titles[0], text(at[0]), titles[1], text(at[1])));
             drawing.raw(format_args!(
-                "<circle class=\"{class}\" cx=\"{px:.1}\" cy=\"{py:.1}\" r=\"5\" tabindex=\"0\" data-index=\"{index}\">\
-                 <title>{words}</title></circle>"
+                "<circle class=\"{class}\" cx=\"{px:.1}\" cy=\"{py:.1}\" r=\"5\" tabindex=\"0\" data-index=\"{index}\"/>"
             ));
         }
     });
@@ -62,14 +57,14 @@ mod tests {
 
     #[test]
     fn every_point_that_can_be_drawn_is_there_and_can_be_found() {
-        let spot = |index: usize, at: [f64; 2]| Spot { index, name: format!("a <{index}>"), at, is_marked: index == 0 };
+        let spot = |index: usize, at: [f64; 2]| Spot { index, at, is_marked: index == 0 };
         let all = [spot(0, [1.0, 2.0]), spot(1, [2.0, 1.0]), spot(2, [0.0, 1.0]), spot(3, [3.0, f64::NAN])];
         let chart = spots("front", &all, ["time", "error"]);
         assert_eq!(chart.drawings.len(), 2);
         for drawing in &chart.drawings {
             let svg = drawing.svg();
             assert_eq!((svg.matches("<circle").count(), svg.matches("spot marked").count()), (2, 1));
-            assert!(svg.contains("data-index=\"1\"") && svg.contains("a &lt;0&gt;") && !svg.contains("NaN"), "{svg}");
+            assert!(svg.contains("data-index=\"1\"") && !svg.contains("NaN"), "{svg}");
             assert_eq!(svg.matches("class=\"front\"").count(), 1);
         }
         assert!(spots("front", &all[2..], ["time", "error"]).drawings.is_empty());

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Configurations in the table beside those of the front: the best ones.
-const LISTED: usize = 100;
+const LISTED: usize = 20;
 
 /// The name of what configurations took, which stands beside the objectives.
 const WORK: &str = "seconds of work";
@@ -29,7 +29,6 @@ pub fn to_be_had(objectives: &[String], configurations: &[Configuration]) -> Mar
     let spots = |(across, up): (usize, usize)| -> Vec<Spot> {
         let spot = |(index, own): (usize, &Configuration)| Spot {
             index,
-            name: if own.name.is_empty() { "the fixed settings".to_owned() } else { own.name.clone() },
             at: [figure(own, across), figure(own, up)],
             is_marked: own.front,
         };

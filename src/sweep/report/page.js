@@ -260,6 +260,16 @@
       show(data.configurations[point.dataset.index]);
     };
     figure.querySelectorAll(".spot").forEach((point) => point.setAttribute("role", "button"));
+    // Names come when they are asked for: there may be thousands.
+    const name = ({ target }) => {
+      if (!target.classList.contains("spot") || target.hasAttribute("aria-label")) return;
+      const { name, figures } = data.configurations[target.dataset.index];
+      const text = (name || "the fixed settings") + ": " + data.objectives.map((objective, k) => objective + " " + words(figures[k])).join(", ");
+      target.setAttribute("aria-label", text);
+      make(target, "title", {}, text);
+    };
+    figure.addEventListener("pointerover", name);
+    figure.addEventListener("focusin", name);
     figure.addEventListener("click", choose);
     figure.addEventListener("keydown", choose);
   }
