@@ -2,9 +2,12 @@
 
 python benches/sweeps/autosize.py --headtail target/release/headtail --data ../shared/data --out out/regret
 
-`autosize` chooses. Then every candidate is prepared (`autosize --exhaustive`), and `compare` renders all of them for equal times, in several runs each. A
-candidate's score is the MSE that `compare` finds, times the time of its run, over the time that is left of --render-seconds once it is prepared. Regret is what the choice's score is
-above the least one. The exhaustive way takes the preparation of all candidates and the comparison.
+`autosize` chooses. `autosize --exhaustive` prepares and times every candidate, and `compare` measures all of them in several runs each, for equal times (--seconds). A candidate's score
+is its MSE times the time of its run, over the time that is left of --render-seconds once it is prepared. Regret is what the choice's score is above the least one. The
+exhaustive way takes the preparation of all candidates and the comparison.
+
+On a machine that does other things, --spp takes the place of --seconds: MSE is then that of equal samples, and the time of a sample that which `autosize --exhaustive`
+measures by the processor's clock, all candidates in turn in one process.
 """
 
 import argparse
@@ -56,41 +59,44 @@ def compared_scores(out, records, arguments):
     with open(out / "compare/results.csv") as file:
         for row in csv.DictReader(file):
             if row["run"].isdigit():
-                runs.setdefault(row["sampler"], []).append(float(row["ttuv"]))
+                error = float(row["mse"]) * float(row["spp"]) if arguments.spp else float(row["ttuv"])
+                runs.setdefault(row["sampler"], []).append(error)
+    time_of = lambda record: record["sample_seconds"] if arguments.spp else 1
     left = lambda record: arguments.render - record["prepared_seconds"]
-    return {r["name"]: statistics.mean(runs[r["sampler"]]) / left(r) for r in records if left(r) > 0}
+    score = lambda record: statistics.mean(runs[record["sampler"]]) * time_of(record) / left(record)
+    return {record["name"]: score(record) for record in records if left(record) > 0}
 
 
 def measure(arguments, scene, env, material):
     view = ["--env", str(arguments.data / "envmaps" / env), "--material", material]
     view += ["--scene", str(arguments.data / scene), "--ground"] if "/" in scene else ["--scene", scene]
-    size = ["--width", str(arguments.width), "--height", str(arguments.height)]
+    view += ["--width", str(arguments.width), "--height", str(arguments.height)]
     budget = ["--prepare-seconds", str(arguments.prepare), "--render-seconds", str(arguments.render)]
     out = arguments.out / f"{Path(scene).stem}-{Path(env).stem}"
     out.mkdir(parents=True, exist_ok=True)
-    # On a picture of a few pixels this is the preparation of all candidates, and next to nothing else.
-    few = ["--width", "16", "--height", "12"]
-    _, prepared_cpu = run(arguments, ["autosize", *view, *few, *budget, "--exhaustive"], out, "all")
+    whole, whole_cpu = run(arguments, ["autosize", *view, *budget, "--exhaustive"], out, "all")
     records = json.loads((out / "all/autosize.json").read_text())
     within = [r for r in records if r["prepared_seconds"] <= arguments.prepare or r["bytes"] == 0]
     samplers = ",".join(record["sampler"] for record in within)
-    timed = ["--seconds", str(arguments.seconds), "--runs", str(arguments.runs)]
-    compared, compared_cpu = run(arguments, ["compare", *view, *size, *timed, "--samplers", samplers], out, "compare")
+    runs = ["--spp", str(arguments.spp)] if arguments.spp else ["--seconds", str(arguments.seconds)]
+    runs += ["--runs", str(arguments.runs)]
+    compared, compared_cpu = run(arguments, ["compare", *view, *runs, "--samplers", samplers], out, "compare")
     if arguments.exhaustive_only:
         return None
-    short, short_cpu = run(arguments, ["autosize", *view, *size, *budget], out, "short")
+    short, short_cpu = run(arguments, ["autosize", *view, *budget], out, "short")
     choices = json.loads((out / "short/autosize.json").read_text())
     chosen, cheapest = (next(r["name"] for r in choices if r[role]) for role in ("winner", "cheapest"))
     scores = compared_scores(out, within, arguments)
     best = min(scores, key=scores.get)
     behind = lambda name: f"{100 * (scores[name] / scores[best] - 1):.1f}"
-    exhaustive = prepared_alone(records) + compared
+    # With --seconds, autosize's own pictures of all candidates are no part of the exhaustive way.
+    exhaustive = (whole if arguments.spp else prepared_alone(records)) + compared
     return dict(
         scene=Path(scene).stem, env=Path(env).stem, material=material, choice=chosen, cheapest=cheapest, best=best,
         regret=behind(chosen), regret_of_cheapest=behind(cheapest), candidates=len(records), compared=len(within),
         seconds=f"{short:.0f}", exhaustive_seconds=f"{exhaustive:.0f}", share=f"{short / exhaustive:.3f}",
-        cpu_seconds=f"{short_cpu:.0f}", exhaustive_cpu_seconds=f"{prepared_cpu + compared_cpu:.0f}",
-        share_of_cpu=f"{short_cpu / (prepared_cpu + compared_cpu):.3f}",
+        cpu_seconds=f"{short_cpu:.0f}", exhaustive_cpu_seconds=f"{whole_cpu + compared_cpu:.0f}",
+        share_of_cpu=f"{short_cpu / (whole_cpu + compared_cpu):.3f}",
     )
 
 
@@ -104,6 +110,7 @@ def main():
     parser.add_argument("--prepare", type=float, default=30, help="seconds of preparation, at most")
     parser.add_argument("--render", type=float, default=60, help="seconds of preparation and rendering")
     parser.add_argument("--seconds", type=float, default=1, help="the equal time of the comparison")
+    parser.add_argument("--spp", type=int, help="samples in the place of --seconds")
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--exhaustive-only", action="store_true", help="leave autosize itself for another call")
     parser.add_argument("--only", type=int, nargs="*", help="numbers of pairs, from 0")
