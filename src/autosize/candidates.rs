@@ -48,11 +48,11 @@ pub struct Candidate {
     pub recipe: Recipe,
 }
 
-/// Heads that are tried, the likeliest first: sizes and modes, then encoders, tails, without learned share, with compact emitters.
+/// Heads that are tried, from cheap to dear: sizes and modes, then encoders, tails, without learned share, with compact emitters.
 pub static HEADS: [HeadShape; 11] = [
-    HeadShape::base("head 8x64", "head.bins = 8\nhead.hidden = 64"),
     HeadShape::base("head 4x16", "head.bins = 4\nhead.hidden = 16"),
     HeadShape::base("head 4x32 autoregressive", "head.bins = 4\nhead.hidden = 32\nhead.mode = 'autoregressive'"),
+    HeadShape::base("head 8x64", "head.bins = 8\nhead.hidden = 64"),
     HeadShape::base("head 8x64 autoregressive", "head.bins = 8\nhead.hidden = 64\nhead.mode = 'autoregressive'"),
     HeadShape::varied(
         "head 8x64 encoder 16",

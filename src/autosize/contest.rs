@@ -142,6 +142,7 @@ impl<'a> Contest<'a> {
                 return Ok(());
             }
             let index = self.enter(candidate, stop)?;
+            self.measure(index);
             if self.is_hopeless(index, TABLES_DIFFER) {
                 break;
             }
@@ -157,17 +158,15 @@ impl<'a> Contest<'a> {
         Ok(())
     }
 
-    /// The first pictures of a candidate, and whether it is so far behind that others of its family, which differ by no more than this factor,
-    /// need not be tried.
-    pub fn is_hopeless(&mut self, index: usize, differ: f64) -> bool {
+    /// The first pictures of a candidate.
+    pub(super) fn measure(&mut self, index: usize) {
         let entry = &mut self.entries[index];
-        entry.measurement.extend(
-            self.opened,
-            &*entry.ready.estimator,
-            &self.yardstick,
-            ROUNDS[FIRST_ROUNDS - 1],
-            &self.covered,
-        );
+        let pictures = ROUNDS[FIRST_ROUNDS - 1];
+        entry.measurement.extend(self.opened, &*entry.ready.estimator, &self.yardstick, pictures, &self.covered);
+    }
+
+    /// Whether a candidate is so far behind that others of its family, which differ by no more than this factor, need not be tried.
+    fn is_hopeless(&self, index: usize, differ: f64) -> bool {
         let Some(best) = self.best() else { return false };
         !self.arguments.exhaustive && mean(&self.scores(index)) > differ * mean(&self.scores(best))
     }

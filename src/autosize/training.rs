@@ -13,27 +13,31 @@ use super::{
     measurement::Measurement,
     score::at_time,
 };
-use crate::arguments::{CameraArguments, ViewArguments};
+use crate::{
+    arguments::{CameraArguments, ViewArguments},
+    terminal::detail,
+};
 
-/// By how much the errors of heads of different shapes differ at most.
-const HEADS_DIFFER: f64 = 3.0;
-/// What a head gains at most by four times as many steps: less than this is known of any map.
-const LONGER_GAINS: f64 = 1.5;
-/// The error of the exact product is taken to be this much lower than it was measured to be on a few pixels.
-const PERFECT_SLACK: f64 = 0.7;
 /// About so many steps of a head cost as much as the fit of a flow tail.
 const FLOW_STEPS: f64 = 1500.0;
+/// What a head gains at most by four times as many steps: on the maps that were tried, a picture's error fell by 1.1 to 1.2 times.
+const LONGER_GAINS: f64 = 1.3;
+/// By how much MSE x time of heads of different shapes differ, about.
+const SHAPES_DIFFER: f64 = 1.15;
+/// The error of the exact product is taken to be this much lower than it was measured to be on a few pixels.
+const PERFECT_SLACK: f64 = 0.7;
 
 impl Contest<'_> {
     /// Trains heads, shortest first, where a perfect one of their speed would win.
     pub(super) fn train(&mut self, perfect: f64, stop: &AtomicBool) -> Result<()> {
-        let mut open = self.shapes(perfect, stop)?;
-        if open.is_empty() {
-            self.untrained = Some("even a perfect head, at the time that its samples take, would be behind".into());
-            return Ok(());
-        }
+        let is_first = |shape: &&HeadShape| self.fits(shape) && (self.arguments.exhaustive || shape.varies.is_none());
+        let mut open: Vec<&'static HeadShape> = HEADS.iter().filter(is_first).collect();
         for (rung, &steps) in STEPS.iter().enumerate() {
-            let Some(entered) = self.train_for(steps, &open, stop)? else { return Ok(()) };
+            let Some(entered) = self.train_for(steps, &open, perfect, stop)? else { return Ok(()) };
+            if entered.is_empty() {
+                self.untrained = Some("even a perfect head, at the time that its samples take, would be behind".into());
+                return Ok(());
+            }
             let Some(&next) = STEPS.get(rung + 1) else { break };
             let factor = next as f64 / steps as f64;
             let mut hopeful: Vec<usize> =
@@ -70,24 +74,6 @@ impl Contest<'_> {
         Ok(())
     }
 
-    /// The shapes to begin with: of the exhaustive contest all, else those that vary no other and would win if they were perfect.
-    fn shapes(&self, perfect: f64, stop: &AtomicBool) -> Result<Vec<&'static HeadShape>> {
-        let mut open = Vec::new();
-        for shape in HEADS.iter().filter(|shape| self.fits(shape)) {
-            let is_tried = self.arguments.exhaustive
-                || shape.varies.is_none() && {
-                    let ready =
-                        untrained(shape, &self.view.env, self.opened, self.material, &self.arguments.out, stop)?;
-                    let measurement = self.trial(&*ready.estimator);
-                    !self.is_out_of_reach(self.sample_seconds(&measurement), perfect, ready.prepared)
-                };
-            if is_tried {
-                open.push(shape);
-            }
-        }
-        Ok(open)
-    }
-
     /// Whether a shape is different from others on this map.
     fn fits(&self, shape: &HeadShape) -> bool {
         let map = &self.opened.environment;
@@ -95,13 +81,15 @@ impl Contest<'_> {
             || without_compact_emitters(map.width(), map.height(), &map.luminance()).is_some()
     }
 
-    /// Trains these shapes and measures them; the entries of heads and of their tables. `None` once the rest need not be tried.
+    /// Trains these shapes, measures them and their tables, and returns the entries. `None` where the rest need not be tried.
     fn train_for(
         &mut self,
         steps: usize,
         shapes: &[&'static HeadShape],
+        perfect: f64,
         stop: &AtomicBool,
     ) -> Result<Option<Vec<usize>>> {
+        let is_short = !self.arguments.exhaustive;
         let mut entered = Vec::new();
         for &shape in shapes {
             if stop.load(atomic::Ordering::Relaxed) {
@@ -112,33 +100,64 @@ impl Contest<'_> {
                 // The fit of the flow alone took too long, or did not pay.
                 continue;
             }
+            if is_short && steps == STEPS[0] && self.is_too_slow(shape, perfect, stop)? {
+                continue;
+            }
             let index = self.enter(head(shape, steps), stop)?;
             entered.push(index);
-            if shape.varies.is_none() && self.is_hopeless(index, HEADS_DIFFER) {
+            // Of one that took too long, too: its score says what it is behind.
+            self.measure(index);
+            if is_short && steps == STEPS[0] && !self.can_gain(index, LONGER_GAINS * SHAPES_DIFFER, 1.0, perfect) {
                 self.untrained = Some(format!("a head of {steps} steps is so far behind that others were not trained"));
                 return Ok(None);
             }
-            if self.material.0 == Material::Lambert {
+            if self.arguments.exhaustive && self.material.0 == Material::Lambert {
                 entered.push(self.enter(baked(shape, steps), stop)?);
             }
         }
-        for &index in &entered {
-            // Of those that took too long, too: their score says what they are behind.
-            self.is_hopeless(index, f64::INFINITY);
+        if is_short && self.material.0 == Material::Lambert {
+            entered.extend(self.bake_best(&entered, steps, stop)?);
         }
+        entered.iter().for_each(|&index| self.measure(index));
         Ok(Some(entered))
     }
 
-    /// Whether a head could win after `factor` times as much preparation: if it gained as much as heads do by longer training, and had no less error
-    /// than the exact product.
+    /// Whether a head of this shape would be behind even if it were perfect: its time per sample is that of an untrained one.
+    fn is_too_slow(&self, shape: &HeadShape, perfect: f64, stop: &AtomicBool) -> Result<bool> {
+        let ready = untrained(shape, &self.view.env, self.opened, self.material, &self.arguments.out, stop)?;
+        let measurement = self.trial(&*ready.estimator);
+        Ok(self.is_out_of_reach(self.sample_seconds(&measurement), perfect, ready.prepared))
+    }
+
+    /// The table of the head with the least error, if it would win with the head's error at the speed of other tables.
+    fn bake_best(&mut self, heads: &[usize], steps: usize, stop: &AtomicBool) -> Result<Option<usize>> {
+        let error = |index: usize| mean(&self.entries[index].measurement.errors());
+        let Some(&least) = heads.iter().min_by(|&&a, &&b| error(a).total_cmp(&error(b))) else { return Ok(None) };
+        let (Some(best), Some(shape)) = (self.best(), self.shape(least)) else { return Ok(None) };
+        let tables = self.entries.iter().filter(|entry| matches!(entry.recipe, Recipe::Direct(..)));
+        let times = tables.map(|table| self.sample_seconds(&table.measurement));
+        let time = times.fold(self.sample_seconds(&self.entries[least].measurement), f64::min);
+        if self.is_out_of_reach(time, error(least) / error(best), self.entries[least].ready.prepared) {
+            return Ok(None);
+        }
+        self.enter(baked(shape, steps), stop).map(Some)
+    }
+
+    /// Whether a head could win after `factor` times as much preparation.
     fn can_win(&self, index: usize, factor: f64, perfect: f64) -> bool {
+        let prepared = factor * self.entries[index].ready.prepared;
+        let limit = self.arguments.prepare_seconds.min(self.arguments.render_seconds);
+        prepared < limit && self.can_gain(index, LONGER_GAINS, factor, perfect)
+    }
+
+    /// Whether a head would win with an error this many times lower, or that of the exact product where that is more, after `factor` times as much
+    /// preparation.
+    fn can_gain(&self, index: usize, gain: f64, factor: f64, perfect: f64) -> bool {
         let Some(best) = self.best() else { return true };
         let entry = &self.entries[index];
-        let prepared = factor * entry.ready.prepared;
-        let limit = self.arguments.prepare_seconds.min(self.arguments.render_seconds);
-        let gained = mean(&entry.measurement.errors()) / mean(&self.entries[best].measurement.errors()) / LONGER_GAINS;
-        prepared < limit
-            && !self.is_out_of_reach(self.sample_seconds(&entry.measurement), gained.max(perfect), prepared)
+        let share = mean(&entry.measurement.errors()) / mean(&self.entries[best].measurement.errors()) / gain;
+        let seconds = self.sample_seconds(&entry.measurement);
+        !self.is_out_of_reach(seconds, share.max(perfect), factor * entry.ready.prepared)
     }
 
     fn shape(&self, index: usize) -> Option<&'static HeadShape> {
@@ -173,6 +192,7 @@ impl Contest<'_> {
         };
         let oracle = SamplerSpec::oracle().build(&opened.environment)?;
         let share = error(&*oracle) / error(&*self.entries[best].ready.estimator);
+        detail!("autosize: the exact product has {share:.2} times the error of {}", self.entries[best].name);
         Ok((PERFECT_SLACK * share).min(1.0))
     }
 }
