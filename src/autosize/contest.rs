@@ -275,10 +275,10 @@ impl<'a> Contest<'a> {
         Ok(Choice { winner, cheapest })
     }
 
-    /// Four pictures of a sampler that takes no part.
+    /// The first pictures of a sampler that takes no part.
     pub fn trial(&self, estimator: &dyn Estimator) -> Measurement {
         let mut measurement = Measurement::new(SAMPLES);
-        measurement.extend(self.opened, estimator, &self.yardstick, ROUNDS[FIRST_ROUNDS - 1], &self.covered);
+        measurement.extend(self.opened, estimator, &self.yardstick, ROUNDS[0], &self.covered);
         measurement
     }
 
