@@ -23,6 +23,20 @@ pub struct HeadShape {
     pub name: &'static str,
     /// Settings over the fast preset, in TOML.
     pub settings: &'static str,
+    /// The shape that this one varies in one thing, with about its time per sample; it is tried where that one gets on.
+    pub varies: Option<&'static str>,
+    /// Whether its tail is fitted first.
+    pub is_flow: bool,
+}
+
+impl HeadShape {
+    const fn base(name: &'static str, settings: &'static str) -> Self {
+        Self { name, settings, varies: None, is_flow: false }
+    }
+
+    const fn varied(name: &'static str, settings: &'static str) -> Self {
+        Self { name, settings, varies: Some("head 8x64"), is_flow: false }
+    }
 }
 
 /// Something to be measured.
@@ -34,23 +48,33 @@ pub struct Candidate {
     pub recipe: Recipe,
 }
 
-/// Heads that are tried, the likeliest first: sizes, modes, tails, with and without learned share, with compact emitters.
-static HEADS: [HeadShape; 7] = [
-    HeadShape { name: "head 8x64", settings: "head.bins = 8\nhead.hidden = 64" },
-    HeadShape { name: "head 4x16", settings: "head.bins = 4\nhead.hidden = 16" },
+/// Heads that are tried, from cheap to dear: sizes and modes, then encoders, tails, without learned share, with compact emitters.
+pub static HEADS: [HeadShape; 11] = [
+    HeadShape::base("head 4x16", "head.bins = 4\nhead.hidden = 16"),
+    HeadShape::base("head 4x32 autoregressive", "head.bins = 4\nhead.hidden = 32\nhead.mode = 'autoregressive'"),
+    HeadShape::base("head 8x64", "head.bins = 8\nhead.hidden = 64"),
+    HeadShape::base("head 8x64 autoregressive", "head.bins = 8\nhead.hidden = 64\nhead.mode = 'autoregressive'"),
+    HeadShape::varied(
+        "head 8x64 encoder 16",
+        "head.bins = 8\nhead.hidden = 64\nhead.encoder = { hidden = 16, output = 16 }",
+    ),
+    HeadShape::varied(
+        "head 8x64 encoder 64",
+        "head.bins = 8\nhead.hidden = 64\nhead.encoder = { hidden = 64, output = 64 }",
+    ),
+    HeadShape::varied("head 8x64 row-column", "head.bins = 8\nhead.hidden = 64\ntail = 'row-column'"),
+    HeadShape::varied("head 8x64 alone", "head.bins = 8\nhead.hidden = 64\nhead.selection = false"),
+    HeadShape::varied("head 8x64 compact emitters", "head.bins = 8\nhead.hidden = 64\ncompact_emitters = true"),
     HeadShape {
-        name: "head 4x32 autoregressive",
-        settings: "head.bins = 4\nhead.hidden = 32\nhead.mode = 'autoregressive'",
+        is_flow: true,
+        ..HeadShape::varied("head 8x64 flow", "head.bins = 8\nhead.hidden = 64\ntail = 'flow'")
     },
     HeadShape {
-        name: "head 8x64 autoregressive",
-        settings: "head.bins = 8\nhead.hidden = 64\nhead.mode = 'autoregressive'",
-    },
-    HeadShape { name: "head 8x64 row-column", settings: "head.bins = 8\nhead.hidden = 64\ntail = 'row-column'" },
-    HeadShape { name: "head 8x64 alone", settings: "head.bins = 8\nhead.hidden = 64\nhead.selection = false" },
-    HeadShape {
-        name: "head 8x64 compact emitters",
-        settings: "head.bins = 8\nhead.hidden = 64\ncompact_emitters = true",
+        is_flow: true,
+        ..HeadShape::varied(
+            "head 8x64 flow alone",
+            "head.bins = 8\nhead.hidden = 64\ntail = 'flow'\nhead.selection = false",
+        )
     },
 ];
 
@@ -58,8 +82,21 @@ static HEADS: [HeadShape; 7] = [
 pub const STEPS: [usize; 3] = [250, 1000, 4000];
 
 /// Samplers that need no file, on every surface.
-const PLAIN: [&str; 10] =
-    ["cosine", "mis", "mis2", "mis-comp", "ris:4", "ris:8", "patches", "patches:fine", "patches+vis", "ris:4:patches"];
+const PLAIN: [&str; 13] = [
+    "cosine",
+    "emitter",
+    "mis",
+    "mis2",
+    "mis-comp",
+    "ris:4",
+    "ris:8",
+    "patches",
+    "patches:fine",
+    "patches+vis",
+    "patches:fine+vis",
+    "mis2:patches",
+    "ris:4:patches",
+];
 
 /// Tables of several sizes.
 const TABLES: [((usize, usize), (usize, usize)); 4] =
@@ -79,13 +116,9 @@ pub fn tables() -> Vec<Candidate> {
     TABLES.iter().map(table).collect()
 }
 
-/// The heads, trained for so many steps.
-pub fn heads(steps: usize) -> Vec<Candidate> {
-    let head = |shape: &'static HeadShape| Candidate {
-        name: format!("{}, {steps} steps", shape.name),
-        recipe: Recipe::Head(shape, steps),
-    };
-    HEADS.iter().map(head).collect()
+/// A head, trained for so many steps.
+pub fn head(shape: &'static HeadShape, steps: usize) -> Candidate {
+    Candidate { name: format!("{}, {steps} steps", shape.name), recipe: Recipe::Head(shape, steps) }
 }
 
 /// The table of a trained head.

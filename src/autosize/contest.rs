@@ -8,7 +8,6 @@ use std::{
 
 use anyhow::{Context, Result};
 use headtail_render::{
-    environment::without_compact_emitters,
     estimator::Estimator,
     file,
     integrator::Budget,
@@ -19,15 +18,16 @@ use headtail_render::{
 
 use super::{
     Arguments,
-    candidates::{Candidate, HeadMaterial, HeadShape, Recipe, STEPS, baked, heads, plain, tables},
+    candidates::{Candidate, HeadMaterial, Recipe, plain, tables},
     lineup::{Ready, ready},
     measurement::{Measurement, Yardstick},
     page,
-    score::{at_time, is_out, ratio},
+    score::{at_time, cannot_be_better, is_out, ratio},
 };
 use crate::{
-    arguments::{CameraArguments, OpenedView, ViewArguments, make_folder},
+    arguments::{OpenedView, ViewArguments, make_folder},
     render::quietly,
+    terminal::detail,
 };
 
 /// A candidate that was made ready and measured.
@@ -36,11 +36,13 @@ pub struct Entry {
     pub name: String,
     /// How it came about.
     pub recipe: Recipe,
-    ready: Ready,
+    pub(super) ready: Ready,
     /// Trial pictures.
     pub measurement: Measurement,
     /// Whether it is still in the contest.
     pub is_in: bool,
+    /// Whether it was ready in time.
+    is_allowed: bool,
 }
 
 /// Who was chosen.
@@ -53,26 +55,34 @@ pub struct Choice {
 
 /// Everything around the candidates.
 pub struct Contest<'a> {
-    arguments: &'a Arguments,
-    view: &'a ViewArguments,
-    opened: &'a OpenedView,
-    material: HeadMaterial,
+    pub(super) arguments: &'a Arguments,
+    pub(super) view: &'a ViewArguments,
+    pub(super) opened: &'a OpenedView,
+    pub(super) material: HeadMaterial,
     covered: Vec<bool>,
-    yardstick: Yardstick,
+    pub(super) yardstick: Yardstick,
     /// Those that were measured.
     pub entries: Vec<Entry>,
     /// Why heads were not trained, if they were not.
-    untrained: Option<String>,
+    pub(super) untrained: Option<String>,
 }
 
 /// Samples per pixel of every trial picture: a power of two, which is what low-discrepancy points are best at. With as many as fit into some time, errors would
 /// depend on what else the machine does.
 const SAMPLES: u32 = 16;
 /// Trial pictures in each round.
-const ROUNDS: [usize; 4] = [4, 8, 16, 32];
-/// By how much the errors of tables of neighbouring sizes, and of heads of different shapes, differ at most.
+const ROUNDS: [usize; 5] = [2, 4, 8, 16, 32];
+/// Rounds before it is decided who is prepared: of those that are ready at once, and of tables.
+const FIRST_ROUNDS: usize = 2;
+const SECOND_ROUNDS: usize = 3;
+/// By how much the errors of tables of neighbouring sizes differ at most.
 const TABLES_DIFFER: f64 = 8.0;
-const HEADS_DIFFER: f64 = 4.0;
+/// How many times longer the next table takes to be prepared, at least.
+const TABLES_GROW: f64 = 2.0;
+/// What the next table must gain on the one before for a further one to be tried.
+const TABLES_GAIN: f64 = 0.9;
+/// It is decided when nobody can be better than the best by more than this factor.
+const ENOUGH: f64 = 1.08;
 /// Within this share of the winner, the cheapest is named.
 const NEAR: f64 = 1.05;
 
@@ -95,38 +105,77 @@ impl<'a> Contest<'a> {
     }
 
     /// Measures everything as far as it takes to decide.
+    ///
+    /// # Errors
+    /// If a candidate cannot be made ready.
     pub fn run(&mut self, stop: &AtomicBool) -> Result<()> {
         for candidate in plain() {
             self.enter(candidate, stop)?;
         }
-        self.rounds(1, stop);
+        self.rounds(FIRST_ROUNDS, stop);
+        self.say_stage("samplers without a file");
+        let perfect = if self.arguments.exhaustive { 0.0 } else { self.perfect_share()? };
+        self.say_stage("the exact product");
         if self.opened.is_diffuse() {
-            for candidate in tables() {
-                if stop.load(atomic::Ordering::Relaxed) {
-                    return Ok(());
-                }
-                let index = self.enter(candidate, stop)?;
-                if self.is_hopeless(index, TABLES_DIFFER) {
-                    break;
-                }
-            }
+            self.tabulate(perfect, stop)?;
+            self.say_stage("tables");
         }
-        self.rounds(ROUNDS.len() - 1, stop);
-        self.train(stop)?;
+        self.rounds(SECOND_ROUNDS, stop);
+        self.say_stage("tables beside them");
+        self.train(perfect, stop)?;
+        self.say_stage("heads");
         self.rounds(ROUNDS.len(), stop);
+        self.say_stage("the last rounds");
         Ok(())
     }
 
-    /// Whether a candidate is so far behind that others of its family, which differ by no more than this factor, need not be tried.
-    fn is_hopeless(&mut self, index: usize, differ: f64) -> bool {
+    fn say_stage(&self, stage: &str) {
+        let left = self.entries.iter().filter(|entry| entry.is_in).count();
+        detail!("autosize: {stage}: {left} of {} candidates are left", self.entries.len());
+    }
+
+    /// Makes tables ready, from small to large, as long as a perfect one of the next size would win.
+    fn tabulate(&mut self, perfect: f64, stop: &AtomicBool) -> Result<()> {
+        let mut before = f64::INFINITY;
+        for candidate in tables() {
+            if stop.load(atomic::Ordering::Relaxed) {
+                return Ok(());
+            }
+            let index = self.enter(candidate, stop)?;
+            self.measure(index);
+            if self.is_hopeless(index, TABLES_DIFFER) {
+                break;
+            }
+            let entry = &self.entries[index];
+            let (error, prepared) = (mean(&entry.measurement.errors()), TABLES_GROW * entry.ready.prepared);
+            let is_enough = error > TABLES_GAIN * before
+                || self.is_out_of_reach(self.sample_seconds(&entry.measurement), perfect, prepared);
+            if is_enough && !self.arguments.exhaustive {
+                break;
+            }
+            before = error;
+        }
+        Ok(())
+    }
+
+    /// The first pictures of a candidate.
+    pub(super) fn measure(&mut self, index: usize) {
         let entry = &mut self.entries[index];
-        entry.measurement.extend(self.opened, &*entry.ready.estimator, &self.yardstick, ROUNDS[0], &self.covered);
+        let pictures = ROUNDS[FIRST_ROUNDS - 1];
+        entry.measurement.extend(self.opened, &*entry.ready.estimator, &self.yardstick, pictures, &self.covered);
+    }
+
+    /// Whether a candidate is so far behind that others of its family, which differ by no more than this factor, need not be tried.
+    fn is_hopeless(&self, index: usize, differ: f64) -> bool {
         let Some(best) = self.best() else { return false };
         !self.arguments.exhaustive && mean(&self.scores(index)) > differ * mean(&self.scores(best))
     }
 
     /// Makes a candidate ready.
-    fn enter(&mut self, candidate: Candidate, stop: &AtomicBool) -> Result<usize> {
+    ///
+    /// # Errors
+    /// If that fails.
+    pub fn enter(&mut self, candidate: Candidate, stop: &AtomicBool) -> Result<usize> {
         let folder = self.arguments.out.join("candidates");
         make_folder(&folder)?;
         let mut ready = ready(&candidate, &self.view.env, self.opened, self.material, &folder, stop)
@@ -137,12 +186,13 @@ impl<'a> Contest<'a> {
             let head = self.entries.iter().find(|entry| entry.recipe == Recipe::Head(shape, steps));
             ready.prepared += head.map_or(0.0, |head| head.ready.prepared);
         }
-        let is_in = ready.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
-        self.entries.push(Entry { name, recipe, ready, measurement: Measurement::new(SAMPLES), is_in });
+        let is_allowed = ready.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
+        let measurement = Measurement::new(SAMPLES);
+        self.entries.push(Entry { name, recipe, ready, measurement, is_in: is_allowed, is_allowed });
         Ok(self.entries.len() - 1)
     }
 
-    /// Rounds of more and more pictures; after each, those that are out are dropped.
+    /// Rounds of more and more pictures; after each, those that are out are dropped. Ends early once nobody can be much better than the best.
     fn rounds(&mut self, count: usize, stop: &AtomicBool) {
         let mut done = 0;
         for &pictures in &ROUNDS[..count] {
@@ -164,8 +214,20 @@ impl<'a> Contest<'a> {
             done = pictures;
             if !self.arguments.exhaustive {
                 self.drop_those_behind();
+                if self.is_decided() {
+                    return;
+                }
             }
         }
+    }
+
+    /// Whether every candidate has its first pictures, and none that is left can be better than the best by more than [`ENOUGH`].
+    fn is_decided(&self) -> bool {
+        let Some(best) = self.best() else { return false };
+        let leader = self.scores(best);
+        let others = (0..self.entries.len()).filter(|&index| index != best && self.entries[index].is_in);
+        let mut ratios = others.map(|index| ratio(&self.scores(index), &leader));
+        ratios.all(|ratio| cannot_be_better(ratio, ENOUGH))
     }
 
     fn drop_those_behind(&mut self) {
@@ -175,138 +237,6 @@ impl<'a> Contest<'a> {
             let out = index != best && is_out(ratio(&self.scores(index), &leader));
             self.entries[index].is_in &= !out;
         }
-    }
-
-    /// Trains heads, shortest first, where a perfect one of their speed would win.
-    fn train(&mut self, stop: &AtomicBool) -> Result<()> {
-        let limit = self.arguments.prepare_seconds.min(self.arguments.render_seconds);
-        let perfect = if self.arguments.exhaustive { 0.0 } else { self.perfect_share()? };
-        let map = &self.opened.environment;
-        let has_compact = without_compact_emitters(map.width(), map.height(), &map.luminance()).is_some();
-        let (mut open, mut speeds) = (Vec::new(), Vec::new());
-        for head in heads(STEPS[0]) {
-            let Recipe::Head(shape, _) = head.recipe else { continue };
-            if shape.name.contains("compact") && !has_compact {
-                continue;
-            }
-            // Heads of one size and mode take the same time.
-            let like = shape
-                .name
-                .split(' ')
-                .take(2 + usize::from(shape.name.ends_with("autoregressive")))
-                .collect::<Vec<_>>()
-                .join(" ");
-            let known = speeds.iter().find(|(name, _)| *name == like).map(|(_, could)| *could);
-            let could = match known {
-                Some(could) => could,
-                None => self.arguments.exhaustive || self.could_win(shape, perfect, stop)?,
-            };
-            speeds.push((like, could));
-            if could {
-                open.push(head);
-            }
-        }
-        if open.is_empty() {
-            self.untrained = Some("even a perfect head, at the time that its samples take, would be behind".into());
-            return Ok(());
-        }
-        for (rung, &steps) in STEPS.iter().enumerate() {
-            let mut entered = Vec::new();
-            for candidate in heads(steps).into_iter().filter(|head| open.iter().any(|open| same_shape(open, head))) {
-                if stop.load(atomic::Ordering::Relaxed) {
-                    return Ok(());
-                }
-                let index = self.enter(candidate, stop)?;
-                entered.push(index);
-                if self.is_hopeless(index, HEADS_DIFFER) {
-                    self.untrained =
-                        Some(format!("a head of {steps} steps is so far behind that others were not trained"));
-                    break;
-                }
-                if let Recipe::Head(shape, steps) = self.entries[index].recipe
-                    && self.material.0 == headtail_train::Material::Lambert
-                {
-                    entered.push(self.enter(baked(shape, steps), stop)?);
-                }
-            }
-            for &index in &entered {
-                let entry = &mut self.entries[index];
-                entry.measurement.extend(
-                    self.opened,
-                    &*entry.ready.estimator,
-                    &self.yardstick,
-                    ROUNDS[0],
-                    &self.covered,
-                );
-            }
-            let Some(best) = self.best() else { return Ok(()) };
-            let goal = if self.arguments.exhaustive { f64::INFINITY } else { mean(&self.scores(best)) };
-            // The next rung costs as many times more as it has steps; what it can gain is bounded by a perfect head of this speed.
-            let next = STEPS.get(rung + 1).map_or(f64::INFINITY, |next| *next as f64 / steps as f64);
-            let can_win = |index: &usize| {
-                let entry = &self.entries[*index];
-                let prepared = next * entry.ready.prepared;
-                prepared < limit && self.bound(self.sample_seconds(&entry.measurement), perfect, prepared) < goal
-            };
-            let mut hopeful: Vec<usize> = entered.into_iter().filter(can_win).collect();
-            hopeful.sort_by(|&a, &b| mean(&self.scores(a)).total_cmp(&mean(&self.scores(b))));
-            // Halving: half of the shapes go on.
-            if !self.arguments.exhaustive {
-                hopeful.truncate(hopeful.len().div_ceil(2));
-            }
-            if hopeful.is_empty() {
-                self.untrained.get_or_insert_with(|| {
-                    format!("after {steps} steps no head could still win, however well it were trained further")
-                });
-                break;
-            }
-            open = hopeful
-                .iter()
-                .map(|&index| Candidate {
-                    name: self.entries[index].name.clone(),
-                    recipe: self.entries[index].recipe.clone(),
-                })
-                .collect();
-        }
-        Ok(())
-    }
-
-    /// Whether a head of this shape would win if it were perfect: its time per sample is that of an untrained one.
-    fn could_win(&self, shape: &'static HeadShape, perfect: f64, stop: &AtomicBool) -> Result<bool> {
-        let folder = self.arguments.out.join("untrained");
-        make_folder(&folder)?;
-        let candidate = Candidate { name: shape.name.to_owned(), recipe: Recipe::Head(shape, 1) };
-        let ready = ready(&candidate, &self.view.env, self.opened, self.material, &folder, stop)?;
-        let mut measurement = Measurement::new(SAMPLES);
-        measurement.extend(self.opened, &*ready.estimator, &self.yardstick, ROUNDS[0], &self.covered);
-        let Some(best) = self.best() else { return Ok(true) };
-        Ok(self.bound(self.sample_seconds(&measurement), perfect, ready.prepared) < mean(&self.scores(best)))
-    }
-
-    /// The error of the exact product over that of the best sampler so far, at equal samples and of few points: what is left to gain by a better
-    /// density. The exact product takes milliseconds for each sample, so it is asked on a small picture.
-    fn perfect_share(&self) -> Result<f64> {
-        const SIDE: u32 = 20;
-        const PICTURES: usize = 2;
-        let Some(best) = self.best() else { return Ok(0.0) };
-        let view = ViewArguments { camera: CameraArguments::of_size(SIDE, SIDE * 3 / 4), ..self.view.clone() };
-        let opened = view.open()?;
-        let everywhere = vec![true; (SIDE * SIDE * 3 / 4) as usize];
-        let error = |estimator: &dyn Estimator| {
-            let mut measurement = Measurement::new(1);
-            measurement.extend(&opened, estimator, &self.yardstick, PICTURES, &everywhere);
-            mean(&measurement.errors())
-        };
-        let oracle = SamplerSpec::oracle().build(&opened.environment)?;
-        Ok((error(&*oracle) / error(&*self.entries[best].ready.estimator)).min(1.0))
-    }
-
-    /// The least score that a head of this speed can have.
-    fn bound(&self, sample_seconds: f64, perfect: f64, prepared: f64) -> f64 {
-        let Some(best) = self.best() else { return 0.0 };
-        let best = &self.entries[best].measurement;
-        let equal_samples = perfect * mean(&best.errors()) * f64::from(best.spp);
-        at_time(equal_samples, sample_seconds, prepared, self.arguments.render_seconds)
     }
 
     /// The error of each picture, as it would be once the time is up.
@@ -325,7 +255,7 @@ impl<'a> Contest<'a> {
     }
 
     /// Index of the entry with the least error.
-    fn best(&self) -> Option<usize> {
+    pub fn best(&self) -> Option<usize> {
         let known = (0..self.entries.len()).filter(|&index| self.entries[index].is_in);
         let scored = known.map(|index| (index, mean(&self.scores(index)))).filter(|(_, score)| score.is_finite());
         scored.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(index, _)| index)
@@ -335,14 +265,21 @@ impl<'a> Contest<'a> {
     pub fn choose(&self) -> Result<Choice> {
         let winner = self.best().context("no candidate could be measured")?;
         let goal = NEAR * mean(&self.scores(winner));
-        let near =
-            (0..self.entries.len()).filter(|&index| self.entries[index].is_in && mean(&self.scores(index)) <= goal);
+        let near = (0..self.entries.len())
+            .filter(|&index| self.entries[index].is_allowed && mean(&self.scores(index)) <= goal);
         let cost = |&index: &usize| {
             let entry = &self.entries[index];
             (entry.recipe.is_prepared(), entry.ready.bytes, index)
         };
         let cheapest = near.min_by(|a, b| cost(a).partial_cmp(&cost(b)).unwrap_or(Ordering::Equal)).unwrap_or(winner);
         Ok(Choice { winner, cheapest })
+    }
+
+    /// The first pictures of a sampler that takes no part.
+    pub fn trial(&self, estimator: &dyn Estimator) -> Measurement {
+        let mut measurement = Measurement::new(SAMPLES);
+        measurement.extend(self.opened, estimator, &self.yardstick, ROUNDS[0], &self.covered);
+        measurement
     }
 
     /// The score of an entry over the winner's, over paired pictures.
@@ -371,15 +308,15 @@ impl<'a> Contest<'a> {
         Ok(file::replace(&self.arguments.out.join(role), (text + "\n").as_bytes())?)
     }
 
-    /// Writes every figure and the page.
-    pub fn write_records(&self, choice: &Choice, seconds: f64) -> Result<()> {
+    /// Writes every figure and the page, and returns the figures.
+    pub fn write_records(&self, choice: &Choice, seconds: f64) -> Result<Vec<page::Record>> {
         let records = page::records(self, choice);
         let folder = &self.arguments.out;
         file::replace(&folder.join("autosize.json"), (serde_json::to_string_pretty(&records)? + "\n").as_bytes())?;
         let title = format!("{} under {}", self.opened.scene_name(), self.opened.environment.name());
         let times = (self.arguments.prepare_seconds, self.arguments.render_seconds, seconds);
         file::replace(&folder.join("autosize.html"), page::page(&title, times, &records, &self.why_not()).as_bytes())?;
-        Ok(())
+        Ok(records)
     }
 
     /// Why no head was trained further.
@@ -398,14 +335,7 @@ impl<'a> Contest<'a> {
     }
 }
 
-fn same_shape(a: &Candidate, b: &Candidate) -> bool {
-    let shape = |candidate: &Candidate| match candidate.recipe {
-        Recipe::Head(shape, _) | Recipe::Baked(shape, _) => Some(shape.name),
-        _ => None,
-    };
-    shape(a) == shape(b)
-}
-
-fn mean(values: &[f64]) -> f64 {
+/// The mean; infinite of none.
+pub fn mean(values: &[f64]) -> f64 {
     if values.is_empty() { f64::INFINITY } else { values.iter().sum::<f64>() / values.len() as f64 }
 }

@@ -52,7 +52,7 @@ pub fn ready(
             SamplerSpec::file(FileKind::Direct, file)
         }
         Recipe::Head(shape, steps) => {
-            trained(shape, *steps, env, material, &folder.join(file_stem(&candidate.name)), stop)?
+            trained(shape.settings, *steps, env, material, &folder.join(file_stem(&candidate.name)), stop)?
         }
         Recipe::Baked(shape, steps) => {
             let head = folder.join(file_stem(&format!("{}, {steps} steps", shape.name))).join(run::SAMPLER);
@@ -70,19 +70,38 @@ pub fn ready(
     Ok(Ready { bytes: bytes.with_context(|| candidate.name.clone())?, spec, estimator, prepared })
 }
 
-/// Trains a head.
-fn trained(
+/// An untrained head, which says how long its samples take.
+///
+/// # Errors
+/// As [`ready`].
+pub fn untrained(
     shape: &HeadShape,
+    env: &str,
+    opened: &OpenedView,
+    material: HeadMaterial,
+    out: &Path,
+    stop: &AtomicBool,
+) -> Result<Ready> {
+    let start = Instant::now();
+    let settings = format!("{}\nvalidation_conditions = 1\nvalidation_strata = 2", shape.settings);
+    let spec = trained(&settings, 1, env, material, &out.join("untrained").join(file_stem(shape.name)), stop)?;
+    let estimator = opened.estimator(&spec)?;
+    Ok(Ready { spec, estimator, prepared: start.elapsed().as_secs_f64(), bytes: 0 })
+}
+
+/// Trains a head of these settings over the fast preset.
+fn trained(
+    settings: &str,
     steps: usize,
     env: &str,
     material: HeadMaterial,
     out: &Path,
     stop: &AtomicBool,
 ) -> Result<SamplerSpec> {
-    let mut table: toml::Table = shape.settings.parse().context("the settings of a head")?;
+    let mut table: toml::Table = settings.parse().context("the settings of a head")?;
     table.insert("material".into(), material.0.to_string().into());
     table.insert("steps".into(), (steps as i64).into());
-    let mut table = RunTable::new(shape.name, table)?;
+    let mut table = RunTable::new("the settings of a head", table)?;
     table.set_env(env.to_owned());
     let around = Surroundings {
         out: out.to_owned(),

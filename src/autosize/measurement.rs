@@ -1,5 +1,10 @@
 //! Trial pictures of one sampler, and what they say without a reference.
 
+use std::{
+    cell::Cell,
+    time::{Duration, Instant},
+};
+
 use headtail_render::{
     estimator::Estimator,
     image::Image,
@@ -19,39 +24,49 @@ pub struct Measurement {
     ratios: Vec<f64>,
 }
 
-/// What times are measured against: a sampler that is timed just before every picture, so that what else the machine does slows down both.
+/// What times are measured against: a sampler that is timed before and after every picture, so that what else the machine does slows down both.
 pub struct Yardstick {
     estimator: Box<dyn Estimator>,
     spp: u32,
     /// Seconds of its sample of every pixel on a machine that does nothing else, as far as that was seen.
     pub sample_seconds: f64,
+    /// The last measurement: the one after a picture is the one before the next.
+    last: Cell<Option<(Instant, f64)>>,
 }
+
+/// So long is a measurement of the yardstick that of now.
+const FRESH: Duration = Duration::from_millis(20);
 
 impl Yardstick {
     /// By the least of a few times.
     pub fn new(opened: &OpenedView, estimator: Box<dyn Estimator>, spp: u32) -> Self {
-        let mut yardstick = Self { estimator, spp, sample_seconds: f64::INFINITY };
+        let mut yardstick = Self { estimator, spp, sample_seconds: f64::INFINITY, last: Cell::new(None) };
         for _ in 0..4 {
-            yardstick.sample_seconds = yardstick.sample_seconds.min(yardstick.measure(opened));
+            yardstick.sample_seconds = yardstick.sample_seconds.min(yardstick.after(opened));
         }
         yardstick
     }
 
-    fn measure(&self, opened: &OpenedView) -> f64 {
-        timed(opened, &*self.estimator, self.spp, 0).1
+    /// Before a picture.
+    fn before(&self, opened: &OpenedView) -> f64 {
+        let fresh = self.last.get().filter(|(time, _)| time.elapsed() < FRESH);
+        fresh.map_or_else(|| self.after(opened), |(_, seconds)| seconds)
+    }
+
+    /// After a picture.
+    fn after(&self, opened: &OpenedView) -> f64 {
+        let seconds = timed(opened, &*self.estimator, self.spp, 0).1;
+        self.last.set(Some((Instant::now(), seconds)));
+        seconds
     }
 }
 
-/// So late at most does Linux tell what a thread that still runs has used; shorter pictures are timed by the clock.
-const TICK: f64 = 4e-3;
-
-/// A picture, and the seconds of a sample of every pixel: those of the processor, shared by the threads, where the system tells them (Linux), else
-/// those of the clock.
+/// A picture, and the seconds of a sample of every pixel: those of the processor, shared by the threads, where the system tells them, else those
+/// of the clock.
 fn timed(opened: &OpenedView, estimator: &dyn Estimator, spp: u32, seed: u64) -> (Rendering, f64) {
     let before = processor_seconds();
     let rendering = quietly(opened.view(), estimator, Budget::Spp(spp), Points::new(PointSet::Sobol, seed));
     let used = processor_seconds().zip(before).map(|(after, before)| after - before);
-    let used = used.filter(|used| *used > 5.0 * TICK);
     let seconds = used.map_or(rendering.seconds, |used| used / rayon::current_num_threads() as f64);
     (rendering, seconds / f64::from(spp))
 }
@@ -72,10 +87,18 @@ impl Measurement {
         covered: &[bool],
     ) {
         while self.pictures.len() < count {
-            let before = yardstick.measure(opened);
+            let before = yardstick.before(opened);
             let (rendering, seconds) = timed(opened, estimator, self.spp, 1 + self.pictures.len() as u64);
-            let after = yardstick.measure(opened);
+            let after = yardstick.after(opened);
             self.ratios.push(seconds / (0.5 * (before + after)));
+            self.pictures.push(compare::select(&rendering.surfaces, covered));
+        }
+    }
+
+    /// The same without times.
+    pub fn extend_untimed(&mut self, opened: &OpenedView, estimator: &dyn Estimator, count: usize, covered: &[bool]) {
+        while self.pictures.len() < count {
+            let rendering = timed(opened, estimator, self.spp, 1 + self.pictures.len() as u64).0;
             self.pictures.push(compare::select(&rendering.surfaces, covered));
         }
     }
@@ -127,15 +150,17 @@ impl Measurement {
     }
 }
 
-/// Seconds that the threads of this process have run.
+/// Seconds that all threads of this process have run.
+#[cfg(unix)]
+#[expect(clippy::unnecessary_wraps, reason = "other systems do not tell")]
 fn processor_seconds() -> Option<f64> {
-    let mut nanoseconds = 0.0;
-    for task in std::fs::read_dir("/proc/self/task").ok()? {
-        // A thread can end between the two.
-        let Ok(text) = std::fs::read_to_string(task.ok()?.path().join("schedstat")) else { continue };
-        nanoseconds += text.split_whitespace().next()?.parse::<f64>().ok()?;
-    }
-    (nanoseconds > 0.0).then_some(1e-9 * nanoseconds)
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    Some(time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64)
+}
+
+#[cfg(not(unix))]
+fn processor_seconds() -> Option<f64> {
+    None
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ mod lineup;
 mod measurement;
 mod page;
 mod score;
+mod training;
 
 use std::{path::PathBuf, time::Instant};
 
@@ -16,7 +17,7 @@ use self::{
     candidates::{HeadMaterial, Recipe},
     contest::Contest,
 };
-use crate::terminal::say;
+use crate::terminal::{self, say};
 use crate::{
     arguments::{CameraArguments, ViewArguments},
     output::OutputFolder,
@@ -62,6 +63,9 @@ pub struct Arguments {
     /// Measure every candidate to the end and drop none, to see what the short way costs.
     #[arg(long)]
     exhaustive: bool,
+    /// Print the figures of all candidates as an array of JSON objects, the best first.
+    #[arg(long)]
+    json: bool,
     /// Folder for the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -70,6 +74,9 @@ pub struct Arguments {
 /// Chooses, writes, and says what was chosen.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
+    if arguments.json {
+        terminal::only_data();
+    }
     for (name, seconds) in
         [("--prepare-seconds", arguments.prepare_seconds), ("--render-seconds", arguments.render_seconds)]
     {
@@ -97,7 +104,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     contest.write_choice("winner", winner)?;
     contest.write_choice("cheapest", cheapest)?;
     let seconds = start.elapsed().as_secs_f64();
-    contest.write_records(&choice, seconds)?;
+    let records = contest.write_records(&choice, seconds)?;
+    if arguments.json {
+        terminal::print_json(&records)?;
+    }
     say!("the best: {} ({})", winner.name, contest.place("winner", winner).display());
     if choice.cheapest == choice.winner {
         say!("nothing cheaper is within 5 % of it");

@@ -14,10 +14,15 @@ pub fn ratio(own: &[f64], best: &[f64]) -> Option<RatioInterval> {
     RatioInterval::paired(&own[..count], &best[..count])
 }
 
-/// Whether a sampler is out of the contest: certainly more than 5 % behind, or so far behind that nobody asks how far.
+/// Whether a sampler is out of the contest: certainly behind, or so far that nobody asks how far.
 pub fn is_out(ratio: Option<RatioInterval>) -> bool {
     const FAR: f64 = 3.0;
-    ratio.is_none_or(|ratio| ratio.ratio > FAR || ratio.ends().is_some_and(|(low, _)| low > 1.05))
+    ratio.is_none_or(|ratio| ratio.ratio > FAR || ratio.ends().is_some_and(|(low, _)| low > 1.0))
+}
+
+/// Whether a sampler is certainly not better than the best by more than a factor.
+pub fn cannot_be_better(ratio: Option<RatioInterval>, factor: f64) -> bool {
+    ratio.is_none_or(|ratio| ratio.ends().is_some_and(|(low, _)| low > 1.0 / factor))
 }
 
 #[cfg(test)]
@@ -40,5 +45,13 @@ mod tests {
         assert!(is_out(ratio(&best.map(|error| 1.2 * error), &best)), "certainly behind");
         assert!(is_out(ratio(&[2.5, 9.0, 1.0, 1.1], &best)), "far behind");
         assert!(is_out(ratio(&[f64::INFINITY; 2], &best)));
+    }
+
+    #[test]
+    fn a_contest_is_decided_when_nobody_can_be_much_better() {
+        let best = [1.0, 1.1, 0.9, 1.0];
+        assert!(cannot_be_better(ratio(&best.map(|error| 1.01 * error), &best), 1.08));
+        assert!(!cannot_be_better(ratio(&[1.5, 0.8, 1.2, 0.9], &best), 1.08), "its interval reaches below");
+        assert!(!cannot_be_better(ratio(&best.map(|error| 0.9 * error), &best), 1.08));
     }
 }

@@ -15,7 +15,7 @@ use headtail_render::{
 };
 use headtail_train::Material;
 
-use super::table::MeasuredView;
+use super::view::MeasuredView;
 use crate::{
     compare::{self, Reference},
     render::quietly,

@@ -1,9 +1,13 @@
 //! A run described by one table: map, conditions, head, training, export, and what is measured afterwards.
 
+mod contents;
 pub mod measure;
 mod perform;
 mod table;
+mod view;
 
+pub use contents::Contents;
 pub use measure::Measures;
 pub use perform::{Finished, METRICS, RESULTS, SAMPLER, Surroundings, perform};
-pub use table::{Checkpoints, Picture, RunConfig, RunTable, one_line};
+pub use table::{Checkpoints, RunConfig, RunTable, one_line};
+pub use view::Picture;

@@ -21,7 +21,8 @@ use headtail_train::{
 
 use super::{
     measure::{self, Measures},
-    table::{Picture, RunConfig},
+    table::RunConfig,
+    view::Picture,
 };
 use crate::terminal::{note, say, warning};
 use crate::{

@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::{Args, Subcommand};
 
 use super::{Sweep, collect, folder::SweepFolder, local, report, retry, slurm, status, worker};
-use crate::terminal::{out, say};
+use crate::terminal::{only_data, out, print_json, say};
 use crate::{arguments::make_folder, progress};
 
 /// Run a space of settings: every trial once, resumed where it was stopped.
@@ -34,11 +34,11 @@ enum Action {
     /// Send one array job to Slurm, print its number and return.
     Submit(slurm::Arguments),
     /// Say how far the sweep is.
-    Status(Place),
+    Status(Status),
     /// Let failed trials be tried again.
     Retry(Place),
     /// Write every trial to one table.
-    Collect(Output),
+    Collect(Collect),
     /// Write one page with tables and charts.
     Report(Output),
     /// What `run` and `submit` start.
@@ -79,6 +79,27 @@ struct Plan {
     /// Print every trial. Default: the first twenty.
     #[arg(long)]
     all: bool,
+    /// Print every trial as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args)]
+struct Status {
+    #[command(flatten)]
+    place: Place,
+    /// Print it as a JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args)]
+struct Collect {
+    #[command(flatten)]
+    output: Output,
+    /// Print the rows as an array of JSON objects, too.
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Args)]
@@ -115,31 +136,55 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Action::Plan(plan) => print_plan(plan),
         Action::Run(arguments) => local::run(arguments),
         Action::Submit(arguments) => slurm::submit(arguments),
-        Action::Status(place) => status::run(&place.open()?),
+        Action::Status(status) => print_status(status),
         Action::Retry(place) => retry::run(&place.open()?),
-        Action::Collect(output) => written(output, "trials.csv", collect::csv),
+        Action::Collect(arguments) => collect(arguments),
         Action::Report(output) => {
             let command = format!("headtail sweep report {}", output.place.space.display());
-            written(output, "report.html", |sweep| report::page(sweep, &command))
+            let sweep = output.place.open()?;
+            written(output, &sweep, "report.html", &report::page(&sweep, &command)?)
         }
         Action::Work(work) => self::work(work),
     }
 }
 
-fn written(output: &Output, name: &str, make: impl Fn(&Sweep) -> Result<String>) -> Result<()> {
-    let sweep = output.place.open()?;
+fn written(output: &Output, sweep: &Sweep, name: &str, text: &str) -> Result<()> {
     let file = output.file.clone().unwrap_or_else(|| sweep.folder.path().join(name));
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     folder.map_or(Ok(()), make_folder)?;
-    headtail_render::file::replace(&file, make(&sweep)?.as_bytes())?;
+    headtail_render::file::replace(&file, text.as_bytes())?;
     say!("{} written", file.display());
+    Ok(())
+}
+
+fn collect(arguments: &Collect) -> Result<()> {
+    if arguments.json {
+        only_data();
+    }
+    let sweep = arguments.output.place.open()?;
+    let rows = collect::rows(&sweep);
+    if arguments.json {
+        print_json(&rows.iter().map(|row| row.record(&sweep)).collect::<Vec<_>>())?;
+    }
+    written(&arguments.output, &sweep, "trials.csv", &collect::csv(&sweep, &rows)?)
+}
+
+fn print_status(arguments: &Status) -> Result<()> {
+    let status = status::Status::of(&arguments.place.open()?)?;
+    if arguments.json {
+        return print_json(&status);
+    }
+    status.print();
     Ok(())
 }
 
 fn print_plan(arguments: &Plan) -> Result<()> {
     let sweep = arguments.place.open()?;
-    let shown = if arguments.all { usize::MAX } else { 20 };
     let (trials, configurations) = (&sweep.plan.trials, sweep.plan.configurations.len());
+    if arguments.json {
+        return print_json(trials);
+    }
+    let shown = if arguments.all { usize::MAX } else { 20 };
     out!("{} trials of {configurations} configurations", trials.len());
     if sweep.wants_suggestions() {
         out!("adaptive search makes {} configurations as it goes", sweep.space.search.n);

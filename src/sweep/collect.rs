@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use anyhow::{Context, Result};
+use serde::Serialize;
 use toml::Value;
 
 use super::{Sweep, journal::Record, plan::Trial, status::State};
@@ -20,6 +21,27 @@ pub struct Row<'a> {
     pub seconds: f64,
     /// Why it failed.
     pub error: String,
+}
+
+/// A row as an object, for programs.
+#[derive(Serialize)]
+pub struct JsonRow<'a> {
+    #[serde(flatten)]
+    trial: &'a Trial,
+    state: State,
+    measures: Option<&'a Measures>,
+    work_seconds: f64,
+    folder: String,
+    error: &'a str,
+}
+
+impl Row<'_> {
+    /// For programs.
+    pub fn record(&self, sweep: &Sweep) -> JsonRow<'_> {
+        let Self { trial, state, measures, seconds, error } = self;
+        let folder = sweep.folder.trial(&trial.id).display().to_string();
+        JsonRow { trial, state: *state, measures: *measures, work_seconds: *seconds, folder, error }
+    }
 }
 
 /// The rows of all trials, in the order of the plan.
@@ -40,15 +62,14 @@ pub fn rows(sweep: &Sweep) -> Vec<Row<'_>> {
 }
 
 /// The table: identity, state, a column for each axis, one for each figure, seconds of work, folder, error.
-pub fn csv(sweep: &Sweep) -> Result<String> {
-    let rows = rows(sweep);
+pub fn csv(sweep: &Sweep, rows: &[Row<'_>]) -> Result<String> {
     let axes: Vec<&str> = sweep.space.axes.iter().map(|axis| axis.key.as_str()).collect();
     let figures: BTreeSet<&str> =
         rows.iter().filter_map(|row| row.measures).flat_map(|measures| measures.keys().map(String::as_str)).collect();
     let mut writer = csv::Writer::from_writer(Vec::new());
     let head = ["trial", "configuration", "state"].into_iter().chain(axes.iter().copied());
     writer.write_record(head.chain(figures.iter().copied()).chain(["work_seconds", "folder", "error"]))?;
-    for row in &rows {
+    for row in rows {
         let Row { trial, state, measures, seconds, error } = row;
         let mut record = vec![trial.id.clone(), trial.configuration.to_string(), state.to_string()];
         record.extend(axes.iter().map(|key| trial.assignment.get(*key).map_or(String::new(), plain)));

@@ -11,6 +11,7 @@ use super::{
     axis::{Axis, Values},
     collect::{Row, plain},
 };
+use crate::report::number;
 
 /// The effect of one value, or of a part of a range.
 #[derive(Debug, PartialEq, Serialize)]
@@ -84,6 +85,11 @@ pub fn is_map(sweep: &Sweep, axis: &Axis) -> bool {
     axis.key != "seed" && sweep.space.replicated().any(|other| other.key == axis.key)
 }
 
+/// A number in few digits.
+fn short(value: &Value) -> String {
+    value.as_float().map_or_else(|| plain(value), number::text)
+}
+
 type Part = (String, Box<dyn Fn(&Value) -> bool>);
 
 /// The values of a list; a range in parts with equally many trials.
@@ -107,7 +113,7 @@ fn parts(axis: &Axis, seen: &[&Value]) -> Vec<Part> {
         let own = axis.clone();
         let holds =
             move |value: &Value| own.place(value).is_some_and(|place| place >= low && (place < high || is_last));
-        (format!("{} to {}", plain(&axis.at(low)), plain(&axis.at(high))), Box::new(holds) as _)
+        (format!("{} to {}", short(&axis.at(low)), short(&axis.at(high))), Box::new(holds) as _)
     };
     (0..=bounds.len()).map(part).collect()
 }

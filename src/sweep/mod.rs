@@ -11,6 +11,7 @@ mod jobs;
 mod journal;
 mod local;
 mod plan;
+mod queue;
 mod report;
 mod retry;
 mod search;
@@ -24,6 +25,7 @@ use std::path::Path;
 use anyhow::Result;
 
 use self::{folder::SweepFolder, journal::Ledger, plan::Plan, space::Space};
+use crate::run::Contents;
 pub use arguments::{Arguments, run};
 
 /// A space, its folder, and what is known of its trials.
@@ -36,6 +38,8 @@ pub struct Sweep {
     pub plan: Plan,
     /// What happened so far.
     pub ledger: Ledger,
+    /// What is in the files that runs name.
+    contents: Contents,
     /// Configurations that adaptive search has made.
     suggested: usize,
 }
@@ -49,8 +53,9 @@ impl Sweep {
         let space = Space::open(file)?;
         let ledger = Ledger::open(&folder.journals())?;
         let suggested = ledger.suggested();
-        let plan = Plan::new(&space, &suggested)?;
-        Ok(Self { space, folder, plan, ledger, suggested: suggested.len() })
+        let contents = Contents::default();
+        let plan = Plan::new(&space, &suggested, &contents)?;
+        Ok(Self { space, folder, plan, ledger, contents, suggested: suggested.len() })
     }
 
     /// Reads what others wrote down meanwhile, and plans what they suggested.
@@ -62,7 +67,7 @@ impl Sweep {
         let suggested = self.ledger.suggested();
         if suggested.len() != self.suggested {
             self.suggested = suggested.len();
-            self.plan = Plan::new(&self.space, &suggested)?;
+            self.plan = Plan::new(&self.space, &suggested, &self.contents)?;
         }
         Ok(())
     }

@@ -6,21 +6,22 @@ use anyhow::{Context, Result, ensure};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use serde::Serialize;
 use toml::Value;
 
 use super::{
     axis::Axis,
     space::{Assignment, Method, Space},
 };
-use crate::run::{RunConfig, RunTable};
+use crate::run::{Contents, RunConfig, RunTable};
 
 /// More trials than this are a mistake.
 const MOST_TRIALS: usize = 1_000_000;
 
 /// One run of a sweep.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Trial {
-    /// Hash of the resolved settings and the program's version.
+    /// Hash of the resolved settings, of what is in the files that they name, and of the program's version.
     pub id: String,
     /// What it sets.
     pub assignment: Assignment,
@@ -51,7 +52,7 @@ impl Plan {
     ///
     /// # Errors
     /// If there are too many trials, or the settings of one are wrong.
-    pub fn new(space: &Space, suggested: &[Assignment]) -> Result<Self> {
+    pub fn new(space: &Space, suggested: &[Assignment], contents: &Contents) -> Result<Self> {
         let searched: Vec<&Axis> = space.searched().collect();
         let configurations = match space.search.method {
             Method::Product => product(&searched)?,
@@ -72,12 +73,13 @@ impl Plan {
                 plan.configurations.push(Configuration { assignment, trials: Vec::new() });
             }
         }
+        read_maps(space, contents);
         let of_configuration = |(index, configuration): (usize, &Configuration)| {
             let trial = |replicate: &Assignment| {
                 let mut assignment = configuration.assignment.clone();
                 assignment.extend(replicate.clone());
                 let run = resolve(space, &assignment)?;
-                Ok(Trial { id: identity(&run)?, assignment, configuration: index })
+                Ok(Trial { id: identity(&run, contents)?, assignment, configuration: index })
             };
             replicates.iter().map(trial).collect::<Result<Vec<_>>>()
         };
@@ -97,6 +99,13 @@ impl Plan {
     }
 }
 
+/// Reads the maps once, before all threads ask for them at the same time.
+fn read_maps(space: &Space, contents: &Contents) {
+    let axis = space.axes.iter().find(|axis| axis.key == "env").and_then(|axis| axis.grid().ok());
+    let maps = axis.unwrap_or_default().into_iter().chain(space.run.get("env").cloned());
+    maps.filter_map(|map| map.as_str().map(str::to_owned)).for_each(|map| drop(contents.map(&map)));
+}
+
 /// The run of a trial.
 ///
 /// # Errors
@@ -107,8 +116,8 @@ pub fn resolve(space: &Space, assignment: &Assignment) -> Result<RunConfig> {
 }
 
 /// The first 64 bits of the hash of a run.
-fn identity(run: &RunConfig) -> Result<String> {
-    Ok(run.hash()?[..16].to_owned())
+fn identity(run: &RunConfig, contents: &Contents) -> Result<String> {
+    Ok(run.hash(contents)?[..16].to_owned())
 }
 
 /// An assignment in words: `head.bins = 8, learning_rate = 0.004`.
@@ -162,7 +171,7 @@ mod tests {
 
     fn plan(axes: &str) -> Result<Plan> {
         let text = format!("objectives = ['relative_variance']\n[run]\nenv = 'studio'\n[axes]\n{axes}");
-        Plan::new(&Space::parse(&text)?, &[])
+        Plan::new(&Space::parse(&text)?, &[], &Contents::default())
     }
 
     #[test]

@@ -1,4 +1,7 @@
-//! The page of a sweep: one file that needs nothing but itself. The table and the charts are drawn by its script from the data in it.
+//! The page of a sweep: one file that needs nothing but itself. Its script draws the table of trials and the parallel coordinates, which are brushed and
+//! filtered together; all other charts and tables are those of every page.
+
+mod charts;
 
 use std::collections::BTreeMap;
 
@@ -11,15 +14,18 @@ use super::{
     Sweep,
     axis::{Axis, Values},
     collect::{self, Row, plain},
-    effect::{Effect, effects, is_map, relative},
+    effect::{effects, is_map, relative},
     forest,
     status::State,
 };
-use crate::{compare::machine, report::shell::Page, run};
+use crate::{
+    compare::machine,
+    report::{chart::Curve, shell::Page},
+    run,
+};
 
 const STYLE: &str = include_str!("report/page.css");
 const SCRIPT: &str = include_str!("report/page.js");
-const BODY: &str = include_str!("report/body.html");
 
 /// Trials whose learning curves are drawn: the best ones.
 const CURVES: usize = 40;
@@ -30,12 +36,7 @@ struct Data {
     objectives: Vec<String>,
     axes: Vec<AxisData>,
     trials: Vec<TrialData>,
-    configurations: Vec<ConfigurationData>,
-    curves: Vec<Curve>,
-    effects: Vec<(String, Vec<Effect>)>,
-    importance: Option<Importance>,
-    /// Whether intervals are over seeds; else over trials.
-    has_seeds: bool,
+    configurations: Vec<Configuration>,
 }
 
 #[derive(Serialize)]
@@ -62,26 +63,21 @@ struct TrialData {
 
 /// A configuration whose trials all are done.
 #[derive(Serialize)]
-struct ConfigurationData {
-    index: usize,
+struct Configuration {
     name: String,
+    /// One for each objective.
     figures: Vec<f64>,
+    /// Seconds of work, in all of its trials.
+    seconds: f64,
     /// Whether no other is at least as good in everything and better in something.
     front: bool,
     trials: Vec<usize>,
 }
 
-#[derive(Serialize)]
-struct Curve {
-    trial: usize,
-    points: Vec<(f64, f64)>,
-}
-
-#[derive(Serialize)]
+/// Which settings matter.
 struct Importance {
-    objective: String,
     explained: f64,
-    trees: usize,
+    /// By the settings' keys, the largest first.
     shares: Vec<(String, f64)>,
 }
 
@@ -98,11 +94,22 @@ pub fn page(sweep: &Sweep, command: &str) -> Result<String> {
         machine(),
         format!("headtail {}", env!("CARGO_PKG_VERSION")),
     ];
+    let first = &data.objectives[0];
+    let settings = sweep.space.axes.iter().filter(|axis| !is_map(sweep, axis));
+    let effects = settings.map(|axis| (axis.key.clone(), effects(sweep, &rows, axis, first)));
+    let effects: Vec<_> = effects.filter(|(_, effects)| !effects.is_empty()).collect();
+    let has_seeds = sweep.space.axes.iter().any(|axis| axis.key == "seed");
+    let importance = importance(sweep, &data.axes, &rows, first);
     // Within a script element only `<` could end it.
-    let data = serde_json::to_string(&data)?.replace('<', "\\u003c");
+    let json = serde_json::to_string(&data)?.replace('<', "\\u003c");
     let main = html! {
-        (PreEscaped(BODY))
-        script #data type="application/json" { (PreEscaped(data)) }
+        (charts::to_be_had(&data.objectives, &data.configurations))
+        (charts::interactive())
+        (charts::effects(first, &effects, has_seeds))
+        @if let Some(importance) = &importance { (charts::importance(first, importance)) }
+        (charts::learning(first, &curves(sweep, &data)))
+        (charts::trials())
+        script #data type="application/json" { (PreEscaped(json)) }
     };
     let page = Page {
         kicker: "sweep",
@@ -119,7 +126,6 @@ pub fn page(sweep: &Sweep, command: &str) -> Result<String> {
 
 fn data(sweep: &Sweep, rows: &[Row<'_>]) -> Data {
     let objectives: Vec<String> = sweep.space.objectives.iter().map(ToString::to_string).collect();
-    let first = &objectives[0];
     let axes: Vec<AxisData> = sweep.space.axes.iter().map(|axis| AxisData::of(axis, rows)).collect();
     let places = |row: &Row<'_>| -> Vec<Option<f64>> {
         let values = sweep.space.axes.iter().map(|axis| row.trial.assignment.get(&axis.key));
@@ -141,18 +147,7 @@ fn data(sweep: &Sweep, rows: &[Row<'_>]) -> Data {
             error: row.error.clone(),
         })
         .collect();
-    let settings = sweep.space.axes.iter().filter(|axis| !is_map(sweep, axis));
-    let effects = settings.map(|axis| (axis.key.clone(), effects(sweep, rows, axis, first)));
-    Data {
-        configurations: configurations(sweep, rows, &objectives),
-        curves: curves(sweep, &trials),
-        effects: effects.filter(|(_, effects)| !effects.is_empty()).collect(),
-        importance: importance(sweep, &axes, rows, first),
-        has_seeds: sweep.space.axes.iter().any(|axis| axis.key == "seed"),
-        objectives,
-        axes,
-        trials,
-    }
+    Data { configurations: configurations(sweep, rows, &objectives), objectives, axes, trials }
 }
 
 impl AxisData {
@@ -188,11 +183,11 @@ fn number(value: &Value) -> Option<f64> {
 }
 
 /// The configurations all of whose trials are done, and which of them are on the Pareto front.
-fn configurations(sweep: &Sweep, rows: &[Row<'_>], objectives: &[String]) -> Vec<ConfigurationData> {
+fn configurations(sweep: &Sweep, rows: &[Row<'_>], objectives: &[String]) -> Vec<Configuration> {
     let by_id: BTreeMap<&str, usize> =
         rows.iter().enumerate().map(|(index, row)| (row.trial.id.as_str(), index)).collect();
     let mut found = Vec::new();
-    for (index, configuration) in sweep.plan.configurations.iter().enumerate() {
+    for configuration in &sweep.plan.configurations {
         let trials: Vec<usize> = configuration
             .trials
             .iter()
@@ -206,7 +201,8 @@ fn configurations(sweep: &Sweep, rows: &[Row<'_>], objectives: &[String]) -> Vec
         let figures: Option<Vec<f64>> = objectives.iter().map(figure).collect();
         let Some(figures) = figures else { continue };
         let name = super::plan::text(&configuration.assignment);
-        found.push(ConfigurationData { index, name, figures, front: false, trials });
+        let seconds = trials.iter().map(|&row| rows[row].seconds).sum();
+        found.push(Configuration { name, figures, seconds, front: false, trials });
     }
     let front: Vec<bool> =
         found.iter().map(|own| !found.iter().any(|other| dominates(&other.figures, &own.figures))).collect();
@@ -218,8 +214,9 @@ fn dominates(a: &[f64], b: &[f64]) -> bool {
     a.iter().zip(b).all(|(a, b)| a <= b) && a.iter().zip(b).any(|(a, b)| a < b)
 }
 
-/// Relative variance against steps, of the best trials.
-fn curves(sweep: &Sweep, trials: &[TrialData]) -> Vec<Curve> {
+/// Relative variance against steps of the best trials, by what they set.
+fn curves(sweep: &Sweep, data: &Data) -> Vec<Curve> {
+    let trials = &data.trials;
     let mut order: Vec<usize> = (0..trials.len()).filter(|&trial| trials[trial].figures[0].is_some()).collect();
     order
         .sort_by(|&a, &b| trials[a].figures[0].partial_cmp(&trials[b].figures[0]).unwrap_or(std::cmp::Ordering::Equal));
@@ -230,7 +227,8 @@ fn curves(sweep: &Sweep, trials: &[TrialData]) -> Vec<Curve> {
             Some((row["step"].as_f64()?, row["relative_variance"].as_f64()?))
         };
         let points: Vec<(f64, f64)> = text.lines().filter_map(point).collect();
-        (points.len() > 1).then_some(Curve { trial, points })
+        let name = super::plan::text(&sweep.plan.trials[trial].assignment);
+        (points.len() > 1).then_some(Curve { name, points })
     };
     order.into_iter().take(CURVES).filter_map(read).collect()
 }
@@ -249,5 +247,5 @@ fn importance(sweep: &Sweep, axes: &[AxisData], rows: &[Row<'_>], objective: &st
     let (shares, explained) = forest::importance(&columns, &values, 0)?;
     let mut shares: Vec<(String, f64)> = settings.iter().map(|(axis, _)| axis.key.clone()).zip(shares).collect();
     shares.sort_by(|a, b| b.1.total_cmp(&a.1));
-    Some(Importance { objective: objective.to_owned(), explained, trees: forest::TREES, shares })
+    Some(Importance { explained, shares })
 }

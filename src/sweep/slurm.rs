@@ -1,7 +1,7 @@
 //! A sweep on a cluster under Slurm: one array job, whose tasks take trials as workers do anywhere.
 
 use std::{
-    fs::{self, OpenOptions},
+    fs::OpenOptions,
     io::Write,
     path::Path,
     process::{Command, Output},
@@ -13,12 +13,12 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use serde::{Deserialize, Serialize};
 
 use super::{
     Sweep,
     arguments::{Checkpoints, Place},
     jobs,
+    queue::{SENT, Sent},
     worker::{self, Manner},
 };
 use crate::terminal::{note, out};
@@ -45,14 +45,6 @@ pub struct Arguments {
     dry_run: bool,
 }
 
-/// A job that was sent, as a line of the folder's list.
-#[derive(Serialize, Deserialize)]
-struct Sent {
-    job: String,
-    tasks: u32,
-}
-
-const SENT: &str = "slurm.jsonl";
 const SCRIPT: &str = "slurm.sh";
 /// Most tasks by default: what a Slurm of usual settings takes as one array.
 const MOST_TASKS: usize = 1000;
@@ -159,35 +151,6 @@ pub fn task(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result
         bail!("{failed} trials of the sweep failed");
     }
     Ok(())
-}
-
-/// What Slurm says of the jobs that were sent; nothing where none was.
-pub fn print_status(sweep: &Sweep) -> Result<()> {
-    let list = sweep.folder.path().join(SENT);
-    let Ok(text) = fs::read_to_string(&list) else { return Ok(()) };
-    let jobs: Vec<String> =
-        text.lines().filter_map(|line| serde_json::from_str::<Sent>(line).ok()).map(|sent| sent.job).collect();
-    ensure!(!jobs.is_empty(), "{}: no line of it can be read", list.display());
-    let jobs = jobs.join(",");
-    let queue = answer("squeue", &["--noheader", "--array", "--jobs", &jobs, "--format", "%i %T"]);
-    let accounts = answer(
-        "sacct",
-        &["--noheader", "--allocations", "--parsable2", "--jobs", &jobs, "--format", "JobID,State,ExitCode"],
-    );
-    match (&queue, &accounts) {
-        (None, None) => out!("Slurm: jobs {jobs} were sent; neither squeue nor sacct says anything of them here"),
-        _ => {
-            queue.iter().flat_map(|text| text.lines()).for_each(|line| out!("squeue: {line}"));
-            accounts.iter().flat_map(|text| text.lines()).for_each(|line| out!("sacct: {line}"));
-        }
-    }
-    Ok(())
-}
-
-/// The output of a command that succeeds.
-fn answer(program: &str, arguments: &[&str]) -> Option<String> {
-    let output = Command::new(program).args(arguments).output().ok()?;
-    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
 #[cfg(test)]

@@ -3,8 +3,15 @@
 use std::{collections::BTreeMap, fmt};
 
 use anyhow::Result;
+use serde::{Serialize, Serializer};
 
-use super::{Sweep, journal::Record, slurm};
+use super::{
+    Sweep,
+    journal::Record,
+    plan::{self, Trial},
+    queue::Queue,
+    space::Assignment,
+};
 use crate::report::number::duration;
 use crate::terminal::out;
 
@@ -38,6 +45,13 @@ impl fmt::Display for State {
     }
 }
 
+impl Serialize for State {
+    /// The word that it is shown as.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
 impl State {
     /// The state of a trial of which this is known.
     pub fn of(sweep: &Sweep, id: &str) -> Self {
@@ -56,26 +70,63 @@ impl State {
     }
 }
 
-/// Prints counts, then failures.
-pub fn run(sweep: &Sweep) -> Result<()> {
-    let mut counts: BTreeMap<State, usize> = BTreeMap::new();
-    let mut failures = Vec::new();
-    for trial in &sweep.plan.trials {
-        let state = State::of(sweep, &trial.id);
-        *counts.entry(state).or_default() += 1;
-        if state == State::Failed {
-            let reason = sweep.ledger.record(&trial.id).and_then(Record::failure).unwrap_or_default();
-            failures.push(format!("{}  {}: {reason}", trial.id, super::plan::text(&trial.assignment)));
+/// How far a sweep is.
+#[derive(Debug, Serialize)]
+pub struct Status {
+    /// Planned so far.
+    trials: usize,
+    /// By state.
+    states: BTreeMap<State, usize>,
+    /// Of all work that came to an end in order.
+    work_seconds: f64,
+    /// Trials that failed.
+    failures: Vec<Failure>,
+    /// What Slurm says, where the sweep was sent there.
+    slurm: Option<Queue>,
+}
+
+/// A trial that failed.
+#[derive(Debug, Serialize)]
+struct Failure {
+    trial: String,
+    assignment: Assignment,
+    reason: String,
+}
+
+impl Status {
+    /// As the folder has it, and Slurm.
+    ///
+    /// # Errors
+    /// As [`Queue::ask`].
+    pub fn of(sweep: &Sweep) -> Result<Self> {
+        let record = |trial: &Trial| sweep.ledger.record(&trial.id);
+        let trials = &sweep.plan.trials;
+        let mut states: BTreeMap<State, usize> = BTreeMap::new();
+        let mut failures = Vec::new();
+        for trial in trials {
+            let state = State::of(sweep, &trial.id);
+            *states.entry(state).or_default() += 1;
+            if state == State::Failed {
+                let reason = record(trial).and_then(Record::failure).unwrap_or_default();
+                failures.push(Failure { trial: trial.id.clone(), assignment: trial.assignment.clone(), reason });
+            }
         }
+        let work_seconds = trials.iter().filter_map(record).map(|record| record.seconds).sum();
+        Ok(Self { trials: trials.len(), states, work_seconds, failures, slurm: Queue::ask(sweep.folder.path())? })
     }
-    let words: Vec<String> = counts.iter().map(|(state, count)| format!("{count} {state}")).collect();
-    let seconds: f64 =
-        sweep.plan.trials.iter().filter_map(|trial| sweep.ledger.record(&trial.id)).map(|record| record.seconds).sum();
-    out!("{} trials: {}; {} of work", sweep.plan.trials.len(), words.join(", "), duration(seconds));
-    const SHOWN: usize = 20;
-    failures.iter().take(SHOWN).for_each(|line| out!("failed: {line}"));
-    if failures.len() > SHOWN {
-        out!("... and {} more that failed", failures.len() - SHOWN);
+
+    /// Prints counts, then failures, then what Slurm says.
+    pub fn print(&self) {
+        let Self { trials, states, work_seconds, failures, slurm } = self;
+        let words: Vec<String> = states.iter().map(|(state, count)| format!("{count} {state}")).collect();
+        out!("{trials} trials: {}; {} of work", words.join(", "), duration(*work_seconds));
+        const SHOWN: usize = 20;
+        for Failure { trial, assignment, reason } in failures.iter().take(SHOWN) {
+            out!("failed: {trial}  {}: {reason}", plan::text(assignment));
+        }
+        if failures.len() > SHOWN {
+            out!("... and {} more that failed", failures.len() - SHOWN);
+        }
+        slurm.iter().flat_map(Queue::lines).for_each(|line| out!("{line}"));
     }
-    slurm::print_status(sweep)
 }

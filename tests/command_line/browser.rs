@@ -85,6 +85,13 @@ fn pages_work_in_a_browser() {
         "moved=true chosen=true same=true exposed=true difference=true zoomed=true charts=0 images=true"
     );
 
+    let view = "--env overcast --scene sphere --material lambert --width 16 --height 12";
+    let said = succeed(path, &format!("autosize {view} --prepare-seconds 1 --render-seconds 2 --json --out auto"));
+    let records: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let winners = records.as_array().unwrap().iter().filter(|record| record["winner"] == true).count();
+    assert!(winners == 1 && records.as_array().unwrap().len() > 10, "{said}");
+    assert_eq!(probe(&browser, &path.join("auto/autosize.html"), false), "charts=1 images=true");
+
     fs::write(path.join("space.toml"), super::sweep::SPACE.replace("steps = 400", "steps = 100")).unwrap();
     succeed(path, "sweep run space.toml --jobs 2 --threads 1");
     succeed(path, "sweep report space.toml");
@@ -92,7 +99,7 @@ fn pages_work_in_a_browser() {
         let found = probe(&browser, &path.join("space.sweep/report.html"), dark);
         assert_eq!(
             found,
-            "rows=8 sorted=true filtered=4 brushed=true released=8 points=4 detail=true axis=true charts=3 images=true"
+            "rows=8 sorted=true filtered=4 brushed=true released=8 points=4 detail=true axis=true saved=true charts=4 images=true"
         );
     }
 }

@@ -118,14 +118,20 @@ window.addEventListener("load", () => {
         found.brushed = rows().length === 4 && rows().every((row) => row.cells[4].textContent === "1");
         brush("seed", 0.3, 0.3);
         found.released = rows().length;
-        const points = document.querySelectorAll("#pareto .point");
-        found.points = points.length;
-        points[0].dispatchEvent(new MouseEvent("click"));
+        const points = () => [...document.querySelectorAll("#pareto .spot")].filter((point) => point.getBoundingClientRect().width > 0);
+        found.points = points().length;
+        points()[0].dispatchEvent(new MouseEvent("click", { bubbles: true }));
         found.detail = !get("detail").hidden && get("detail").textContent.includes("headtail fit --config trials/") && get("detail").querySelector("a") !== null;
-        const before = get("pareto").innerHTML;
-        get("pareto-x").value = "relative_variance";
-        get("pareto-x").dispatchEvent(new Event("change"));
-        found.axis = get("pareto").innerHTML !== before;
+        const place = points()[0].getAttribute("cx");
+        get("pair").value = "1";
+        get("pair").dispatchEvent(new Event("change"));
+        found.axis = points().length === found.points && points()[0].getAttribute("cx") !== place;
+        const links = [];
+        HTMLAnchorElement.prototype.click = function () { links.push(this.download + " " + decodeURIComponent(this.href)); };
+        get("save-csv").click();
+        get("save-tex").click();
+        found.saved = links.length === 2 && links[0].startsWith("trials.csv") && links[0].trimEnd().split("\n").length === 9
+          && links[0].includes("\n" + rows()[0].cells[0].textContent + ",done,") && links[1].includes("\\toprule") && links[1].includes("relative\\_variance");
         finish();
       }, 150);
     }, 150);

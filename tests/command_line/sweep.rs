@@ -94,6 +94,10 @@ fn a_sweep_does_everything_once_and_a_changed_one_what_is_new() {
     succeed(path, "sweep run space.toml --jobs 2 --threads 1");
     assert_eq!((events(&sweep, "started"), names(&sweep.join("trials")).len()), (12, 12));
     assert!(succeed(path, "sweep status space.toml").starts_with("8 trials: 8 done"));
+    let collected: serde_json::Value = serde_json::from_str(&succeed(path, "sweep collect space.toml --json")).unwrap();
+    assert_eq!(collected.as_array().unwrap().len(), 8);
+    let row = &collected[0];
+    assert!(row["state"] == "done" && row["measures"]["relative_variance"].as_f64().is_some(), "{row}");
 
     // A trial is the run that its command makes.
     let id = rows(path, "space.sweep").into_keys().next().unwrap();
@@ -117,6 +121,64 @@ fn a_failed_trial_is_named_and_tried_again_when_asked() {
     fs::write(path.join("none.hdr"), super::radiance_file(8, 4, 128, 128)).unwrap();
     succeed(path, "sweep run space.toml");
     assert!(rows(path, "space.sweep").values().all(|row| row.contains(&"state=done".to_owned())));
+}
+
+#[test]
+fn a_trial_is_known_by_what_its_map_shows_and_not_by_its_name() {
+    let here = folder();
+    let path = here.path();
+    let map = |name: &str, value: u8| fs::write(path.join(name), super::radiance_file(8, 4, value, value)).unwrap();
+    let plan = |file: &str| {
+        let space = SPACE.replace("env = \"studio\"", &format!("env = \"{file}\""));
+        fs::write(path.join("space.toml"), space).unwrap();
+        let trials: serde_json::Value = serde_json::from_str(&succeed(path, "sweep plan space.toml --json")).unwrap();
+        let ids = trials.as_array().unwrap().iter().map(|trial| trial["id"].as_str().unwrap().to_owned());
+        ids.collect::<Vec<_>>()
+    };
+    map("a.hdr", 100);
+    map("same.hdr", 100);
+    let first = plan("a.hdr");
+    assert_eq!(first.len(), 8);
+    assert_eq!(plan("same.hdr"), first);
+    map("a.hdr", 101);
+    assert!(plan("a.hdr").iter().all(|id| !first.contains(id)));
+}
+
+/// A program that prints a text.
+#[cfg(unix)]
+fn program(folder: &Path, name: &str, prints: &str) {
+    use std::os::unix::fs::PermissionsExt;
+    let file = folder.join(name);
+    fs::write(&file, format!("#!/bin/sh\ncat <<'TEXT'\n{prints}\nTEXT\n")).unwrap();
+    fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn the_status_of_a_sent_sweep_says_what_slurm_says() {
+    let here = folder();
+    let path = here.path();
+    fs::write(path.join("space.toml"), SPACE).unwrap();
+    fs::create_dir_all(path.join("space.sweep")).unwrap();
+    fs::write(path.join("space.sweep/slurm.jsonl"), "{\"job\":\"31\",\"tasks\":4}\n").unwrap();
+    let programs = folder();
+    program(programs.path(), "squeue", "31_2|RUNNING\n31_3|PENDING");
+    program(programs.path(), "sacct", "31_0|COMPLETED|0:0\n31_1|TIMEOUT|0:1\n31_2|PENDING|0:0");
+    let status = |options: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_headtail"));
+        let known = std::env::var("PATH").unwrap_or_default();
+        command.env("PATH", format!("{}:{known}", programs.path().display()));
+        let output = command.args(["sweep", "status", "space.toml"]).args(options).current_dir(path).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let said = status(&[]);
+    let expected = "Slurm: jobs 31: 1 COMPLETED, 1 PENDING, 1 RUNNING, 1 TIMEOUT (sacct, squeue)\n\
+                    Slurm: task 31_1: TIMEOUT, exit 0:1\n";
+    assert!(said.starts_with("8 trials: 8 waiting") && said.ends_with(expected), "{said}");
+    let json: serde_json::Value = serde_json::from_str(&status(&["--json"])).unwrap();
+    assert_eq!(json["states"]["waiting"], 8);
+    assert_eq!(json["slurm"]["tasks"]["31_1"]["exit"], "0:1");
 }
 
 #[test]
@@ -205,7 +267,7 @@ fn twenty_kills_of_workers_and_of_the_parent_change_nothing() {
     let (mut numbers, mut kills, mut parents) = (Numbers(7), 0, 0);
     let mut process = start(path, "killed");
     while kills < 20 {
-        sleep(Duration::from_millis(60 + numbers.below(400)));
+        sleep(Duration::from_millis(40 + numbers.below(240)));
         if process.try_wait().unwrap().is_some() {
             break;
         }
@@ -221,7 +283,7 @@ fn twenty_kills_of_workers_and_of_the_parent_change_nothing() {
         }
     }
     process.wait().unwrap();
-    assert!(kills >= 10 && parents >= 2, "the sweep was over after {kills} kills, {parents} of the parent");
+    assert!(kills == 20 && parents >= 2, "the sweep was over after {kills} kills, {parents} of the parent");
     let left = headtail(path, "sweep retry space.toml --out killed");
     assert!(left.status.success(), "{}", text(&left.stderr));
     succeed(path, "sweep run space.toml --out killed --jobs 2 --threads 1");

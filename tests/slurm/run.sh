@@ -87,6 +87,8 @@ for _ in $(seq 300); do
     ls cluster/trials/*/checkpoints/step-* >/dev/null 2>&1 && break
     sleep 0.1
 done
+said="$("$headtail" sweep status space.toml --out cluster)"
+grep -q "^Slurm: jobs $job: .*RUNNING.*squeue" <<<"$said" || { echo "status says nothing of the queue: $said" >&2; exit 1; }
 scancel --signal=USR1 --batch "${job}_0"
 for _ in $(seq 600); do
     left="$(squeue --noheader --array --jobs "$job" --format %i 2>/dev/null | wc -l)"

@@ -84,7 +84,7 @@ fn draw(layout: &Layout, summary: &Summary) -> Drawing {
                     drawing.path("grid minor", format_args!("M{:.1} {y:.1}v{BAR:.1}", axis.at(value)));
                 }
                 drawing.path("one", format_args!("M{:.1} {y:.1}v{BAR:.1}", axis.at(1.0)));
-                bar(drawing, &axis, y, ratio(sampler, budget, *measure), layout.width);
+                bar_of(drawing, &axis, y, ratio(sampler, budget, *measure), layout.width);
             });
             y += BAR + 4.0;
         }
@@ -98,23 +98,31 @@ fn draw(layout: &Layout, summary: &Summary) -> Drawing {
 }
 
 /// A bar with its interval and its number.
-fn bar(drawing: &mut Drawing, axis: &Axis, y: f64, ratio: Option<RatioInterval>, width: f64) {
+fn bar_of(drawing: &mut Drawing, axis: &Axis, y: f64, ratio: Option<RatioInterval>, width: f64) {
     let Some(ratio) = ratio else {
         drawing.text("label", "end", (width - 4.0, y + 13.0), "\u{2013}");
         return;
     };
-    let (one, end, middle) = (axis.at(1.0), axis.at(ratio.ratio), y + 9.0);
-    let (left, length) = (one.min(end), (one - end).abs());
+    bar(drawing, [axis.at(1.0), axis.at(ratio.ratio)], y);
+    if let Some((low, high)) = ratio.ends().filter(|(low, high)| low < high) {
+        whisker(drawing, [axis.at(low), axis.at(high)], y);
+    }
+    drawing.text("label", "end", (width - 4.0, y + 13.0), &format!("{}\u{d7}", times(ratio.ratio)));
+}
+
+/// A bar between two places, in a row that begins at `y`.
+pub(super) fn bar(drawing: &mut Drawing, [from, to]: [f64; 2], y: f64) {
+    let (left, length) = (from.min(to), (from - to).abs());
     drawing.raw(format_args!(
         "<rect class=\"bar\" x=\"{left:.1}\" y=\"{:.1}\" width=\"{length:.1}\" height=\"12\"/>",
         y + 3.0
     ));
-    if let Some((low, high)) = ratio.ends().filter(|(low, high)| low < high) {
-        let (low, high, top) = (axis.at(low), axis.at(high), middle - 4.0);
-        drawing
-            .path("whisker", format_args!("M{low:.1} {middle:.1}H{high:.1}M{low:.1} {top:.1}v8M{high:.1} {top:.1}v8"));
-    }
-    drawing.text("label", "end", (width - 4.0, y + 13.0), &format!("{}\u{d7}", times(ratio.ratio)));
+}
+
+/// An interval over it.
+pub(super) fn whisker(drawing: &mut Drawing, [low, high]: [f64; 2], y: f64) {
+    let (middle, top) = (y + 9.0, y + 5.0);
+    drawing.path("whisker", format_args!("M{low:.1} {middle:.1}H{high:.1}M{low:.1} {top:.1}v8M{high:.1} {top:.1}v8"));
 }
 
 #[cfg(test)]

@@ -4,16 +4,22 @@
 //! two layouts, since shrinking a wide one to a telephone's width would leave its text unreadable.
 
 mod bars;
+mod curves;
 mod densities;
 mod legend;
 mod lines;
 mod matrix;
 pub mod pareto;
+mod settings;
+mod spots;
 
 pub use bars::{comparisons, ratio_bars};
+pub use curves::{Curve, curves};
 pub use densities::{Panel, Scale, Sides, densities};
 pub use lines::error_over_time;
 pub use matrix::{Cell, Matrix, matrix};
+pub use settings::{Bar, effects, shares};
+pub use spots::{Spot, spots};
 
 use headtail_render::statistics::{MeanInterval, RatioInterval};
 use legend::{Entry, Legend};

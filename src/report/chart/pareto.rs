@@ -68,14 +68,7 @@ fn draw(layout: &Layout, places: &[Place], [time, error]: [&str; 2]) -> Drawing 
     let label = format!("{error} against {time}, both logarithmic, one point for each sampler");
     let mut drawing = Drawing::new(layout.class, (layout.width, layout.height + legend.height), label);
     layout.draw_frame(&mut drawing, &x, &y, [time, error]);
-    // Steps: between two points, only the faster one's accuracy is to be had.
-    let mut path = String::new();
-    for place in best_means(places) {
-        let (px, py) = (x.at(place.time.value), y.at(place.error.value));
-        let start = if path.is_empty() { format!("M{px:.1} {:.1}", y.end) } else { format!("H{px:.1}") };
-        path += &format!("{start}V{py:.1}");
-    }
-    drawing.path("front", format_args!("{path}H{:.1}", x.end));
+    steps(&mut drawing, [&x, &y], places);
     for (place, on_front) in places.iter().zip(on_front) {
         drawing.group(&place.look.class(), |drawing| {
             if on_front {
@@ -87,6 +80,17 @@ fn draw(layout: &Layout, places: &[Place], [time, error]: [&str; 2]) -> Drawing 
     }
     legend.draw(&mut drawing, layout.height);
     drawing
+}
+
+/// The line along the front, in steps: between two points, only the faster one's accuracy is to be had.
+pub(super) fn steps(drawing: &mut Drawing, [x, y]: [&Axis; 2], places: &[Place]) {
+    let mut path = String::new();
+    for place in best_means(places) {
+        let (px, py) = (x.at(place.time.value), y.at(place.error.value));
+        let start = if path.is_empty() { format!("M{px:.1} {:.1}", y.end) } else { format!("H{px:.1}") };
+        path += &format!("{start}V{py:.1}");
+    }
+    drawing.path("front", format_args!("{path}H{:.1}", x.end));
 }
 
 /// The places that no other one beats in the means of both time and error, from the fastest to the most accurate.

@@ -54,20 +54,6 @@
     return { place, back, ticks };
   };
 
-  const frame = (svg, x, y, box, xName, yName) => {
-    for (const tick of x.ticks) {
-      make(svg, "line", { class: "grid", x1: x.place(tick), x2: x.place(tick), y1: box.top, y2: box.bottom });
-      make(svg, "text", { class: "tick", x: x.place(tick), y: box.bottom + 18, "text-anchor": "middle" }, words(tick));
-    }
-    for (const tick of y.ticks) {
-      make(svg, "line", { class: "grid", x1: box.left, x2: box.right, y1: y.place(tick), y2: y.place(tick) });
-      make(svg, "text", { class: "tick", x: box.left - 8, y: y.place(tick) + 4, "text-anchor": "end" }, words(tick));
-    }
-    make(svg, "rect", { class: "frame", x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top });
-    make(svg, "text", { class: "axis", x: (box.left + box.right) / 2, y: box.bottom + 40, "text-anchor": "middle" }, xName);
-    make(svg, "text", { class: "axis", x: box.left, y: box.top - 10 }, yName);
-  };
-
   // Which trials are kept by brushes and by the filter.
   const brushes = new Map();
   let kept = data.trials.map((_, index) => index);
@@ -104,7 +90,7 @@
   const step = Math.ceil(measured.length / LINES);
   const drawn = measured.filter((_, index) => index % step === 0);
   const many = drawn.length > 200 ? " many" : "";
-  if (step > 1) make(parallel.parentElement.querySelector("figcaption"), "span", {}, " One trial in " + step + " is drawn.");
+  if (step > 1) make(get("parallel-note"), "span", {}, " One trial in " + step + " is drawn.");
   const parts = (trials) => Array.from({ length: PATHS }, (_, part) => path(trials.filter((_, index) => index % PATHS === part)));
   parts(drawn).forEach((d) => make(parallel, "path", { class: "lines off" + many, d }));
   const on = parts([]).map((d) => make(parallel, "path", { class: "lines on" + many, d }));
@@ -183,17 +169,20 @@
     const bound = Number(text);
     return (trial) => { const value = raw(trial, k); return typeof value === "number" && (sign === "<" ? value < bound : value > bound); };
   });
-  const draw = () => {
+  const order = () => {
     const { column, up } = sorted;
-    const order = kept.slice().sort((a, b) => {
+    return kept.slice().sort((a, b) => {
       const [x, y] = [raw(data.trials[a], column), raw(data.trials[b], column)];
       if (x === null || y === null) return (x === null) - (y === null);
       const less = typeof x === "number" && typeof y === "number" ? x - y : String(x).localeCompare(String(y));
       return up ? less : -less;
     });
+  };
+  const draw = () => {
+    const { column, up } = sorted, all = order();
     [...row.cells].forEach((head, k) => k === column ? head.setAttribute("aria-sort", up ? "ascending" : "descending") : head.removeAttribute("aria-sort"));
     const body = document.createElement("tbody");
-    for (const index of order.slice(0, rowsShown)) {
+    for (const index of all.slice(0, rowsShown)) {
       const trial = data.trials[index], line = make(body, "tr");
       heads.forEach((_, k) => {
         const place = make(line, k === 0 ? "th" : "td", { class: k > 1 ? "number" : "" });
@@ -203,8 +192,8 @@
       });
     }
     table.tBodies[0].replaceWith(body);
-    get("shown").textContent = order.length + " of " + data.trials.length;
-    get("more").hidden = order.length <= rowsShown;
+    get("shown").textContent = all.length + " of " + data.trials.length;
+    get("more").hidden = all.length <= rowsShown;
   };
   get("more").addEventListener("click", () => { rowsShown += 400; draw(); });
   const update = () => {
@@ -222,12 +211,32 @@
   filter.addEventListener("input", () => { clearTimeout(waiting); waiting = setTimeout(update, 60); });
   update();
 
-  // The Pareto front.
-  const plot = get("pareto"), [across, up] = [get("pareto-x"), get("pareto-y")];
-  data.objectives.forEach((name) => { make(across, "option", {}, name); make(up, "option", {}, name); });
-  up.value = data.objectives[0];
-  across.value = data.objectives[Math.min(1, data.objectives.length - 1)];
-  const detail = get("detail");
+  // The table as files: the rows that are shown, all of them.
+  const save = (name, kind, text) => {
+    const link = document.createElement("a");
+    link.download = name;
+    link.href = "data:" + kind + ";charset=utf-8," + encodeURIComponent(text);
+    link.click();
+  };
+  const asCsv = () => {
+    const quoted = (text) => /[",\n\r]/.test(text) ? "\"" + text.replaceAll("\"", "\"\"") + "\"" : text;
+    const exact = (trial, k) => k >= 2 && typeof raw(trial, k) === "number" && !(data.axes[k - 2] && data.axes[k - 2].words) ? String(raw(trial, k)) : cell(trial, k);
+    const lines = order().map((index) => heads.map((_, k) => quoted(exact(data.trials[index], k))).join(","));
+    return [heads.map(quoted).join(",")].concat(lines).join("\n") + "\n";
+  };
+  const asLatex = () => {
+    const special = { "\\": "\\textbackslash{}", "~": "\\textasciitilde{}", "^": "\\textasciicircum{}", "<": "$<$", ">": "$>$" };
+    const escaped = (text) => text.replace(/[\\~^<>&%$#_{}]/g, (letter) => special[letter] || "\\" + letter);
+    const line = (cells) => cells.map(escaped).join(" & ") + " \\\\";
+    const lines = order().map((index) => line(heads.map((_, k) => cell(data.trials[index], k))));
+    const columns = heads.map((_, k) => k > 1 ? "r" : "l").join("");
+    return ["% \\usepackage{booktabs}", "\\begin{tabular}{" + columns + "}", "\\toprule", line(heads), "\\midrule"].concat(lines, ["\\bottomrule", "\\end{tabular}"]).join("\n") + "\n";
+  };
+  get("save-csv").addEventListener("click", () => save("trials.csv", "text/csv", asCsv()));
+  get("save-tex").addEventListener("click", () => save("trials.tex", "application/x-tex", asLatex()));
+
+  // One pair of objectives at a time, and the runs of a chosen point.
+  const figure = get("pareto"), detail = get("detail");
   const show = (configuration) => {
     detail.hidden = false;
     detail.replaceChildren();
@@ -239,97 +248,33 @@
       make(line, "code", {}, " headtail fit --config " + trial.folder + "/resolved.toml --out " + trial.id);
     }
   };
-  const pareto = () => {
-    plot.replaceChildren();
-    const [i, j] = [across, up].map((select) => data.objectives.indexOf(select.value));
-    const box = { left: 80, right: 880, top: 26, bottom: 360 };
-    const x = scale(data.configurations.map((c) => c.figures[i]), true, box.left, box.right);
-    const y = scale(data.configurations.map((c) => c.figures[j]), true, box.bottom, box.top);
-    frame(plot, x, y, box, data.objectives[i], data.objectives[j]);
-    const ordered = data.configurations.slice().sort((a, b) => a.figures[i] - b.figures[i] || a.figures[j] - b.figures[j]);
-    let line = "", least = Infinity;
-    for (const c of ordered) {
-      if (c.figures[j] >= least) continue;
-      least = c.figures[j];
-      const [px, py] = [x.place(c.figures[i]), y.place(least)];
-      line += line ? "H" + px + "V" + py : "M" + px + " " + box.top + "V" + py;
-    }
-    if (line) make(plot, "path", { class: "front", d: line + "H" + box.right });
-    for (const c of ordered) {
-      const point = make(plot, "circle", { class: "point" + (c.front ? " front-point" : ""), cx: x.place(c.figures[i]), cy: y.place(c.figures[j]), r: 5, tabindex: 0, role: "button" });
-      make(point, "title", {}, c.name);
-      const choose = () => {
-        plot.querySelectorAll(".chosen").forEach((other) => other.classList.remove("chosen"));
-        point.classList.add("chosen");
-        show(c);
-      };
-      point.addEventListener("click", choose);
-      point.addEventListener("keydown", (event) => { if (event.key === "Enter" || event.key === " ") { event.preventDefault(); choose(); } });
-    }
-  };
-  if (data.configurations.length) {
-    pareto();
-    across.addEventListener("change", pareto);
-    up.addEventListener("change", pareto);
-  } else get("pareto-section").hidden = true;
+  if (figure) {
+    const pair = get("pair"), parts = [...figure.querySelectorAll("[data-pair]")];
+    pair.closest(".controls").hidden = parts.length < 2;
+    pair.addEventListener("change", () => parts.forEach((part) => { part.hidden = part.dataset.pair !== pair.value; }));
+    const choose = (event) => {
+      const point = event.target.closest(".spot");
+      if (!point || event.type === "keydown" && event.key !== "Enter" && event.key !== " ") return;
+      event.preventDefault();
+      for (const other of figure.querySelectorAll(".spot")) other.classList.toggle("chosen", other.dataset.index === point.dataset.index);
+      show(data.configurations[point.dataset.index]);
+    };
+    figure.querySelectorAll(".spot").forEach((point) => point.setAttribute("role", "button"));
+    // Names come when they are asked for: there may be thousands.
+    const name = ({ target }) => {
+      if (!target.classList.contains("spot") || target.hasAttribute("aria-label")) return;
+      const { name, figures } = data.configurations[target.dataset.index];
+      const text = (name || "the fixed settings") + ": " + data.objectives.map((objective, k) => objective + " " + words(figures[k])).join(", ");
+      target.setAttribute("aria-label", text);
+      make(target, "title", {}, text);
+    };
+    figure.addEventListener("pointerover", name);
+    figure.addEventListener("focusin", name);
+    figure.addEventListener("click", choose);
+    figure.addEventListener("keydown", choose);
+  }
 
-  // Effects, as bars from 1 on a logarithmic track.
-  const bars = (parent, rows, low, high) => {
-    const place = (ratio) => 100 * (Math.log(ratio) - Math.log(low)) / (Math.log(high) - Math.log(low));
-    for (const { name, value, ratio, ends } of rows) {
-      const line = make(parent, "div", { class: "bar-row" });
-      make(line, "span", { class: "bar-name" }, name);
-      const track = make(line, "span", { class: "bar-track" });
-      const [from, to] = [place(1), place(ratio)].sort((a, b) => a - b);
-      make(track, "span", { class: "bar " + (ratio > 1 ? "s1" : "s2") }).style.cssText = "left:" + from + "%;width:" + (to - from) + "%";
-      make(track, "span", { class: "bar-one" }).style.left = place(1) + "%";
-      if (ends) {
-        const [a, b] = ends.map((end) => Math.min(100, Math.max(0, place(end))));
-        make(track, "span", { class: "bar-ci" }).style.cssText = "left:" + a + "%;width:" + (b - a) + "%";
-      }
-      make(line, "span", { class: "bar-value" }, value);
-    }
-  };
-  if (data.effects.length) {
-    get("effects-note").textContent = data.objectives[0] + " under each value over that of all trials, geometric means: less than 1 is better. Lines are 95 % intervals over " + (data.has_seeds ? "seeds" : "trials") + ". Trials are compared with those of the same map. Ranges are divided into parts with equally many trials.";
-    let low = 0.5, high = 2;
-    for (const [, effects] of data.effects) for (const { ratio } of effects) { low = Math.min(low, ratio / 1.2); high = Math.max(high, ratio * 1.2); }
-    for (const [key, effects] of data.effects) {
-      const box = make(get("effects"), "div");
-      make(box, "p", { class: "bars-title" }, key);
-      bars(box, effects.map((effect) => ({ ...effect, name: effect.value.split("/").pop(), value: words(effect.ratio) })), low, high);
-    }
-  } else get("effects-section").hidden = true;
-
-  // Importance.
-  if (data.importance) {
-    const { shares, explained, trees, objective } = data.importance;
-    const most = Math.max(...shares.map(([, share]) => share), 1e-9);
-    for (const [key, share] of shares) {
-      const line = make(get("importance"), "div", { class: "bar-row" });
-      make(line, "span", { class: "bar-name" }, key);
-      make(make(line, "span", { class: "bar-track" }), "span", { class: "bar s2" }).style.cssText = "left:0;width:" + 100 * share / most + "%";
-      make(line, "span", { class: "bar-value" }, words(share));
-    }
-    get("importance-note").textContent = "Permutation importance over a random forest of " + trees + " trees: the share of the variance of ln " + objective + " that the forest no longer explains, out of bag, once the setting is shuffled among trials. Trials are compared with those of the same map. The forest explains " + Math.round(100 * explained) + " %.";
-  } else get("importance-section").hidden = true;
-
-  // Learning curves.
-  if (data.curves.length) {
-    const svg = get("curves"), box = { left: 80, right: 880, top: 26, bottom: 300 };
-    const points = data.curves.flatMap((curve) => curve.points.filter(([step]) => step > 0));
-    const x = scale(points.map(([step]) => step), true, box.left, box.right);
-    const y = scale(points.map(([, value]) => value), true, box.bottom, box.top);
-    frame(svg, x, y, box, "steps", "relative variance");
-    data.curves.slice().reverse().forEach((curve, k, all) => {
-      const own = curve.points.filter(([step, value]) => step > 0 && value > 0);
-      const line = make(svg, "path", { class: "curve" + (k === all.length - 1 ? " best-curve" : ""), d: "M" + own.map(([step, value]) => x.place(step) + " " + y.place(value)).join("L") });
-      make(line, "title", {}, data.axes.map((axis, k) => axis.key + " = " + at(data.trials[curve.trial], k)).join(", "));
-    });
-    get("curves-note").textContent = "Validation of the best " + data.curves.length + " trials by " + data.objectives[0] + "; the best one is marked.";
-  } else get("curves-section").hidden = true;
-
-  // Charts as files: a copy that has its style with it, in the colours that are shown.
+  // The drawing as a file: a copy that has its style with it, in the colours that are shown.
   const STYLED = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-size", "font-weight"];
   const withStyle = (svg) => {
     const copy = svg.cloneNode(true);
@@ -343,15 +288,6 @@
     copy.setAttribute("style", "font-family:system-ui,Helvetica,Arial,sans-serif;background:" + getComputedStyle(document.body).backgroundColor);
     return new XMLSerializer().serializeToString(copy);
   };
-  for (const svg of document.querySelectorAll("svg.chart")) {
-    const line = make(svg.parentElement, "p", { class: "save" });
-    svg.after(line);
-    const button = make(line, "button", { type: "button", "aria-label": "Save " + svg.id + " as SVG" }, "Save SVG");
-    button.addEventListener("click", () => {
-      const link = document.createElement("a");
-      link.download = svg.id + ".svg";
-      link.href = "data:image/svg+xml;charset=utf-8," + encodeURIComponent(withStyle(svg));
-      link.click();
-    });
-  }
+  const button = make(make(parallel.parentElement.parentElement, "p", { class: "save" }, "Save "), "button", { type: "button", "aria-label": "Save parallel as SVG" }, "SVG");
+  button.addEventListener("click", () => save("parallel.svg", "image/svg+xml", withStyle(parallel)));
 })();

@@ -1,0 +1,198 @@
+//! Which heads are trained, and how far: those that would win if they were perfect, the likeliest half of them further.
+
+use std::sync::atomic::{self, AtomicBool};
+
+use anyhow::Result;
+use headtail_render::{environment::without_compact_emitters, estimator::Estimator, spec::SamplerSpec};
+use headtail_train::Material;
+
+use super::{
+    candidates::{HEADS, HeadShape, Recipe, STEPS, baked, head},
+    contest::{Contest, Entry, mean},
+    lineup::untrained,
+    measurement::Measurement,
+    score::at_time,
+};
+use crate::{
+    arguments::{CameraArguments, ViewArguments},
+    terminal::detail,
+};
+
+/// About so many steps of a head cost as much as the fit of a flow tail.
+const FLOW_STEPS: f64 = 1500.0;
+/// What the error of a picture gains at most by four times as many steps of a head: shadows bound it, and 1.2 times was seen.
+const LONGER_GAINS: f64 = 1.3;
+/// By how much MSE x time of heads of different shapes differ, about.
+const SHAPES_DIFFER: f64 = 1.15;
+/// The error of the exact product is taken to be this much lower than it was measured to be on a few pixels.
+const PERFECT_SLACK: f64 = 0.7;
+
+impl Contest<'_> {
+    /// Trains heads, shortest first, where a perfect one of their speed would win.
+    pub(super) fn train(&mut self, perfect: f64, stop: &AtomicBool) -> Result<()> {
+        let is_first = |shape: &&HeadShape| self.fits(shape) && (self.arguments.exhaustive || shape.varies.is_none());
+        let mut open: Vec<&'static HeadShape> = HEADS.iter().filter(is_first).collect();
+        for (rung, &steps) in STEPS.iter().enumerate() {
+            let Some(entered) = self.train_for(steps, &open, perfect, stop)? else { return Ok(()) };
+            if entered.is_empty() {
+                self.untrained = Some("even a perfect head, at the time that its samples take, would be behind".into());
+                return Ok(());
+            }
+            let Some(&next) = STEPS.get(rung + 1) else { break };
+            let factor = next as f64 / steps as f64;
+            let mut hopeful: Vec<usize> =
+                entered.iter().copied().filter(|&index| self.can_win(index, factor, perfect)).collect();
+            hopeful.sort_by(|&a, &b| mean(&self.scores(a)).total_cmp(&mean(&self.scores(b))));
+            // Halving: half of the shapes go on.
+            if !self.arguments.exhaustive {
+                hopeful.truncate(hopeful.len().div_ceil(2));
+            }
+            open.clear();
+            // A head and its table are one shape.
+            for shape in hopeful.iter().filter_map(|&index| self.shape(index)) {
+                if !open.contains(&shape) {
+                    open.push(shape);
+                }
+            }
+            if open.is_empty() {
+                self.untrained.get_or_insert_with(|| {
+                    format!("after {steps} steps no head could still win, however well it were trained further")
+                });
+                break;
+            }
+            if rung == 0 && !self.arguments.exhaustive {
+                // What varies a shape that gets on is tried beside it from here on.
+                let varied = HEADS.iter().filter(|shape| self.fits(shape)).filter(|shape| {
+                    let base = hopeful.iter().find(|&&index| self.shape(index).map(|base| base.name) == shape.varies);
+                    // A flow tail has to be fitted first.
+                    let more = if shape.is_flow { factor + FLOW_STEPS / steps as f64 } else { factor };
+                    base.is_some_and(|&base| self.can_win(base, more, perfect))
+                });
+                open.extend(varied);
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a shape is different from others on this map.
+    fn fits(&self, shape: &HeadShape) -> bool {
+        let map = &self.opened.environment;
+        !shape.name.contains("compact")
+            || without_compact_emitters(map.width(), map.height(), &map.luminance()).is_some()
+    }
+
+    /// Trains these shapes, measures them and their tables, and returns the entries. `None` where the rest need not be tried.
+    fn train_for(
+        &mut self,
+        steps: usize,
+        shapes: &[&'static HeadShape],
+        perfect: f64,
+        stop: &AtomicBool,
+    ) -> Result<Option<Vec<usize>>> {
+        let is_short = !self.arguments.exhaustive;
+        let mut entered = Vec::new();
+        for &shape in shapes {
+            if stop.load(atomic::Ordering::Relaxed) {
+                return Ok(None);
+            }
+            let has_flow = |entry: &Entry| matches!(entry.recipe, Recipe::Head(known, _) if known.is_flow);
+            if shape.is_flow && self.entries.iter().any(|entry| has_flow(entry) && !entry.is_in) {
+                // The fit of the flow alone took too long, or did not pay.
+                continue;
+            }
+            if is_short && steps == STEPS[0] && self.is_too_slow(shape, perfect, stop)? {
+                continue;
+            }
+            let index = self.enter(head(shape, steps), stop)?;
+            entered.push(index);
+            // Of one that took too long, too: its score says what it is behind.
+            self.measure(index);
+            if is_short && steps == STEPS[0] && !self.can_gain(index, LONGER_GAINS * SHAPES_DIFFER, 1.0, perfect) {
+                self.untrained = Some(format!("a head of {steps} steps is so far behind that others were not trained"));
+                return Ok(None);
+            }
+            if self.arguments.exhaustive && self.material.0 == Material::Lambert {
+                entered.push(self.enter(baked(shape, steps), stop)?);
+            }
+        }
+        if is_short && self.material.0 == Material::Lambert {
+            entered.extend(self.bake_best(&entered, steps, stop)?);
+        }
+        entered.iter().for_each(|&index| self.measure(index));
+        Ok(Some(entered))
+    }
+
+    /// Whether a head of this shape would be behind even if it were perfect: its time per sample is that of an untrained one.
+    fn is_too_slow(&self, shape: &HeadShape, perfect: f64, stop: &AtomicBool) -> Result<bool> {
+        let ready = untrained(shape, &self.view.env, self.opened, self.material, &self.arguments.out, stop)?;
+        let measurement = self.trial(&*ready.estimator);
+        Ok(self.is_out_of_reach(self.sample_seconds(&measurement), perfect, ready.prepared))
+    }
+
+    /// The table of the head with the least error, if it would win with the head's error at the speed of other tables.
+    fn bake_best(&mut self, heads: &[usize], steps: usize, stop: &AtomicBool) -> Result<Option<usize>> {
+        let error = |index: usize| mean(&self.entries[index].measurement.errors());
+        let Some(&least) = heads.iter().min_by(|&&a, &&b| error(a).total_cmp(&error(b))) else { return Ok(None) };
+        let (Some(best), Some(shape)) = (self.best(), self.shape(least)) else { return Ok(None) };
+        let tables = self.entries.iter().filter(|entry| matches!(entry.recipe, Recipe::Direct(..)));
+        let times = tables.map(|table| self.sample_seconds(&table.measurement));
+        let time = times.fold(self.sample_seconds(&self.entries[least].measurement), f64::min);
+        if self.is_out_of_reach(time, error(least) / error(best), self.entries[least].ready.prepared) {
+            return Ok(None);
+        }
+        self.enter(baked(shape, steps), stop).map(Some)
+    }
+
+    /// Whether a head could win after `factor` times as much preparation.
+    fn can_win(&self, index: usize, factor: f64, perfect: f64) -> bool {
+        let prepared = factor * self.entries[index].ready.prepared;
+        let limit = self.arguments.prepare_seconds.min(self.arguments.render_seconds);
+        prepared < limit && self.can_gain(index, LONGER_GAINS, factor, perfect)
+    }
+
+    /// Whether a head would win with an error this many times lower, or that of the exact product where that is more, after `factor` times as much
+    /// preparation.
+    fn can_gain(&self, index: usize, gain: f64, factor: f64, perfect: f64) -> bool {
+        let Some(best) = self.best() else { return true };
+        let entry = &self.entries[index];
+        let share = mean(&entry.measurement.errors()) / mean(&self.entries[best].measurement.errors()) / gain;
+        let seconds = self.sample_seconds(&entry.measurement);
+        !self.is_out_of_reach(seconds, share.max(perfect), factor * entry.ready.prepared)
+    }
+
+    fn shape(&self, index: usize) -> Option<&'static HeadShape> {
+        match self.entries[index].recipe {
+            Recipe::Head(shape, _) | Recipe::Baked(shape, _) => Some(shape),
+            Recipe::Plain(_) | Recipe::Direct(..) => None,
+        }
+    }
+
+    /// Whether a sampler of this speed and preparation would be behind even with the error of the exact product.
+    pub(super) fn is_out_of_reach(&self, sample_seconds: f64, perfect: f64, prepared: f64) -> bool {
+        let Some(best) = self.best() else { return false };
+        let measurement = &self.entries[best].measurement;
+        let equal_samples = perfect * mean(&measurement.errors()) * f64::from(measurement.spp);
+        let least = at_time(equal_samples, sample_seconds, prepared, self.arguments.render_seconds);
+        !self.arguments.exhaustive && least > mean(&self.scores(best))
+    }
+
+    /// The error of the exact product over that of the best sampler so far, at equal samples and of few points: what is left to gain by a better
+    /// density. The exact product takes milliseconds for each sample, so it is asked on a small picture.
+    pub(super) fn perfect_share(&self) -> Result<f64> {
+        const SIDE: u32 = 20;
+        const PICTURES: usize = 2;
+        let Some(best) = self.best() else { return Ok(0.0) };
+        let view = ViewArguments { camera: CameraArguments::of_size(SIDE, SIDE * 3 / 4), ..self.view.clone() };
+        let opened = view.open()?;
+        let everywhere = vec![true; (SIDE * SIDE * 3 / 4) as usize];
+        let error = |estimator: &dyn Estimator| {
+            let mut measurement = Measurement::new(1);
+            measurement.extend_untimed(&opened, estimator, PICTURES, &everywhere);
+            mean(&measurement.errors())
+        };
+        let oracle = SamplerSpec::oracle().build(&opened.environment)?;
+        let share = error(&*oracle) / error(&*self.entries[best].ready.estimator);
+        detail!("autosize: the exact product has {share:.2} times the error of {}", self.entries[best].name);
+        Ok((PERFECT_SLACK * share).min(1.0))
+    }
+}

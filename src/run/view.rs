@@ -1,0 +1,172 @@
+//! Views of a run's table: what a camera sees of a scene, and which pictures are measured.
+
+use anyhow::{Result, ensure};
+use glam::Vec3A;
+use headtail_render::scene::MaterialSpec;
+use headtail_train::Material;
+use serde::{Deserialize, Serialize};
+
+use crate::arguments::{CameraArguments, Triple, ViewArguments};
+
+/// A scene and a camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Picture {
+    /// A built-in scene or a glTF file.
+    pub scene: String,
+    /// Whether a grey diffuse plane is put under it.
+    #[serde(default)]
+    pub ground: bool,
+    /// In pixels.
+    #[serde(default = "Picture::default_width")]
+    pub width: u32,
+    /// In pixels.
+    #[serde(default = "Picture::default_height")]
+    pub height: u32,
+    /// The camera's place, with `look_at`; by default the scene's own camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub look_from: Option<[f32; 3]>,
+    /// What it looks at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub look_at: Option<[f32; 3]>,
+    /// Vertical field of view in degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fov: Option<f32>,
+}
+
+impl Picture {
+    fn default_width() -> u32 {
+        96
+    }
+
+    fn default_height() -> u32 {
+        72
+    }
+
+    /// What a camera of the command line sees.
+    pub fn new(scene: String, camera: &CameraArguments) -> Self {
+        let CameraArguments { width, height, look_from, look_at, fov } = *camera;
+        let place = |triple: Option<Triple>| triple.map(|triple| triple.0.to_array());
+        Self { scene, ground: false, width, height, look_from: place(look_from), look_at: place(look_at), fov }
+    }
+
+    /// The camera, as the command line has it.
+    pub fn camera(&self) -> CameraArguments {
+        let place = |numbers: Option<[f32; 3]>| numbers.map(|numbers| Triple(Vec3A::from_array(numbers)));
+        let Self { width, height, fov, .. } = *self;
+        CameraArguments { width, height, look_from: place(self.look_from), look_at: place(self.look_at), fov }
+    }
+
+    /// Whether its numbers can be rendered.
+    ///
+    /// # Errors
+    /// Names the number that is wrong.
+    pub fn validate(&self, key: &str) -> Result<()> {
+        ensure!((1..=16384).contains(&self.width), "{key}.width = {}, but it must be in 1..=16384", self.width);
+        ensure!((1..=16384).contains(&self.height), "{key}.height = {}, but it must be in 1..=16384", self.height);
+        ensure!(self.look_from.is_some() == self.look_at.is_some(), "{key}: look_from and look_at come together");
+        let numbers = [self.look_from, self.look_at].into_iter().flatten().flatten();
+        ensure!(numbers.chain(self.fov).all(f32::is_finite), "{key}: the camera's numbers must be finite");
+        Ok(())
+    }
+}
+
+/// What is measured of the exported sampler. Weights, bytes, training seconds and what validation says are always there.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Measure {
+    /// Whether the time of a light estimate is measured.
+    pub time: bool,
+    /// Pictures whose error is measured.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub views: Vec<MeasuredView>,
+}
+
+/// A picture whose mean squared error is measured.
+// Without `deny_unknown_fields`, which serde refuses beside `flatten`; [`RunTable::new`] checks the keys.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MeasuredView {
+    /// The name in results; by default the scene's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Scene and camera.
+    #[serde(flatten)]
+    pub picture: Picture,
+    /// What every surface is made of; by default what the head is trained for. `"scene"` leaves the scene's materials.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub material: Option<String>,
+    /// Samples per pixel, for the error at equal samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spp: Option<u32>,
+    /// Seconds of rendering, for the error at equal time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
+    /// Pictures of which the mean error is taken.
+    #[serde(default = "MeasuredView::default_runs")]
+    pub runs: u32,
+    /// Samples per pixel of the reference.
+    #[serde(default = "MeasuredView::default_reference_spp")]
+    pub reference_spp: u32,
+}
+
+/// The keys of a [`MeasuredView`].
+pub const VIEW_KEYS: [&str; 13] = [
+    "name",
+    "scene",
+    "ground",
+    "width",
+    "height",
+    "look_from",
+    "look_at",
+    "fov",
+    "material",
+    "spp",
+    "seconds",
+    "runs",
+    "reference_spp",
+];
+
+impl MeasuredView {
+    fn default_runs() -> u32 {
+        2
+    }
+
+    fn default_reference_spp() -> u32 {
+        1024
+    }
+
+    /// The name in results.
+    pub fn name(&self) -> &str {
+        self.name.as_deref().unwrap_or(&self.picture.scene)
+    }
+
+    /// What is rendered, for a head for this material under this map.
+    pub fn view(&self, env: &str, material: Material) -> Result<ViewArguments> {
+        let parse = |text: &str| text.parse::<MaterialSpec>().map_err(anyhow::Error::from);
+        let material = match self.material.as_deref() {
+            Some("scene") => None,
+            Some(text) => Some(parse(text)?),
+            None => Some(parse(&material.to_string())?),
+        };
+        Ok(ViewArguments {
+            ground: self.picture.ground,
+            material,
+            ..ViewArguments::of(&self.picture.scene, env, self.picture.camera())
+        })
+    }
+
+    /// Whether its numbers can be rendered.
+    ///
+    /// # Errors
+    /// Names the number that is wrong.
+    pub fn validate(&self) -> Result<()> {
+        self.picture.validate("measure.views")?;
+        ensure!(self.spp.is_some() || self.seconds.is_some(), "measure.views: give spp or seconds");
+        ensure!(self.spp != Some(0), "measure.views.spp = 0, but it must be at least 1");
+        let seconds = self.seconds.unwrap_or(1.0);
+        ensure!(seconds > 0.0 && seconds <= 1e6, "measure.views.seconds = {seconds}, but it must be in (0, 1e6]");
+        ensure!((1..=10_000).contains(&self.runs), "measure.views.runs = {}, but it must be in 1..=10000", self.runs);
+        ensure!(self.reference_spp > 0, "measure.views.reference_spp = 0, but it must be at least 1");
+        Ok(())
+    }
+}
