@@ -10,30 +10,33 @@ fn headtail_vector(start: u32, k: u32) -> vec3<f32> {
     return vec3<f32>(headtail_floats[at], headtail_floats[at + 1u], headtail_floats[at + 2u]);
 }
 
-// Shares of samples, in proportion to the light that a surface reflects of each emitter and of the rest, as far as eight points of each show it.
+// What a diffuse surface reflects of the rest, bilinear between the middles of 32 x 16 cells.
+fn headtail_seen(n: vec3<f32>) -> f32 {
+    let x = headtail_square(n);
+    let place = vec2<f32>(32.0 * x.x + 31.5, clamp(16.0 * x.y - 0.5, 0.0, 15.0));
+    let left = u32(place.x);
+    let top = min(u32(place.y), 14u);
+    let part = place - vec2<f32>(f32(left), f32(top));
+    let row = HEADTAIL_COMPACT_SEEN + 32u * top;
+    let columns = vec2<u32>(left % 32u, (left + 1u) % 32u);
+    let above = mix(headtail_floats[row + columns.x], headtail_floats[row + columns.y], part.x);
+    let below = mix(headtail_floats[row + 32u + columns.x], headtail_floats[row + 32u + columns.y], part.x);
+    return mix(above, below, part.y);
+}
+
+// Shares of samples, in proportion to the light that a surface reflects of each emitter and of the rest, as far as four points of an emitter show it.
 fn headtail_share_light(n: vec3<f32>) {
     var total = 0.0;
     for (var k = 0u; k < HEADTAIL_EMITTERS; k++) {
         var light = 0.0;
-        for (var j = 0u; j < 8u; j++) {
-            let cosine = dot(n, headtail_vector(HEADTAIL_COMPACT_TOWARDS, 8u * k + j));
-            light += max(cosine, 0.0) / (8.0 * HEADTAIL_PI) * headtail_floats[HEADTAIL_COMPACT_POWERS + k];
+        for (var j = 0u; j < 4u; j++) {
+            let cosine = dot(n, headtail_vector(HEADTAIL_COMPACT_TOWARDS, 4u * k + j));
+            light += max(cosine, 0.0) / (4.0 * HEADTAIL_PI) * headtail_floats[HEADTAIL_COMPACT_POWERS + k];
         }
         headtail_shares[k] = light;
         total += light;
     }
-    let turn = select(1.0, -1.0, (bitcast<u32>(n.z) >> 31u) == 1u);
-    let a = -1.0 / (turn + n.z);
-    let b = n.x * n.y * a;
-    let across = vec3<f32>(1.0 + turn * n.x * n.x * a, turn * b, -turn * n.x);
-    let along = vec3<f32>(b, turn + n.y * n.y * a, -n.y);
-    var rest = 0.0;
-    for (var j = 0u; j < 8u; j++) {
-        let local = headtail_vector(HEADTAIL_COMPACT_COSINES, j);
-        let x = headtail_square(local.x * across + local.y * along + local.z * n);
-        let cell = min(vec2<u32>(vec2<f32>(64.0, 32.0) * x.xy), vec2<u32>(63u, 31u));
-        rest += headtail_floats[HEADTAIL_COMPACT_COARSE + 64u * cell.y + cell.x] / 8.0;
-    }
+    let rest = headtail_seen(n);
     headtail_shares[HEADTAIL_EMITTERS] = rest;
     total += rest;
     let free = 1.0 - HEADTAIL_LEAST_REST - HEADTAIL_LEAST_SHARE * f32(HEADTAIL_EMITTERS);

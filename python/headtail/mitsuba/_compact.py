@@ -6,7 +6,7 @@ import mitsuba as mi
 from ._tails import Windows
 from ._warp import directions, remap, squares, upload
 
-LEAST_SHARE, LEAST_REST, COARSE = 0.01, 0.05, (64, 32)
+LEAST_SHARE, LEAST_REST, SEEN = 0.01, 0.05, (32, 16)
 
 
 class WithCompactEmitters:
@@ -17,8 +17,7 @@ class WithCompactEmitters:
         self.emitters = Windows(*(arrays[f"compact.{name}"] for name in ("shape", "windows", "numbers")))
         self.powers = [float(power) for power in arrays["compact.powers"]]
         self.towards = [[mi.Vector3f(*map(float, point)) for point in points] for points in arrays["compact.towards"]]
-        self.cosines = [[float(number) for number in direction] for direction in arrays["compact.cosines"]]
-        self.coarse = upload(arrays["compact.coarse"])
+        self.seen = upload(arrays["compact.seen"])
 
     def prepare(self, at):
         """What the sampler of the rest sees of a point, and shares of samples of each emitter and of the rest."""
@@ -34,19 +33,18 @@ class WithCompactEmitters:
         return self.rest.prepare(at), shares
 
     def reflected_rest(self, n):
-        """The mean of the coarse map of the rest in eight directions around a normal (Duff et al. 2017)."""
-        turn = dr.copysign(mi.Float(1), n.z)
-        a = -1 / (turn + n.z)
-        b = n.x * n.y * a
-        across = mi.Vector3f(1 + turn * n.x * n.x * a, turn * b, -turn * n.x)
-        along = mi.Vector3f(b, turn + n.y * n.y * a, -n.y)
-        total = mi.Float(0)
-        for x, y, z in self.cosines:
-            point, _ = squares(x * across + y * along + z * n)
-            column = dr.minimum(mi.UInt32(point.x * COARSE[0]), COARSE[0] - 1)
-            row = dr.minimum(mi.UInt32(point.y * COARSE[1]), COARSE[1] - 1)
-            total += dr.gather(mi.Float, self.coarse, row * COARSE[0] + column)
-        return total / len(self.cosines)
+        """What a diffuse surface reflects of the rest, bilinear between the middles of cells of the map."""
+        place, _ = squares(n)
+        columns, rows = SEEN
+        x, y = place.x * columns + (columns - 0.5), dr.clip(place.y * rows - 0.5, 0, rows - 1)
+        left, top = mi.UInt32(x), dr.minimum(mi.UInt32(y), rows - 2)
+        s, t = x - mi.Float(left), y - mi.Float(top)
+
+        def along(row):
+            near = dr.gather(mi.Float, self.seen, row * columns + left % columns)
+            return dr.lerp(near, dr.gather(mi.Float, self.seen, row * columns + (left + 1) % columns), s)
+
+        return dr.lerp(along(top), along(top + 1), t)
 
     def mixed(self, shares, wi, rest, active):
         """The mixture's pdf of a direction, for that of the rest."""

@@ -48,6 +48,26 @@ impl Prefiltered {
         Self { means }
     }
 
+    /// Columns and rows of what a lobe sees.
+    pub const SEEN: (usize, usize) = SEEN;
+
+    /// Means under the cosine lobe about the directions of cells, `[rows, columns]`.
+    pub fn under_cosine(&self) -> &[f32] {
+        &self.means[..SEEN.0 * SEEN.1]
+    }
+
+    /// The mean under a lobe about the direction of a place of the unit square, bilinear between the middles of cells.
+    #[inline(always)]
+    fn mean(&self, lobe: usize, u: f32, v: f32) -> f32 {
+        let (x, y) =
+            (u * SEEN.0 as f32 + (SEEN.0 as f32 - 0.5), (v * SEEN.1 as f32 - 0.5).clamp(0.0, SEEN.1 as f32 - 1.0));
+        let (left, top) = (x as usize, (y as usize).min(SEEN.1 - 2));
+        let (s, t) = (x - left as f32, y - top as f32);
+        let texel = |column: usize, row: usize| self.means[(lobe * SEEN.1 + row) * SEEN.0 + column % SEEN.0];
+        let along = |row: usize| texel(left, row) + s * (texel(left + 1, row) - texel(left, row));
+        along(top) + t * (along(top + 1) - along(top))
+    }
+
     /// The luminance that shading points reflect of it.
     pub fn reflected(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
         let mut columns = arena.columns::<13>(at.strips());
@@ -75,8 +95,7 @@ impl Prefiltered {
             for lane in 0..LANES {
                 let octaves = -simd::ln(alpha[strip][lane].max(1e-6)) * LOG2_E;
                 let lobe = 1 + ((octaves + 0.5) as usize).min(WIDTHS - 1);
-                let mirrored = self.means[lobe * SEEN.0 * SEEN.1 + cell(u[strip][lane], v[strip][lane])];
-                out[lane] = specular[strip][lane] * mirrored;
+                out[lane] = specular[strip][lane] * self.mean(lobe, u[strip][lane], v[strip][lane]);
             }
             let normals = at.normals(strip);
             (x[strip], y[strip], z[strip]) = (normals[0], normals[1], normals[2]);
@@ -84,8 +103,8 @@ impl Prefiltered {
         latlong::squares([x, y, z], [u, v]);
         for (strip, out) in out.iter_mut().enumerate() {
             for lane in 0..LANES {
-                let below = self.means[cell(u[strip][lane], v[strip][lane])];
-                let light = scale[strip][lane] * (diffuse[strip][lane] * below + out[lane]);
+                let diffuse = diffuse[strip][lane] * self.mean(0, u[strip][lane], v[strip][lane]);
+                let light = scale[strip][lane] * (diffuse + out[lane]);
                 out[lane] = if light.is_finite() { light } else { 0.0 };
             }
         }
@@ -112,13 +131,6 @@ fn towards_mirror(cos_o: f32, alpha: f32) -> f32 {
     let squared = (alpha * alpha).max(1e-12);
     let tangent_squared = 1.0 / (cos_o * cos_o) - 1.0;
     FRAC_1_PI / (4.0 * cos_o * squared * (1.0 + squared * tangent_squared).sqrt())
-}
-
-/// The cell of a place of the unit square.
-#[inline(always)]
-fn cell(u: f32, v: f32) -> usize {
-    let along = |x: f32, count: usize| ((x * count as f32) as usize).min(count - 1);
-    along(v, SEEN.1) * SEEN.0 + along(u, SEEN.0)
 }
 
 /// The direction of the middle of a cell.

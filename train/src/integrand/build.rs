@@ -4,8 +4,7 @@ use headtail_render::tail::Tail;
 
 use super::{
     Ggx, Lambert, MeasuredSurface, NaiveTarget, PatchedTarget, ProductTarget, RenderedSurface, TabulatedTarget, Target,
-    TexturedSurface,
-    Viewpoints,
+    TexturedSurface, Viewpoints,
 };
 use crate::{FitConfig, Material, config::Points};
 
