@@ -23,9 +23,15 @@ use headtail_shaders::Shader;
 use wgpu::util::DeviceExt;
 
 const COUNT: usize = 1 << 20;
+/// Points for heads, which software adapters take long for: all of them where `HEADTAIL_DEVICE_POINTS` is `all`.
+fn points_of_heads() -> usize {
+    if std::env::var_os("HEADTAIL_DEVICE_POINTS").is_some_and(|points| points == "all") { COUNT } else { COUNT / 16 }
+}
 /// What results may differ by, relative to the pdf.
 const TOLERANCE: f32 = 1e-4;
-/// The share of points that may lie across a border.
+/// The share of points that may be apart by more.
+const FAR: f64 = 1e-2;
+/// The share of those that may lie across a border.
 const ACROSS: f64 = 2e-3;
 
 #[repr(C)]
@@ -143,24 +149,70 @@ fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glo
     let (mut wi, mut pdf, mut of_given) = (vec![[0.0; 3]; count], vec![0.0; count], vec![0.0; count]);
     batch::sample(sampler, &at, Numbers::Given(&u), DrawList { wi: &mut wi, pdf: &mut pdf, radiance: None }).unwrap();
     batch::pdf(sampler, &at, &given, &mut of_given).unwrap();
-    let near = |a: f32, b: f32| (a - b).abs() <= TOLERANCE * a.abs().max(b.abs());
-    let (mut directions, mut pdfs, mut givens) = (0, 0, 0);
+    let spread = Spread::new(sampler, &at, &u, &given, (&wi, &pdf, &of_given));
+    // Beyond the tolerance, and beyond what rounding of the numbers given does to the native sampler besides.
+    let (mut far, mut unexplained) = ([0_usize; 3], [0_usize; 3]);
     for (k, answer) in answers.iter().enumerate() {
-        let is_drawn = pdf[k] > 0.0;
-        let far = |axis: usize| (answer.wi[axis] - wi[k][axis]).abs() > TOLERANCE;
-        directions += usize::from(is_drawn && (0..3).any(far));
-        pdfs += usize::from(!near(answer.pdf, pdf[k]));
-        givens += usize::from(!near(answer.pdf_of_given, of_given[k]));
+        let apart = |axis: usize| (answer.wi[axis] - wi[k][axis]).abs();
+        let direction = if pdf[k] > 0.0 { apart(0).max(apart(1)).max(apart(2)) } else { 0.0 };
+        let relative = |a: f32, b: f32| if a == b { 0.0 } else { (a - b).abs() / a.abs().max(b.abs()) };
+        let differences = [direction, relative(answer.pdf, pdf[k]), relative(answer.pdf_of_given, of_given[k])];
+        for (index, difference) in differences.into_iter().enumerate() {
+            far[index] += usize::from(difference > TOLERANCE);
+            unexplained[index] += usize::from(difference > TOLERANCE + spread.0[index][k]);
+        }
     }
-    let share = |far: usize| far as f64 / count as f64;
+    let shares = |counts: [usize; 3]| counts.map(|far| far as f64 / count as f64);
+    let text = |counts| shares(counts).map(|share| format!("{share:.1e}")).join(", ");
     println!(
-        "{name}: beyond {TOLERANCE}: directions {:.1e}, their pdfs {:.1e}, pdfs of given directions {:.1e}; {seconds:.2} s on the device",
-        share(directions),
-        share(pdfs),
-        share(givens)
+        "{name}: beyond {TOLERANCE} of directions, their pdfs, pdfs of given directions: {}; beyond rounding too: {}; {seconds:.1} s on the device",
+        text(far),
+        text(unexplained),
     );
-    for far in [directions, pdfs, givens] {
-        assert!(share(far) < ACROSS, "{name}: {far} of {count}");
+    assert!(shares(far).iter().all(|share| *share < FAR), "{name}: {far:?} of {count}");
+    assert!(shares(unexplained).iter().all(|share| *share < ACROSS), "{name}: {unexplained:?} of {count}");
+}
+
+/// How much directions, their pdfs and pdfs of given directions change, in the measure of the test, where the numbers given move by a few of the last
+/// digits. A density over Y changes by |d ln q / dy| times the rounding of y, which in a narrow bin of a spline is more than the tolerance.
+struct Spread([Vec<f32>; 3]);
+
+impl Spread {
+    fn new(
+        sampler: &dyn Sampler,
+        at: &PointList<'_>,
+        u: &[[f32; 2]],
+        given: &[[f32; 3]],
+        (wi, pdf, of_given): (&[[f32; 3]], &[f32], &[f32]),
+    ) -> Self {
+        /// Eight times the spacing of numbers below 1.
+        const STEP: f32 = 4.8e-7;
+        let count = u.len();
+        let mut spread = [(); 3].map(|()| vec![0.0_f32; count]);
+        let relative = |a: f32, b: f32| if a == b { 0.0 } else { (a - b).abs() / a.abs().max(b.abs()) };
+        let (mut other_wi, mut other_pdf) = (vec![[0.0; 3]; count], vec![0.0; count]);
+        for (across, along) in [(STEP, 0.0), (-STEP, 0.0), (0.0, STEP), (0.0, -STEP)] {
+            let moved = |[a, b]: &[f32; 2]| [a + across, b + along].map(|u| u.clamp(0.0, 0.999_999_94));
+            let u: Vec<[f32; 2]> = u.iter().map(moved).collect();
+            let out = DrawList { wi: &mut other_wi, pdf: &mut other_pdf, radiance: None };
+            batch::sample(sampler, at, Numbers::Given(&u), out).unwrap();
+            for k in 0..count {
+                let apart = (0..3).map(|axis| (wi[k][axis] - other_wi[k][axis]).abs()).fold(0.0, f32::max);
+                spread[0][k] = spread[0][k].max(apart);
+                spread[1][k] = spread[1][k].max(relative(pdf[k], other_pdf[k]));
+            }
+            let moved = |w: &[f32; 3]| {
+                let w = Vec3::from_array(*w);
+                let (s, t) = w.any_orthonormal_pair();
+                (w + across * s + along * t).normalize().to_array()
+            };
+            let given: Vec<[f32; 3]> = given.iter().map(moved).collect();
+            batch::pdf(sampler, at, &given, &mut other_pdf).unwrap();
+            for k in 0..count {
+                spread[2][k] = spread[2][k].max(relative(of_given[k], other_pdf[k]));
+            }
+        }
+        Self(spread)
     }
 }
 
@@ -215,19 +267,20 @@ fn shaders_of_heads_draw_what_the_native_heads_draw() {
     let of_head =
         |head: Head| ExportedSampler::new(Intermediate::Head(head), TailKind::Hierarchical, &studio, None).unwrap();
     let (coupled, autoregressive) = (Mode::Coupled, Mode::Autoregressive);
+    let count = points_of_heads();
     for (name, exported, count, glossy) in [
-        ("head of a checkpoint", trained, COUNT, false),
+        ("head of a checkpoint", trained, count, false),
         (
             "head, 4 layers, 61 wide",
             of_head(head(Condition::Normal, autoregressive, &[9, 30], &[61; 3], [32, 17])),
-            COUNT / 16,
+            count / 16,
             false,
         ),
-        ("head, widest, most bins", of_head(head(Condition::Ggx, coupled, &[], &[256], [64; 2])), COUNT / 16, true),
+        ("head, widest, most bins", of_head(head(Condition::Ggx, coupled, &[], &[256], [64; 2])), count / 16, true),
         (
             "head for widths",
             of_head(head(Condition::GgxRoughness, coupled, &[33], &[64; 2], [2, 16])),
-            COUNT / 16,
+            count / 16,
             true,
         ),
     ] {
@@ -265,6 +318,6 @@ fn shaders_over_other_tails_draw_what_the_native_samplers_draw() {
         let exported = ExportedSampler::of_tail(head, tail, light.clone(), &map, None);
         let shader = Shader::new(&flat_exported(&exported, Some(&map)).unwrap()).unwrap();
         let native = exported.sampler(&map, false).unwrap();
-        compare(name, &shader, &*native, COUNT / 4, false);
+        compare(name, &shader, &*native, points_of_heads() / 2, false);
     }
 }

@@ -1,6 +1,6 @@
 //! Every shader is valid, and has a translation to every language.
 
-use std::{path::Path, sync::Arc};
+use std::{fs, path::Path, process::Command, sync::Arc};
 
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
@@ -49,4 +49,21 @@ fn every_shader_is_translated_to_every_language() {
 #[test]
 fn arrays_that_are_no_sampler_are_refused() {
     assert!(Shader::new(&[]).unwrap_err().to_string().contains("tail.nodes"));
+}
+
+/// OpenGL's and Vulkan's own compiler takes the translations, where it is installed.
+#[test]
+fn translations_are_taken_by_glslang() {
+    let program = "glslangValidator";
+    if Command::new(program).arg("--version").output().is_err() {
+        println!("{program} is not installed");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    for (number, shader) in shaders().iter().enumerate() {
+        let file = folder.path().join(format!("{number}.comp"));
+        fs::write(&file, shader.translate(Target::Glsl).unwrap()).unwrap();
+        let output = Command::new(program).arg(&file).output().unwrap();
+        assert!(output.status.success(), "{number}: {}", String::from_utf8_lossy(&output.stdout));
+    }
 }
