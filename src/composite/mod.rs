@@ -212,7 +212,7 @@ fn announce(composition: Composition<'_>, settings: Settings) {
 /// What `--json` prints.
 fn facts(arguments: &Arguments, setting: &Setting, film: &Film, mask: &Mask) -> serde_json::Value {
     let caught = film.catcher.iter().zip(&mask.values).filter(|(sums, _)| sums.hits == film.spp);
-    let darkest = caught.map(|(_, value)| f64::from(value[3])).fold(1.0, f64::min);
+    let (sum, count) = caught.fold((0.0, 0.0), |(sum, count), (_, value)| (sum + f64::from(value[3]), count + 1.0));
     let spp = f64::from(film.spp.max(1));
     serde_json::json!({
         "folder": arguments.out.display().to_string(),
@@ -227,7 +227,7 @@ fn facts(arguments: &Arguments, setting: &Setting, film: &Film, mask: &Mask) -> 
         "mask_rays": film.mask_rays,
         "other_rays": film.other_rays,
         "object_pixels": film.object.iter().map(|object| f64::from(object.0) / spp).sum::<f64>(),
-        "darkest_shadow": darkest,
+        "mean_mask": if count > 0.0 { Some(sum / count) } else { None },
         "seed": arguments.seed,
     })
 }

@@ -52,7 +52,7 @@ pub fn bias(workshop: &Workshop) -> Result<Made> {
             panels.push(Panel::new(&scale.png(&off, film.width)?, format!("{name}, {form}"), note));
             rows.push(vec![
                 Cell::text(format!("{name}, {form}")),
-                Cell::number(errors.bias).beside(format!("\u{b1} {interval:.0e}")),
+                Cell::number(errors.bias).beside(format!("\u{b1} {interval:.1e}")),
                 Cell::number(root),
             ]);
         }

@@ -92,13 +92,13 @@ pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<
     made.table(
         &format!("numbers-{stem}"),
         &[
-            "",
+            "sampler",
             "MSE, 4 spp",
             "lower than the first",
             "time of the first",
             "spp in equal time",
-            "MSE",
-            "lower than the first ",
+            "MSE in equal time",
+            "lower in equal time",
         ],
         numbers(&rows, entries, &equal),
     );

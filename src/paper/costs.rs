@@ -78,7 +78,7 @@ fn models(workshop: &Workshop) -> Result<Made> {
             kilobytes(131_072),
         ],
     ];
-    made.table("models", &["", "weights", "paper", "training", "paper ", "kB"], rows);
+    made.table("models", &["model", "weights", "the paper's", "training", "the paper's training", "kB"], rows);
     Ok(made)
 }
 
@@ -126,6 +126,10 @@ fn timings(
         ]
     };
     let mut made = Made::of(heading(&format!("{}, {material}", view.name)));
-    made.table(&format!("costs-{scene}"), &["", "ns per sample", "of MIS", "MSE"], entries.iter().map(line).collect());
+    made.table(
+        &format!("costs-{scene}"),
+        &["sampler", "ns per sample", "of MIS", "MSE"],
+        entries.iter().map(line).collect(),
+    );
     Ok(made)
 }

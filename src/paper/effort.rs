@@ -27,9 +27,9 @@ pub struct Effort {
 
 /// Seconds of one core for a training point of a network with few bins, measured on an AMD EPYC (Zen 3) with AVX2. These and the next are
 /// for saying beforehand how long a page takes.
-const TRAINING_POINT: f64 = 13e-6;
+const TRAINING_POINT: f64 = 3e-6;
 /// Seconds for a sample of a pixel with its shadow ray.
-const SAMPLE: f64 = 0.4e-6;
+const SAMPLE: f64 = 0.5e-6;
 
 impl Effort {
     /// Under ten minutes on two cores.
@@ -44,7 +44,7 @@ impl Effort {
         mask_spp: 512,
         density_rows: 96,
     };
-    /// Some three hours of one core for twelve maps. A reference of 2048 samples by patches has a 500th of the error at 4 samples.
+    /// Some one and a half hours of one core for twelve maps. A reference of 2048 samples by patches has a 500th of the error at 4 samples.
     pub const FULL: Self = Self {
         maps: 12,
         cosine_steps: 1000,
