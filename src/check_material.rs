@@ -7,7 +7,10 @@ use clap::Args;
 use headtail_render::{brdf::NeuralTexture, fabric::SourceKind, image::write_png};
 use headtail_train::neural_texture::{DISTANCES, error_over, side_by_side};
 
-use crate::{output::OutputFile, terminal::out};
+use crate::{
+    output::OutputFile,
+    terminal::{self, out},
+};
 
 /// Compare a neural material with its source: errors, and pictures beside each other.
 #[derive(Args)]
@@ -32,6 +35,9 @@ pub struct Arguments {
     /// Threads; all by default.
     #[arg(long, value_name = "N")]
     threads: Option<u16>,
+    /// Print the errors as a JSON object.
+    #[arg(long)]
+    json: bool,
     /// PNG to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -42,6 +48,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
+    if arguments.json {
+        terminal::only_data();
+    }
     let is_png = arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
     ensure!(is_png, "--out {}: the file's name must end in .png", arguments.out.display());
     let _output = OutputFile::take(&arguments.out, |_| true)?;
@@ -49,11 +58,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let source = arguments.source.build()?;
     let (image, errors) = side_by_side(&*source, &material, arguments.paths);
     write_png(&arguments.out, &image, 0.0)?;
-    for (distance, error) in DISTANCES.iter().zip(errors) {
-        out!("at {distance} tiles: {error:.1} dB");
+    if !arguments.json {
+        for (distance, error) in DISTANCES.iter().zip(&errors) {
+            out!("at {distance} tiles: {error:.1} dB");
+        }
     }
     // Another seed than that of any fit by default: none of these questions was asked.
     let [psnr, noise] = error_over(&*source, &material, arguments.questions as usize, 2 * arguments.paths, 1 << 40);
+    if arguments.json {
+        let at = DISTANCES.iter().zip(&errors);
+        let at: Vec<_> = at.map(|(tiles, decibels)| serde_json::json!({ "tiles": tiles, "psnr": decibels })).collect();
+        return terminal::print_json(&serde_json::json!({ "distances": at, "psnr": psnr, "noise_psnr": noise }));
+    }
     out!("over directions and places: {psnr:.1} dB, with the noise of the source at {noise:.1} dB");
     Ok(())
 }

@@ -139,7 +139,6 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     output.begin(&inputs.collect::<Vec<_>>())?;
     let stop = progress::stop_flag()?;
     let reference = Reference::obtain(arguments, &opened, output, &stop)?;
-    ensure!(reference.covered.iter().any(|covered| *covered), "no pixel is covered by a surface: move the camera");
 
     let planned = budgets.len() * entries.len() * arguments.runs as usize;
     let comparison = Comparison {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::{
     output::OutputFile,
-    terminal::{note, out, say},
+    terminal::{self, note, out, say},
 };
 
 const EXAMPLES: &str = "Examples:
@@ -28,6 +28,10 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     names: Vec<String>,
 
+    /// Print the figures as an array of JSON objects.
+    #[arg(long)]
+    json: bool,
+
     /// Write the materials to a file of this project's format.
     #[arg(long, value_name = "FILE.safetensors")]
     out: Option<PathBuf>,
@@ -44,7 +48,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .par_iter()
         .map(|(name, network)| NeuralBrdf::new(name, network.clone()).map_err(|error| error.in_file(&arguments.file)))
         .collect::<Result<_, _>>()?;
-    out!("{}", table(&brdfs).trim_end());
+    if arguments.json {
+        terminal::only_data();
+        terminal::print_json(&brdfs.iter().map(object).collect::<Vec<_>>())?;
+    } else {
+        out!("{}", table(&brdfs).trim_end());
+    }
     let shining = brdfs.iter().filter(|brdf| brdf.check().largest_albedo() > 1.0).count();
     if shining > 0 {
         note!("{shining} of {} reflect more than they receive at some view", brdfs.len());
@@ -63,6 +72,21 @@ fn write(out: &std::path::Path, networks: &[(String, Network)]) -> Result<()> {
     neural::write_networks(out, networks)?;
     say!("{} written, {} materials", out.display(), networks.len());
     Ok(())
+}
+
+/// The numbers of a line of [`table`], with albedos of all channels and views.
+fn object(brdf: &NeuralBrdf) -> serde_json::Value {
+    let check = brdf.check();
+    serde_json::json!({
+        "material": brdf.name(),
+        "view_cosines": VIEWS,
+        "albedos": check.albedos.iter().map(|albedo| albedo.to_array()).collect::<Vec<_>>(),
+        "largest_albedo": check.largest_albedo(),
+        "reciprocity_error": check.reciprocity_error,
+        "alpha": check.alpha,
+        "mirror_peak": check.mirror_peak,
+        "own_variance": check.own_variance,
+    })
 }
 
 fn table(brdfs: &[NeuralBrdf]) -> String {

@@ -63,7 +63,7 @@ impl Reference {
         let size = (opened.part().width, opened.part().height);
         if let Some(file) = &arguments.reference {
             let image = read_sized(file, size)?;
-            let covered = covered(&converged(arguments, opened, 64, stop)?.0.coverage);
+            let covered = covered(&converged(arguments, opened, 64, stop)?.0.coverage)?;
             let noise = Noise::read(file);
             let unknown = if noise.is_none() { " Its own noise is not known, and not subtracted." } else { "" };
             return Ok(Self { image, covered, note: format!("Read from {}.{unknown}", file.display()), noise });
@@ -84,11 +84,12 @@ impl Reference {
                 "Rendered before at {} samples per pixel ({POINTS} points), and found in the cache.",
                 arguments.reference_spp
             );
-            return Ok(Self { image, covered: covered(&coverage), note, noise });
+            return Ok(Self { image, covered: covered(&coverage)?, note, noise });
         }
         let (rendering, by, half) = converged(arguments, opened, arguments.reference_spp, stop)?;
         let image = rendering.composite();
-        let noise = Noise::of(&half, &rendering.surfaces, &covered(&rendering.coverage))?;
+        let covered = covered(&rendering.coverage)?;
+        let noise = Noise::of(&half, &rendering.surfaces, &covered)?;
         let mut attributes = attributes(opened, by, &rendering, seed(arguments));
         attributes.extend(noise.attributes());
         copy.map_or(Ok(()), |copy| write_exr(copy, &image, &attributes))?;
@@ -100,7 +101,7 @@ impl Reference {
             write_exr(&image_file, &image, &attributes)?;
         }
         let note = format!("Rendered with {by} at {} samples per pixel ({POINTS} points).", rendering.spp);
-        Ok(Self { image, covered: covered(&rendering.coverage), note, noise: Some(noise) })
+        Ok(Self { image, covered, note, noise: Some(noise) })
     }
 
     /// Takes a reference from a folder that several processes share, or renders one and puts it there.
@@ -170,8 +171,14 @@ fn seed(arguments: &Arguments) -> u64 {
     arguments.seed ^ 0x5eed_0000_0000
 }
 
-fn covered(coverage: &[f32]) -> Vec<bool> {
-    coverage.iter().map(|&share| share == 1.0).collect()
+/// The pixels that surfaces cover entirely.
+///
+/// # Errors
+/// If there is none: nothing could be measured.
+fn covered(coverage: &[f32]) -> Result<Vec<bool>> {
+    let covered: Vec<bool> = coverage.iter().map(|&share| share == 1.0).collect();
+    ensure!(covered.contains(&true), "no pixel is covered by a surface: move the camera");
+    Ok(covered)
 }
 
 /// The hash of all that the reference depends on.

@@ -64,7 +64,7 @@ pub struct Arguments {
     #[arg(long, value_name = "MATERIAL")]
     material: Option<Material>,
     /// Print the figures as a JSON object.
-    #[arg(long, conflicts_with_all = ["tail", "visibility"])]
+    #[arg(long, conflicts_with = "visibility")]
     json: bool,
     /// SVG or PDF file to write.
     #[arg(long, value_name = "FILE.svg|FILE.pdf")]
@@ -94,8 +94,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let _output = OutputFile::take(&arguments.out, |_| true)?;
     if let (true, Some(map)) = (arguments.tail, &arguments.env) {
         let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
-        let (picture, table) = tails::inspect(&*open_environment(map)?, file.as_ref())?;
+        let tails::Found { picture, table, objects } = tails::inspect(&*open_environment(map)?, file.as_ref())?;
         write(arguments, &picture)?;
+        if arguments.json {
+            return terminal::print_json(&objects);
+        }
         out!("{table}{} written", arguments.out.display());
         return Ok(());
     }
@@ -148,7 +151,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// What the exact tails of a map make of the square: a picture, and a table in plain text.
 pub fn tail_picture(environment: &headtail_render::environment::Environment) -> Result<(Chart, String)> {
-    tails::inspect(environment, None)
+    let tails::Found { picture, table, .. } = tails::inspect(environment, None)?;
+    Ok((picture, table))
 }
 
 fn write(arguments: &Arguments, picture: &Chart) -> Result<()> {

@@ -43,8 +43,17 @@ struct Figures {
     nanoseconds: [f64; 2],
 }
 
+/// What is found of tails.
+pub struct Found {
+    pub picture: Chart,
+    /// In plain text.
+    pub table: String,
+    /// The same as objects.
+    pub objects: Vec<serde_json::Value>,
+}
+
 /// The picture and the table of the exact tails of a map, and of a file's tail if that is another one.
-pub fn inspect(environment: &Environment, file: Option<&ExportedSampler>) -> Result<(Chart, String)> {
+pub fn inspect(environment: &Environment, file: Option<&ExportedSampler>) -> Result<Found> {
     let exact = |kind| Tail::new(kind, environment.width(), environment.height(), &environment.luminance());
     let mut tails = vec![exact(TailKind::RowColumn)?, exact(TailKind::Hierarchical)?];
     if let Some(exported) = file {
@@ -73,7 +82,20 @@ pub fn inspect(environment: &Environment, file: Option<&ExportedSampler>) -> Res
             f.nanoseconds[1]
         );
     }
-    Ok((draw(environment.name(), &tails, &figures)?, table))
+    let object = |f: &Figures| {
+        serde_json::json!({
+            "tail": f.kind.name(),
+            "kl": f.kl,
+            "largest_jump": f.jump,
+            "jump_99": f.jump_99,
+            "torn_share": f.torn,
+            "worst_cell_share": f.worst_cell,
+            "ns_y_to_x": f.nanoseconds[0],
+            "ns_x_to_y": f.nanoseconds[1],
+        })
+    };
+    let objects = figures.iter().map(object).collect();
+    Ok(Found { picture: draw(environment.name(), &tails, &figures)?, table, objects })
 }
 
 impl Figures {

@@ -68,4 +68,7 @@ fn compare_writes_the_table_the_page_and_the_images() {
 
     let other_size = again.replace("--width 24", "--width 25");
     assert!(fail(path, &other_size).contains("24 x 18"));
+
+    let away = format!("{view} --look-from 0,5,0 --look-at 0,9,0 --samplers mis --spp 1 --runs 1 --out away");
+    assert!(fail(path, &away).contains("no pixel is covered by a surface"));
 }

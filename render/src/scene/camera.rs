@@ -138,7 +138,7 @@ impl Camera {
     pub fn framing<I: Iterator<Item = Vec3A>>(points: impl Fn() -> I, aspect: f32) -> Self {
         const FOV: f32 = 35.0;
         const AZIMUTH: f32 = 35.0;
-        const ELEVATION: f32 = 18.0;
+        const ELEVATION: f32 = 12.0;
         let (sin_azimuth, cos_azimuth) = AZIMUTH.to_radians().sin_cos();
         let (sin_elevation, cos_elevation) = ELEVATION.to_radians().sin_cos();
         let back = Vec3A::new(sin_azimuth * cos_elevation, sin_elevation, cos_azimuth * cos_elevation);

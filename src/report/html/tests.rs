@@ -62,8 +62,8 @@ fn names_from_outside_cannot_become_markup() {
 fn the_lowest_error_of_each_budget_is_marked() {
     let comparison = synthetic::comparison();
     let page = page_of(&comparison);
-    // Four budgets; MSE, relMSE, trimmed relMSE, FLIP and TTUV each have a lowest value.
-    assert_eq!(page.matches("class=\"number best\"").count(), 20);
+    // Four budgets; MSE, relMSE, trimmed relMSE, FLIP, HDR-FLIP and TTUV each have a lowest value.
+    assert_eq!(page.matches("class=\"number best\"").count(), 24);
 }
 
 #[test]
