@@ -104,7 +104,7 @@ fn estimates_have_no_bias_even_where_the_network_folds() {
             let (one, sampler) = case(kind, seed, size);
             let n = one.tile().point(0).ns;
             let mut random = Stream::new(seed, Purpose::Test, 12);
-            let u: Vec<Vec2> = (0..400_000).map(|_| random.uniform2()).collect();
+            let u: Vec<Vec2> = (0..100_000).map(|_| random.uniform2()).collect();
             let drawn = draws(&one, &sampler, &u);
             let folds = drawn.iter().filter(|drawn| drawn.is_none()).count() > u.len() / 20;
             assert!(folds || kind == RivalKind::Lobes || size < 1.0, "{seed}: nothing folds");
