@@ -45,6 +45,9 @@ const TICK: Duration = Duration::from_millis(200);
 /// Time between two looks for work that others may leave.
 const WAIT: Duration = Duration::from_millis(250);
 
+/// So long a worker waits for trials that others hold: workers whose parent was killed let go of theirs within moments.
+const GRACE: Duration = Duration::from_secs(10);
+
 /// How a worker works.
 #[derive(Clone, Copy, Debug)]
 pub struct Manner {
@@ -65,15 +68,19 @@ pub fn work(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result
         stop_at_end_of_input(stop.clone());
     }
     let mut journal = Journal::create(&sweep.folder.journals())?;
+    let mut idle = None::<Instant>;
     while !stop.load(Ordering::Relaxed) {
         sweep.refresh()?;
         let open: Vec<Job> = jobs::jobs(&sweep.space, &sweep.plan, &sweep.ledger);
         if let Some((job, lock)) = take(sweep, &open)? {
             perform(sweep, &job, manner, &mut journal, stop)?;
             drop(lock);
+            idle = None;
         } else if sweep.wants_suggestions() {
             suggest(sweep, &mut journal)?;
-        } else if open.is_empty() || sweep.space.halving.is_none() {
+        } else if open.is_empty()
+            || sweep.space.halving.is_none() && idle.get_or_insert_with(Instant::now).elapsed() > GRACE
+        {
             // What others are at is theirs; with halving, what they find can make new work.
             break;
         } else {

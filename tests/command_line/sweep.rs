@@ -267,7 +267,7 @@ fn twenty_kills_of_workers_and_of_the_parent_change_nothing() {
     let (mut numbers, mut kills, mut parents) = (Numbers(7), 0, 0);
     let mut process = start(path, "killed");
     while kills < 20 {
-        sleep(Duration::from_millis(40 + numbers.below(240)));
+        sleep(Duration::from_millis(10 + numbers.below(60)));
         if process.try_wait().unwrap().is_some() {
             break;
         }
