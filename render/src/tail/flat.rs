@@ -42,7 +42,7 @@ impl RowColumn {
     /// All that the warp reads.
     ///
     /// - `tail.shape` `[2]`: columns of texels of the map, rows of cells.
-    /// - `tail.windows` `[1, 8]`, `tail.numbers` `[numbers]`: see [`Self::window`].
+    /// - `tail.windows` `[1, 8]`, `tail.numbers` `[numbers]`: see `window`.
     pub fn flat(&self) -> Vec<FlatArray> {
         let mut numbers = Vec::new();
         let window = self.window(&mut numbers);
