@@ -7,7 +7,7 @@ use headtail_render::{
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
     environment,
     estimator::{Estimator, SingleSample},
-    export::{ExportedSampler, Intermediate, flat_patches, flat_exported},
+    export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
     flat::{FlatArray, FlatNumbers},
     image::Image,
     sampler::{self, Covering},
