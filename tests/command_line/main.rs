@@ -23,10 +23,7 @@ use std::{
     process::{Command, Output},
 };
 
-use headtail_render::{
-    export::ExportedSampler,
-    image::{Image, read_radiance, write_exr},
-};
+use headtail_render::image::{Image, read_radiance};
 use tempfile::TempDir;
 
 /// Runs the program in `folder`, so that paths in arguments and messages are short. What other commands left there may be replaced.

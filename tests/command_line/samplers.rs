@@ -4,7 +4,7 @@ use std::fs;
 
 use headtail_render::export::ExportedSampler;
 
-use super::{SMALL, folder, is_svg, mean, names, picture, succeed};
+use super::{SMALL, fail, folder, is_png, is_svg, mean, names, picture, succeed};
 
 #[test]
 fn a_head_is_fitted_baked_rendered_and_inspected() {
