@@ -80,7 +80,7 @@ fn object(brdf: &NeuralBrdf) -> serde_json::Value {
     serde_json::json!({
         "material": brdf.name(),
         "view_cosines": VIEWS,
-        "albedos": check.albedos.iter().map(|albedo| albedo.to_array()).collect::<Vec<_>>(),
+        "albedos": check.albedos.iter().map(glam::Vec3::to_array).collect::<Vec<_>>(),
         "largest_albedo": check.largest_albedo(),
         "reciprocity_error": check.reciprocity_error,
         "alpha": check.alpha,
