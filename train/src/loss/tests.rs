@@ -67,11 +67,11 @@ fn the_entropic_term_is_the_mean_of_q_ln_q_under_the_target() {
 
 #[test]
 fn a_mixture_with_brdf_sampling_has_the_loss_of_its_density() {
-    // A logit of 0 is an equal share of both.
+    // A sum of logits of 0 is an equal share of both.
     let mixed: Vec<f32> = LOG_Q.iter().zip(BRDF).map(|(log_q, b)| (0.5 * log_q.exp() + 0.5 * b).ln()).collect();
     for objective in objectives() {
         let (expected, ..) = evaluate(objective, &POINTS, &mixed, None);
-        let (found, ..) = evaluate(objective, &POINTS, &LOG_Q, Some(0.0));
+        let (found, ..) = evaluate(objective, &POINTS, &LOG_Q, Some(-POINTS.share_logit));
         assert!((expected - found).abs() < 1e-5, "{objective:?}: {expected} {found}");
     }
 }
