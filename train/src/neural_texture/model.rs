@@ -9,9 +9,8 @@ use headtail_model::burn::{
 };
 use headtail_render::{
     brdf::neural_texture::{
-        COSINE_FLOOR, Description, FARTHEST, FARTHEST_SHIFT, FEATURES, HALF_VECTOR_SCALE, LARGEST_LOG,
-        LEAST_SHIFT_COSINE, LOBE_FLOOR, MIXTURE_SIZES, Networks, NeuralTexture, Pyramid, REFLECTANCE_SIZES,
-        SHIFT_SIZES, WIDTHS,
+        COSINE_FLOOR, Description, FARTHEST, FARTHEST_SHIFT, FEATURES, LARGEST_LOG, LEAST_SHIFT_COSINE, LOBE_FLOOR,
+        MIXTURE_SIZES, Networks, NeuralTexture, Pyramid, REFLECTANCE_SIZES, SHIFT_SIZES, WIDTHS,
     },
     color::luminance,
     fabric::Query,
@@ -227,7 +226,7 @@ fn network(layers: &[(Tensor<2>, Tensor<2>)], mut x: Tensor<2>) -> Tensor<2> {
 
 /// Directions of a batch as tensors.
 struct Directions {
-    /// `wo.xy`, and the half vector's `xy` times [`HALF_VECTOR_SCALE`].
+    /// `wo.xy`, `wi.xy`.
     views: Tensor<2>,
     lights: Tensor<2>,
     /// `[samples, 1]`.
@@ -246,7 +245,7 @@ impl Directions {
         };
         Self {
             views: column(2, &|query| query.wo),
-            lights: column(2, &|query| HALF_VECTOR_SCALE * (query.wo + query.wi).normalize_or_zero()),
+            lights: column(2, &|query| query.wi),
             cos_i: column(1, &|query| Vec3::splat(query.wi.z)),
             slopes: column(2, &|query| -(query.wo + query.wi) / (query.wo.z + query.wi.z)),
             jacobian: column(1, &|query| {

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::{
-    FEATURES, HALF_VECTOR_SCALE, LARGEST_LOG, Mixture, NeuralTexture,
+    FEATURES, LARGEST_LOG, Mixture, NeuralTexture,
     mixture::{OUTPUTS, share, width},
     network::WIDEST,
 };
@@ -108,24 +108,6 @@ impl Strip {
         local
     }
 
-    /// What the network of the reflectance sees of the direction `wi`: the half vector, or itself.
-    #[inline(always)]
-    fn light(&self, wi: &[Lanes; 3], half_vector: bool) -> [Lanes; 2] {
-        if !half_vector {
-            return [wi[0], wi[1]];
-        }
-        let mut out = [[0.0; LANES]; 2];
-        for lane in 0..LANES {
-            let (x, y, z) =
-                (self.wo[0][lane] + wi[0][lane], self.wo[1][lane] + wi[1][lane], self.wo[2][lane] + wi[2][lane]);
-            let squared = x * x + y * y + z * z;
-            // Opposite directions are on different sides of the surface: nothing is reflected.
-            let scale = HALF_VECTOR_SCALE / if squared > 1e-12 { squared } else { 1e-12 }.sqrt();
-            (out[0][lane], out[1][lane]) = (scale * x, scale * y);
-        }
-        out
-    }
-
     /// Outputs of the mixture's network.
     #[inline(always)]
     fn mixture<S: Simd>(&self, simd: S, material: &NeuralTexture) -> [Lanes; OUTPUTS] {
@@ -147,12 +129,11 @@ vectorized! {
         simd, material: &'a NeuralTexture, at: &'a Surfaces<'a>, wi: [&'a [Lanes]; 3], out: [&'a mut [Lanes]; 3],
     ) {
         let [red, green, blue] = out;
-        let half_vector = material.description.half_vector;
         for strip in 0..red.len() {
             let mut surfaces = Strip::load(at, strip);
             let local = surfaces.to_local(&[wi[0][strip], wi[1][strip], wi[2][strip]]);
-            let [x, y] = surfaces.light(&local, half_vector);
-            (surfaces.input[FEATURES + 2], surfaces.input[FEATURES + 3]) = (x, y);
+            surfaces.input[FEATURES + 2] = local[0];
+            surfaces.input[FEATURES + 3] = local[1];
             let mut logs = [[0.0; LANES]; WIDEST];
             material.reflectance.forward(simd, &surfaces.input, &mut logs);
             let mut cosine = [0.0; LANES];

@@ -38,9 +38,6 @@ pub struct Description {
     pub leaky_slope: f32,
     /// Steps of the training.
     pub steps: u64,
-    /// Whether the network of the reflectance sees the half vector, see [`super::HALF_VECTOR_SCALE`], and not `wi`.
-    #[serde(default)]
-    pub half_vector: bool,
     /// Peak signal-to-noise ratio in dB over directions and places that training has not seen; none where it was not measured.
     pub psnr: Option<f64>,
 }
@@ -49,15 +46,7 @@ impl Description {
     /// Of a material called `name`.
     pub fn new(name: &str, leaky_slope: f32) -> Self {
         let kind = "neural-texture".to_owned();
-        Self {
-            format_version: FORMAT_VERSION,
-            kind,
-            name: name.to_owned(),
-            leaky_slope,
-            steps: 0,
-            half_vector: true,
-            psnr: None,
-        }
+        Self { format_version: FORMAT_VERSION, kind, name: name.to_owned(), leaky_slope, steps: 0, psnr: None }
     }
 }
 
@@ -160,7 +149,6 @@ impl NeuralTexture {
             });
         };
         add(self.pyramid.texels().as_flattened());
-        add(&[f32::from(u8::from(self.description.half_vector))]);
         for network in [&self.shift, &self.reflectance, &self.mixture] {
             add(&[network.leaky_slope()]);
             network.layers().iter().for_each(|layer| {

@@ -38,10 +38,6 @@ pub const LEAST_SHIFT_COSINE: f32 = 0.15;
 /// The largest `ln f_r`: what weights are bounded by where a network is asked for what it has not seen.
 pub const LARGEST_LOG: f32 = 6.0;
 
-/// Reflectance is a function of `wo.xy` and of so many times `h.xy`, with `h` the half vector of `wo` and `wi`: a highlight then stays where it is
-/// while the view moves, and its width is of the order of 1.
-pub const HALF_VECTOR_SCALE: f32 = 3.0;
-
 /// Sizes of the networks, from input to output.
 pub const SHIFT_SIZES: [usize; 4] = [FEATURES + 2, 16, 16, 1];
 /// See [`SHIFT_SIZES`].
@@ -67,8 +63,7 @@ pub struct Seen {
 pub struct Networks {
     /// From features and `wo.xy` to the shift, see [`SHIFT_SIZES`].
     pub shift: Vec<Linear>,
-    /// From features, `wo.xy` and the half vector (or `wi.xy`, see [`Description::half_vector`]) to `ln f_r` per channel, see
-    /// [`REFLECTANCE_SIZES`].
+    /// From features, `wo.xy` and `wi.xy` to `ln f_r` per channel, see [`REFLECTANCE_SIZES`].
     pub reflectance: Vec<Linear>,
     /// From features and `wo.xy` to a [`Mixture`], see [`MIXTURE_SIZES`].
     pub mixture: Vec<Linear>,
