@@ -398,19 +398,22 @@ fn source_of(text: &str, whole: &str) -> Result<Source> {
         "oracle" => Source::Oracle,
         "patches" if file == Some("fine") && !mixed => return Ok(Source::Patches(Detail::Twigs)),
         "patches" => Source::Patches(Detail::Leaves),
-        _ if rival_of(base).is_some() && !mixed => {
-            let file = file.filter(|file| !file.is_empty());
-            let file = file.ok_or_else(|| wrong(format!("name a file, as in {name}:FILE")))?.into();
-            let (family, with_emitter) = rival_of(base).expect("it is one");
-            return Ok(Source::Rival { family, file, with_emitter });
-        }
         _ => {
+            let rival = rival_of(base).filter(|_| !mixed);
             let kind = FileKind::ALL.into_iter().find(|kind| kind.name() == base);
-            let kind = kind.ok_or_else(|| wrong(KNOWN.to_owned()))?;
-            let file = file.filter(|file| !file.is_empty());
-            let file = file.ok_or_else(|| wrong(format!("name a file, as in {name}:FILE")))?;
-            let source = Source::File(kind, file.into());
-            return Ok(if mixed { source.mixed() } else { source });
+            let file = || -> Result<PathBuf> {
+                let file = file.filter(|file| !file.is_empty());
+                Ok(file.ok_or_else(|| wrong(format!("name a file, as in {name}:FILE")))?.into())
+            };
+            return match (rival, kind) {
+                (Some((family, with_emitter)), _) => Ok(Source::Rival { family, file: file()?, with_emitter }),
+                (None, None) => Err(wrong(KNOWN.to_owned())),
+                (None, Some(FileKind::HeadOverPatches)) if mixed => {
+                    Err(wrong("'head+patches' is beside BRDF sampling already".to_owned()))
+                }
+                (None, Some(kind)) if mixed => Ok(Source::File(kind, file()?).mixed()),
+                (None, Some(kind)) => Ok(Source::File(kind, file()?)),
+            };
         }
     };
     if file.is_some() {

@@ -78,7 +78,8 @@ fn read_primitive(document: &Document, primitive: &Primitive, field: &str) -> Re
             None => Vec::new(),
         },
     };
-    let texcoords = texcoords(color_set)?;
+    // Materials that are given by name want coordinates where no texture of the file does.
+    let texcoords = texcoords(color_set.or(Some(0)))?;
     let indices = match primitive.indices {
         Some(indices) => read_indices(document, indices, &format!("{field}.indices"))?,
         None => {
