@@ -122,11 +122,11 @@ mod tests {
         let Material::Measured(materials) = material else { panic!("{material}") };
         let surface = MeasuredSurface::new(Viewpoints::Sphere, materials);
         let mut stream = Stream::new(0, Purpose::Test, 0);
-        let (mut condition, mut seen) = ([0.0; head::MAX_CONDITION], [0; 2]);
+        let (mut condition, mut seen) = (vec![0.0; head::Condition::Family.length()], [0; 2]);
         for _ in 0..200 {
             surface.draw_condition(&mut stream, &mut condition);
             let [wo, n] = directions(&condition);
-            let which = usize::from(condition[10..] == materials.brdfs()[1].latent());
+            let which = usize::from(condition[head::Condition::Ggx.length()..] == materials.brdfs()[1].latent());
             seen[which] += 1;
             let brdf = &materials.brdfs()[which];
             let Some(wi) = surface.sample(&condition, stream.uniform2()) else { continue };
