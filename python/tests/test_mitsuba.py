@@ -45,11 +45,11 @@ def variant(request):
     return request.param
 
 
-def scene(material, integrator, *, map="studio", **more):
+def scene(material, integrator, *, environment="studio", **more):
     transform = mi.ScalarTransform4f
     waves = 0.5 + 0.5 * np.sin(np.linspace(0, 20 * np.pi, 256, dtype=np.float32))
     MATERIALS["bumped"]["nested"]["arbitrary"]["bitmap"] = mi.Bitmap(waves[:, None, None] * waves[None, :, None])
-    bitmap = mi.Bitmap(headtail.Environment(map).array())
+    bitmap = mi.Bitmap(headtail.Environment(environment).array())
     return mi.load_dict(
         {
             "type": "scene",
@@ -136,8 +136,8 @@ def test_means_with_a_head_are_those_of_mitsubas_own_integrators(variant, heads,
     if variant == "llvm_rgb" and (material, kind) not in [("diffuse", "direct"), ("textured", "path")]:
         pytest.skip("without derivatives, two scenes are enough")
     settings, map = {"max_depth": 3} if kind == "path" else {}, map_of(head)
-    own = runs(scene(material, {"type": f"headtail_{kind}", "file": heads[head], **settings}, map=map), 100)
-    theirs = runs(scene(material, {"type": kind, **settings}, map=map), 0)
+    own = runs(scene(material, {"type": f"headtail_{kind}", "file": heads[head], **settings}, environment=map), 100)
+    theirs = runs(scene(material, {"type": kind, **settings}, environment=map), 0)
     assert agree(own, theirs), f"{own.mean()} {theirs.mean()}"
 
 

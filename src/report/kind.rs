@@ -29,8 +29,16 @@ pub enum Kind {
     Head,
     /// A trained head in a mixture with BRDF sampling.
     HeadWithMis,
+    /// A trained head over the product in closed form.
+    HeadOverPatches,
+    /// The same with learned visibility.
+    HeadOverPatchesWithVisibility,
     /// A trained head as a table.
     Baked,
+    /// A sampler that others trained for a material.
+    Rival,
+    /// The same beside emitter sampling.
+    RivalWithEmitter,
     /// The exact product.
     Oracle,
     /// Something that is no sampler of the program.
@@ -38,7 +46,7 @@ pub enum Kind {
 }
 
 /// The table: kinds with their colour (`--s0` to `--s9` in the style sheet) and their marker (see [`outline`]).
-const LOOKS: [(Kind, usize, usize); 15] = [
+const LOOKS: [(Kind, usize, usize); 19] = [
     (Kind::Mis, 0, 0),
     (Kind::TwoSampleMis, 8, 1),
     (Kind::CompensatedMis, 8, 3),
@@ -51,7 +59,11 @@ const LOOKS: [(Kind, usize, usize); 15] = [
     (Kind::Direct, 7, 5),
     (Kind::Head, 1, 4),
     (Kind::HeadWithMis, 1, 7),
+    (Kind::HeadOverPatches, 1, 1),
+    (Kind::HeadOverPatchesWithVisibility, 1, 6),
     (Kind::Baked, 9, 8),
+    (Kind::Rival, 5, 8),
+    (Kind::RivalWithEmitter, 5, 5),
     (Kind::Oracle, 0, 9),
     (Kind::Other, 8, 0),
 ];
@@ -67,7 +79,12 @@ impl Kind {
             "ris" if ["head", "baked", "direct", "patches"].into_iter().any(has) => Self::RisOfProduct,
             "ris" => Self::Ris,
             "patches+vis" => Self::PatchesWithVisibility,
+            "patches" if has("+vis") => Self::PatchesWithVisibility,
             "patches" => Self::Patches,
+            "head+patches" => Self::HeadOverPatches,
+            "head+patches+vis" => Self::HeadOverPatchesWithVisibility,
+            "neusample" | "reparam" => Self::Rival,
+            "neusample+emitter" | "reparam+emitter" => Self::RivalWithEmitter,
             "direct" | "direct+mis" => Self::Direct,
             "baked" | "baked+mis" => Self::Baked,
             "head+mis" | "selection" | "default" | "all" | "emitters" => Self::HeadWithMis,
@@ -188,6 +205,12 @@ mod tests {
             ("ris:4:direct:a/b.safetensors", Kind::RisOfProduct),
             ("patches:fine", Kind::Patches),
             ("patches+vis", Kind::PatchesWithVisibility),
+            ("patches:fine+vis", Kind::PatchesWithVisibility),
+            ("head+patches:x", Kind::HeadOverPatches),
+            ("head+patches+vis:x", Kind::HeadOverPatchesWithVisibility),
+            ("ris:4:head+patches:x", Kind::RisOfProduct),
+            ("reparam:x", Kind::Rival),
+            ("neusample+emitter:x", Kind::RivalWithEmitter),
             ("head+mis:mis.safetensors", Kind::HeadWithMis),
             ("head:out/x", Kind::Head),
             ("head + MIS", Kind::HeadWithMis),

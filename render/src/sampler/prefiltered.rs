@@ -79,7 +79,7 @@ impl Prefiltered {
             let (n, wo) = (at.normals(strip), at.views(strip));
             for lane in 0..LANES {
                 let cos_o = n[0][lane] * wo[0][lane] + n[1][lane] * wo[1][lane] + n[2][lane] * wo[2][lane];
-                let cos_o = cos_o.clamp(1e-3, 1.0);
+                let cos_o = cos_o.clamp(1e-6, 1.0);
                 // Schlick's approximation.
                 specular[strip][lane] *= f0[strip][lane] + (1.0 - f0[strip][lane]) * (1.0 - cos_o).powi(5);
                 // Lobes have no scale; the mirrored direction gives it.
