@@ -78,8 +78,14 @@ fn read_primitive(document: &Document, primitive: &Primitive, field: &str) -> Re
             None => Vec::new(),
         },
     };
-    // Materials that are given by name want coordinates where no texture of the file does.
-    let texcoords = texcoords(color_set.or(Some(0)))?;
+    let texcoords = match color_set {
+        Some(_) => texcoords(color_set)?,
+        // Materials that are given by name want coordinates where no texture of the file does. Broken ones are none: the file is whole without.
+        None => {
+            let is_whole = |own: &Vec<Vec2>| own.len() == positions.len() && own.iter().all(|place| place.is_finite());
+            texcoords(Some(0)).ok().filter(is_whole).unwrap_or_default()
+        }
+    };
     let indices = match primitive.indices {
         Some(indices) => read_indices(document, indices, &format!("{field}.indices"))?,
         None => {
