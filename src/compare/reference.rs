@@ -7,13 +7,10 @@ use std::{
 
 use anyhow::{Result, bail, ensure};
 use headtail_render::{
-    bake::{CellGrid, NormalGrid, direct_bake},
-    estimator::{Estimator, Ris, SingleSample},
     image::{Image, read_radiance, write_exr},
     integrator::{Budget, Rendering},
     points::{PointSet, Points},
-    sampler::{BrdfSampler, Covering, EnvironmentLight, ProductSampler},
-    tail::TailKind,
+    spec::SamplerSpec,
 };
 
 use super::{Arguments, noise::Noise};
@@ -25,11 +22,14 @@ use crate::{
     render::attributes,
 };
 
-/// Part of every name in a cache; to be raised when the renderer changes what its images converge to.
-const CACHE_VERSION: u32 = 3;
+/// Part of every name in a cache; to be raised when the renderer changes what its images converge to, or how near they come.
+const CACHE_VERSION: u32 = 4;
 
 /// The points of references, whatever those of the runs are: the error of `sobol` is the smallest.
 const POINTS: PointSet = PointSet::Sobol;
+
+/// The sampler of references: of those without a file, the one with the least error under such points.
+const SAMPLER: &str = "patches";
 
 /// The reference of a comparison.
 pub struct Reference {
@@ -86,11 +86,11 @@ impl Reference {
             );
             return Ok(Self { image, covered: covered(&coverage)?, note, noise });
         }
-        let (rendering, by, half) = converged(arguments, opened, arguments.reference_spp, stop)?;
+        let (rendering, half) = converged(arguments, opened, arguments.reference_spp, stop)?;
         let image = rendering.composite();
         let covered = covered(&rendering.coverage)?;
         let noise = Noise::of(&half, &rendering.surfaces, &covered)?;
-        let mut attributes = attributes(opened, by, &rendering, seed(arguments));
+        let mut attributes = attributes(opened, SAMPLER, &rendering, seed(arguments));
         attributes.extend(noise.attributes());
         copy.map_or(Ok(()), |copy| write_exr(copy, &image, &attributes))?;
         if let Some(stem) = &cached {
@@ -100,7 +100,7 @@ impl Reference {
             write_exr(&coverage_file, &coverage, &[])?;
             write_exr(&image_file, &image, &attributes)?;
         }
-        let note = format!("Rendered with {by} at {} samples per pixel ({POINTS} points).", rendering.spp);
+        let note = format!("Rendered with {SAMPLER} at {} samples per pixel ({POINTS} points).", rendering.spp);
         Ok(Self { image, covered, note, noise: Some(noise) })
     }
 
@@ -117,27 +117,12 @@ impl Reference {
     }
 }
 
-/// Renders with the best sampler that needs no training, in two independent halves of at least one sample: the mean of both, the sampler's name, and
-/// the surfaces of one half. An interrupted rendering is an error.
-fn converged<'a>(
-    arguments: &Arguments,
-    opened: &OpenedView,
-    spp: u32,
-    stop: &AtomicBool,
-) -> Result<(Rendering, &'a str, Image)> {
-    let environment = &opened.environment;
-    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+/// Renders with the best sampler that needs no training, in two independent halves of at least one sample: the mean of
+/// both, and the surfaces of one half. An interrupted rendering is an error.
+fn converged(arguments: &Arguments, opened: &OpenedView, spp: u32, stop: &AtomicBool) -> Result<(Rendering, Image)> {
     let busy = progress::busy("reference");
-    let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(64, 64)?)?;
+    let estimator = SAMPLER.parse::<SamplerSpec>()?.build(&opened.environment)?;
     drop(busy);
-    let product = Covering::new(ProductSampler::new(light, table))?;
-    // The table knows the cosine, not the lobes of glossy surfaces: they are left to BRDF samples.
-    let (estimator, by): (Box<dyn Estimator>, &str) = if opened.is_diffuse() {
-        (Box::new(SingleSample::new(product, environment.clone())), "the direct bake (64 x 64 cells)")
-    } else {
-        let resampled = Ris::new(product, Covering::new(BrdfSampler)?, 8, environment.clone())?;
-        (Box::new(resampled), "RIS of 8 candidates, from the direct bake (64 x 64 cells) and the BRDF,")
-    };
     let bar = progress::bar(1000, "reference");
     let show = bar.shares();
     let half = |number: u32| {
@@ -152,7 +137,7 @@ fn converged<'a>(
         bail!(Interrupted::new("while the reference was rendered; no run is done"));
     }
     let surfaces = first.surfaces.clone();
-    Ok((mean_of(first, &second), by, surfaces))
+    Ok((mean_of(first, &second), surfaces))
 }
 
 /// The mean of two renderings of equally many samples.
