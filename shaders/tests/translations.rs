@@ -1,6 +1,6 @@
 //! Every shader is valid, and has a translation to every language.
 
-use std::{fs, path::Path, process::Command, sync::Arc};
+use std::{env, fs, path::Path, process::Command, sync::Arc};
 
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
@@ -65,5 +65,31 @@ fn translations_are_taken_by_glslang() {
         fs::write(&file, shader.translate(Target::Glsl).unwrap()).unwrap();
         let output = Command::new(program).arg(&file).output().unwrap();
         assert!(output.status.success(), "{number}: {}", String::from_utf8_lossy(&output.stdout));
+    }
+}
+
+/// DirectX's own compiler takes the translations, and refuses what is none, where `HEADTAIL_DXC` names its library.
+#[test]
+fn translations_are_taken_by_dxc() {
+    let Some(library) = env::var_os("HEADTAIL_DXC") else {
+        println!("HEADTAIL_DXC does not name a libdxcompiler.so");
+        return;
+    };
+    let compile = |file: &Path| {
+        let profile = ["cs_6_0", "headtail_draw"];
+        Command::new("python3").arg("tests/dxc.py").arg(&library).args(profile).arg(file).output().unwrap()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    for (number, shader) in shaders().iter().enumerate() {
+        let file = folder.path().join(format!("{number}.hlsl"));
+        let text = shader.translate(Target::Hlsl).unwrap();
+        fs::write(&file, &text).unwrap();
+        let output = compile(&file);
+        assert!(output.status.success(), "{number}: {}", String::from_utf8_lossy(&output.stdout));
+        let broken = String::from_utf8(text).unwrap().replace("headtail_sample(", "headtail_nothing(");
+        let broken = broken.replacen("headtail_nothing(", "headtail_sample(", 1);
+        fs::write(&file, broken).unwrap();
+        let output = compile(&file);
+        assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
     }
 }
