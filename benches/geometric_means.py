@@ -2,12 +2,17 @@
 
 Each folder is called MATERIAL-SCENE-MAP and holds the results.csv of `headtail compare`. Prints a Markdown table: the mean squared error of
 `mis`, of the best form of MIS (of mis, mis2, mis-comp those that are there) and of `patches`, over that of the sampler, its least value, and the time over that of `mis`.
+
+Budgets in seconds are met to some percent only, and other work on a machine disturbs a run. So a sample's time is the median over all such runs of a
+sampler in a view, and its error is the one at as many samples as fit into the budget, between (or a little beyond) the budgets that were run: errors
+fall as a power of the number of samples.
 """
 
 import collections
 import csv
 import math
 import pathlib
+import statistics
 import sys
 
 FORMS_OF_MIS = ("mis", "mis2", "mis-comp")
@@ -21,21 +26,52 @@ def geometric_mean(values):
     return math.exp(mean([math.log(value) for value in values]))
 
 
+def runs_of(path):
+    """{sampler: {budget: [(samples, seconds, mse)]}} of a results.csv."""
+    runs = collections.defaultdict(lambda: collections.defaultdict(list))
+    with open(path, newline="") as file:
+        for row in csv.DictReader(file):
+            if row["run"].isdigit():
+                # Files of samplers have other names under other maps.
+                kind, colon, file_name = row["sampler"].partition(":")
+                sampler = kind + colon + "FILE" if file_name.endswith(".safetensors") else row["sampler"]
+                runs[sampler][row["budget"]].append(tuple(float(row[name]) for name in ("spp", "seconds", "mse")))
+    return runs
+
+
+def at_equal_time(budgets):
+    """{budget: (mse, seconds of a sample)} for the budgets of one sampler that are seconds."""
+    timed = {budget: runs for budget, runs in budgets.items() if budget.endswith("s")}
+    if not timed:
+        return {}
+    seconds = statistics.median(seconds / samples for runs in timed.values() for samples, seconds, _ in runs)
+    points = sorted((math.log(runs[0][0]), math.log(mean([mse for _, _, mse in runs]))) for runs in timed.values())
+    figures = {}
+    for budget in timed:
+        samples = math.log(float(budget[:-1]) / seconds)
+        (x0, y0), (x1, y1) = nearest_pair(points, samples)
+        slope = (y1 - y0) / (x1 - x0) if x1 > x0 else -1.0
+        figures[budget] = (math.exp(y0 + slope * (samples - x0)), seconds)
+    return figures
+
+
+def nearest_pair(points, x):
+    """The neighbours of a list between which a value lies, or the outermost ones."""
+    after = next((k for k, point in enumerate(points) if point[0] >= x), len(points) - 1)
+    after = max(after, min(1, len(points) - 1))
+    return points[max(after - 1, 0)], points[after]
+
+
 def read(folder):
     """{(material, budget): {view: {sampler: (mse, seconds)}}} with means over runs."""
     figures = collections.defaultdict(lambda: collections.defaultdict(dict))
     for path in sorted(pathlib.Path(folder).glob("*/results.csv")):
         material, view = path.parent.name.split("-", 1)
-        runs = collections.defaultdict(list)
-        with open(path, newline="") as file:
-            for row in csv.DictReader(file):
-                if row["run"].isdigit():
-                    # Files of samplers have other names under other maps.
-                    kind, colon, file = row["sampler"].partition(":")
-                    sampler = kind + colon + "FILE" if file.endswith(".safetensors") else row["sampler"]
-                    runs[row["budget"], sampler].append((float(row["mse"]), float(row["seconds"])))
-        for (budget, sampler), values in runs.items():
-            figures[material, budget][view][sampler] = tuple(mean(column) for column in zip(*values))
+        for sampler, budgets in runs_of(path).items():
+            at_time = at_equal_time(budgets)
+            for budget, runs in budgets.items():
+                _, seconds, mse = (mean(column) for column in zip(*runs))
+                figures[material, budget][view][sampler] = at_time.get(budget, (mse, seconds))
     return figures
 
 

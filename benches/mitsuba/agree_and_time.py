@@ -1,16 +1,20 @@
-"""Agreement and time per sample of the forms of a sampler, in one process and in turns: the C library, the Python package, Dr.Jit.
+"""Agreement and time per sample of the forms of a sampler, in one process and in turns: the C library, the Python package, Dr.Jit, WGSL.
 
-    cargo build --release -p headtail-capi
+    cargo build --release -p headtail -p headtail-capi
     python benches/mitsuba/agree_and_time.py --library target/release/libheadtail_c.so --count 1000000
+    pip install wgpu
+    python benches/mitsuba/agree_and_time.py --library target/release/libheadtail_c.so --headtail target/release/headtail
 
 The C library is the native sampler behind one call, so its time is that of the native batch. Times are those of the clock (ns) and of all
-threads of the process together (cpu ns), which other work on the machine disturbs less. Prints JSON lines.
+threads of the process together (cpu ns), which other work on the machine disturbs less. The WGSL of `headtail export` is taken where --headtail names
+the program, on the adapter that wgpu finds: a processor where Mesa's is the only one. Prints JSON lines.
 """
 
 import argparse
 import ctypes
 import json
 import pathlib
+import subprocess
 import tempfile
 import time
 
@@ -54,6 +58,65 @@ class Library:
         )
 
 
+class Shader:
+    """A sampler as WGSL on a device."""
+
+    # What is timed is the draw alone; the example of the exported shader evaluates a pdf besides.
+    ENTRY = """
+        @group(0) @binding(2) var<storage, read> points: array<vec4<f32>>;
+        @group(0) @binding(3) var<storage, read_write> drawn: array<vec4<f32>>;
+        @compute @workgroup_size(64)
+        fn draw_all(@builtin(global_invocation_id) place: vec3<u32>) {
+            let k = place.x + 65535u * 64u * place.y;
+            if (k >= arrayLength(&drawn)) { return; }
+            let a = points[2u * k];
+            let b = points[2u * k + 1u];
+            drawn[k] = headtail_sample(a.xyz, b.xyz, vec4(1.0, 0.0, 1.0, 1.0), vec2(a.w, b.w));
+        }
+    """
+
+    def __init__(self, program, env, source, n, wo, u):
+        import wgpu
+
+        self.wgpu, self.count = wgpu, len(n)
+        with tempfile.TemporaryDirectory() as folder:
+            own = [program, "export", source, "--target", "wgsl", "--out", folder]
+            subprocess.run(own + (["--env", env] if source == "patches" else []), check=True, capture_output=True)
+            folder = pathlib.Path(folder)
+            text = (folder / "headtail.wgsl").read_text()
+            text = text[: text.index("// An example of use")] + self.ENTRY
+            numbers = [(folder / name).read_bytes() for name in ("floats.bin", "integers.bin")]
+        points = np.concatenate([n, u[:, :1], wo, u[:, 1:]], 1, dtype=np.float32)
+        adapter = wgpu.gpu.request_adapter_sync(power_preference="high-performance")
+        self.name = adapter.info["device"]
+        limits = {"max-storage-buffer-binding-size": adapter.limits["max-storage-buffer-binding-size"],
+                  "max-buffer-size": adapter.limits["max-buffer-size"]}
+        self.device = adapter.request_device_sync(required_limits=limits)
+        usage = wgpu.BufferUsage
+        buffers = [self.device.create_buffer_with_data(data=data, usage=usage.STORAGE) for data in (*numbers, points.tobytes())]
+        self.drawn = self.device.create_buffer(size=16 * self.count, usage=usage.STORAGE | usage.COPY_SRC)
+        module = self.device.create_shader_module(code=text)
+        self.pipeline = self.device.create_compute_pipeline(layout="auto", compute={"module": module, "entry_point": "draw_all"})
+        entries = [{"binding": k, "resource": {"buffer": buffer}} for k, buffer in enumerate((*buffers, self.drawn))]
+        self.group = self.device.create_bind_group(layout=self.pipeline.get_bind_group_layout(0), entries=entries)
+
+    def sample(self):
+        encoder = self.device.create_command_encoder()
+        work = encoder.begin_compute_pass()
+        work.set_pipeline(self.pipeline)
+        work.set_bind_group(0, self.group)
+        groups = -(-self.count // 64)
+        work.dispatch_workgroups(min(groups, 65535), -(-groups // 65535))
+        work.end()
+        self.device.queue.submit([encoder.finish()])
+        # Waits for the device: sixteen bytes come back.
+        self.device.queue.read_buffer(self.drawn, 0, 16)
+
+    def results(self):
+        rows = np.frombuffer(self.device.queue.read_buffer(self.drawn), np.float32).reshape(-1, 4)
+        return rows[:, :3], rows[:, 3]
+
+
 def directions(count, seed):
     d = np.random.default_rng(seed).normal(size=(count, 3))
     return (d / np.linalg.norm(d, axis=1, keepdims=True)).astype(np.float32)
@@ -78,7 +141,16 @@ def form_of(name, sampler):
     return lambda n, wo, z: product.sample(product.prepare(Point(n, wo, None)), z)
 
 
-def compare(name, env, spec, library, count, rounds):
+def apart(row, form, wi, pdf, own):
+    """Adds how far a form's directions and pdfs are from the package's."""
+    drawn = own[1] > 0
+    distance = np.abs(wi - own[0]).max(1)[drawn]
+    row |= {f"{form} beyond 1e-4": float((distance > 1e-4).mean()), f"{form} 99.9 %": float(np.quantile(distance, 0.999))}
+    density = np.abs(pdf[drawn] / own[1][drawn] - 1)
+    row |= {f"{form} pdf beyond 1e-4": float((density > 1e-4).mean()), f"{form} pdf 99.9 %": float(np.quantile(density, 0.999))}
+
+
+def compare(name, env, spec, library, headtail_program, count, rounds):
     """A row of the tables, for diffuse surfaces."""
     import headtail
 
@@ -102,6 +174,9 @@ def compare(name, env, spec, library, count, rounds):
         "python": lambda: sampler.sample(n, wo, u=u, radiance=False, out=(*own, None)),
         "drjit": by_jit,
     }
+    if headtail_program:
+        shader = Shader(headtail_program, env, spec.partition(":")[2] or spec, n, wo, u)
+        forms["wgsl"] = shader.sample
     times = {form: [] for form in forms}
     for _ in range(rounds + 1):
         for form, work in forms.items():
@@ -111,11 +186,10 @@ def compare(name, env, spec, library, count, rounds):
         # The first round compiles kernels.
         clock, used = np.median(np.array(list[1:]), 0) * 1e9 / count
         row |= {f"{form} ns": clock, f"{form} cpu ns": used}
-    drawn = own[1] > 0
-    apart = np.abs(np.array(jit["w"]).T - own[0]).max(1)[drawn]
-    row |= {"drjit beyond 1e-4": float((apart > 1e-4).mean()), "drjit 99.9 %": float(np.quantile(apart, 0.999))}
-    density = np.abs(np.array(jit["pdf"])[drawn] / own[1][drawn] - 1)
-    row |= {"drjit pdf beyond 1e-4": float((density > 1e-4).mean()), "drjit pdf 99.9 %": float(np.quantile(density, 0.999))}
+    apart(row, "drjit", np.array(jit["w"]).T, np.array(jit["pdf"]), own)
+    if headtail_program:
+        row["adapter"] = shader.name
+        apart(row, "wgsl", *shader.results(), own)
     row["c differs"] = int((own[0] != from_c[0]).sum() + (own[1] != from_c[1]).sum())
     return row
 
@@ -123,6 +197,7 @@ def compare(name, env, spec, library, count, rounds):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--library", required=True)
+    parser.add_argument("--headtail", help="the program, to export shaders with")
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--env", default="studio")
     parser.add_argument("--head", help="a head for diffuse surfaces and this map")
@@ -139,7 +214,7 @@ def main():
         if arguments.head:
             specs["head"] = f"head:{arguments.head}"
         for name, spec in specs.items():
-            row = compare(name, arguments.env, spec, arguments.library, arguments.count, arguments.rounds)
+            row = compare(name, arguments.env, spec, arguments.library, arguments.headtail, arguments.count, arguments.rounds)
             print(json.dumps(row), flush=True)
 
 

@@ -123,7 +123,7 @@ fn draws(sampler: &ExportedSampler, count: usize) -> Vec<[u32; 5]> {
     let light = EnvironmentLight::with_tail(environment("test map", 0), sampler.tail.clone());
     match &sampler.intermediate {
         Intermediate::Head(head) if let Some(detail) = sampler.patches => {
-            of(&PatchSampler::new(light, detail).unwrap().with_head(head.clone()), count)
+            of(&PatchSampler::with_head(light, detail, head.clone()).unwrap(), count)
         }
         Intermediate::Head(head) => of(&ProductSampler::new(light, head.clone()), count),
         Intermediate::Bake(table) | Intermediate::DirectBake(table) => {

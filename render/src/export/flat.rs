@@ -23,7 +23,7 @@ pub fn flat_patches(tail: &Tail, detail: Detail) -> Result<Vec<FlatArray>> {
             format!("is {}; patches are over the hierarchical one", tail.kind().name()),
         ));
     };
-    let patches = Patches::new(tail, detail);
+    let patches = Patches::alone(tail, detail);
     Ok([tail.flat(), patches.flat(tail.grid().columns(), tail.grid().rows())].concat())
 }
 

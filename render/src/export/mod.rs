@@ -224,7 +224,7 @@ impl ExportedSampler {
         let light = EnvironmentLight::with_tail(environment.clone(), self.tail);
         let product: Arc<dyn Sampler> = match self.intermediate {
             Intermediate::Head(head) if let Some(detail) = self.patches => {
-                Arc::new(PatchSampler::new(light, detail)?.with_head(head))
+                Arc::new(PatchSampler::with_head(light, detail, head)?)
             }
             Intermediate::Head(head) => Arc::new(ProductSampler::new(light, head)),
             Intermediate::Bake(table) | Intermediate::DirectBake(table) => Arc::new(ProductSampler::new(light, table)),
@@ -269,7 +269,7 @@ impl ExportedSampler {
             ));
         }
         let light = EnvironmentLight::with_tail(environment.clone(), self.tail);
-        Ok(PatchSampler::new(light, detail)?.with_head(head))
+        PatchSampler::with_head(light, detail, head)
     }
 
     /// Checks that the sampler was made for this very map: under another one it would be biased.

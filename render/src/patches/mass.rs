@@ -89,6 +89,15 @@ impl Patch {
         }
     }
 
+    /// Multiplies the energies of its parts by a factor of the variance of their directions, and takes their sum for its own.
+    pub fn hold_back(&mut self, parts: &mut Block, factor: impl Fn(f32) -> f32) {
+        let [energies, .., variances] = parts;
+        for (energy, variance) in energies.iter_mut().zip(variances) {
+            *energy *= factor(*variance);
+        }
+        self.energy = energies.iter().sum();
+    }
+
     /// Puts it into a lane of a block.
     pub fn store(&self, block: &mut Block, lane: usize) {
         let vectors = [self.centroid, self.squares, self.mixed].into_iter().flat_map(|vector| vector.to_array());

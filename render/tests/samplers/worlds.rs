@@ -156,16 +156,17 @@ impl World {
         add("head and cosine", Box::new(OneSampleMis::new(head, BrdfSampler)), true, false);
         if kind == TailKind::Hierarchical {
             let patches = |detail| PatchSampler::new(light.clone(), detail).unwrap();
+            let over = |detail, head| PatchSampler::with_head(light.clone(), detail, head).unwrap();
             add("patches", Box::new(patches(Detail::Leaves)), true, true);
             add("patches:fine", Box::new(patches(Detail::Twigs)), true, true);
             let weighted = Weighted { patches: patches(Detail::Leaves), weights: Uneven::new() };
             add("weighted patches", Box::new(weighted), true, true);
             let head = || random_head(Mode::Coupled, 4, &[16, 12]);
-            add("head over patches", Box::new(patches(Detail::Leaves).with_head(head())), true, true);
-            let weighted = Weighted { patches: patches(Detail::Twigs).with_head(head()), weights: Uneven::new() };
+            add("head over patches", Box::new(over(Detail::Leaves, head())), true, true);
+            let weighted = Weighted { patches: over(Detail::Twigs, head()), weights: Uneven::new() };
             add("head over weighted patches", Box::new(weighted), true, true);
             let selecting = random_head_of(Condition::GgxRoughness, Mode::Autoregressive, 8, &[], &[16, 1]);
-            let over = OneSampleMis::new(patches(Detail::Leaves).with_head(selecting), BrdfSampler);
+            let over = OneSampleMis::new(over(Detail::Leaves, selecting), BrdfSampler);
             add("head over patches, and cosine", Box::new(over), true, false);
             add("patches and cosine", Box::new(OneSampleMis::new(patches(Detail::Leaves), BrdfSampler)), true, false);
         }
