@@ -19,10 +19,10 @@ use headtail_render::{
 use crate::terminal::{self, say};
 use crate::{
     arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
+    crop::{self, Crop},
     exposure,
     light::LightArguments,
     output::{self, OutputFile},
-    part::{self, Crop},
     progress,
 };
 
@@ -212,7 +212,7 @@ pub fn attributes(opened: &OpenedView, sampler: &str, rendering: &Rendering, see
         Attribute::new(output::REQUEST, output::request()),
     ];
     if (part.width, part.height) != (width, height) {
-        attributes.push(Attribute::new("crop", part::text(part)));
+        attributes.push(Attribute::new("crop", crop::text(part)));
     }
     attributes
 }

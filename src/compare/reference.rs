@@ -16,8 +16,8 @@ use headtail_render::{
 use super::{Arguments, noise::Noise};
 use crate::{
     arguments::{OpenedView, ViewArguments, make_folder},
+    crop,
     output::OutputFolder,
-    part,
     progress::{self, Interrupted},
     render::attributes,
 };
@@ -180,7 +180,7 @@ fn key(arguments: &Arguments, opened: &OpenedView) -> String {
         view.depth,
         arguments.reference_spp,
         seed(arguments),
-        part::text(opened.part()),
+        crop::text(opened.part()),
         opened.light().env_scale
     );
     blake3::hash(content.as_bytes()).to_hex().to_string()

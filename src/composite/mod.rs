@@ -150,11 +150,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
     let output = OutputFolder::take(&arguments.out, &["composite.exr"])?;
     let setting = Setting::open(arguments)?;
-    ensure!(
-        !matches!(arguments.sampler, SamplerSpec::Learning(..)),
-        "--sampler {}: masks are taken in one pass, in which nothing can be learned: name a sampler without +vis",
-        arguments.sampler
-    );
     let estimator = arguments.sampler.build(&setting.environment)?;
     note_use(&arguments.sampler)?;
     output.begin(
