@@ -17,8 +17,8 @@ use headtail_render::{
     tail::TailKind,
 };
 
-use crate::light::LightArguments;
 use crate::crop::{self, Crop};
+use crate::light::LightArguments;
 use crate::progress;
 use crate::terminal::{detail, note, warning};
 

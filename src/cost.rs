@@ -8,7 +8,7 @@ const TRAINING_POINT: f64 = 3e-6;
 /// Seconds of one core for a step of a flow tail of 64 bins and 4096 points; the small one of quick runs takes as long.
 const FLOW_STEP: f64 = 0.03;
 /// Seconds of one core for a point at which the samplers of a regime are measured.
-const MEASURED_POINT: f64 = 4e-5;
+const MEASURED_POINT: f64 = 2e-5;
 
 /// Seconds that the head of a configuration takes to train on one core.
 pub fn training(config: &FitConfig) -> f64 {
@@ -25,13 +25,13 @@ pub fn flow_tail(steps: usize) -> f64 {
 
 /// Seconds that everything a configuration says takes to train on the threads that there are.
 pub fn fit(config: &FitConfig) -> f64 {
-    let flow = if config.tail == headtail_render::tail::TailKind::Flow { flow_tail(config.flow.steps) } else { 0.0 };
+    let flow = if config.tail == TailKind::Flow { flow_tail(config.flow.steps) } else { 0.0 };
     (training(config) + flow) / rayon::current_num_threads() as f64
 }
 
 /// Seconds that a regime of the stability suite takes on the threads that there are.
 pub fn regime(config: &FitConfig, effort: Effort) -> f64 {
     let points = effort.conditions as f64 * (effort.strata.0.pow(2) + effort.strata.1.pow(2) + effort.draws) as f64;
-    // Alone, with a learned share, with all remedies and as by default.
-    4.0 * fit(config) + points * MEASURED_POINT
+    // Alone, and with a learned share; the rest takes one of these.
+    2.0 * fit(config) + points * MEASURED_POINT
 }

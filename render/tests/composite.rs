@@ -93,7 +93,9 @@ fn unbiased_forms_have_the_mean_of_the_integral() {
     for name in ["studio", "sunset", "window"] {
         let environment = Arc::new(built_in(name).unwrap());
         let expected = truth(&environment);
-        for sampler in ["patches", "patches+vis", "mis", "ris:4", "cosine"].into_iter().take(if name == "window" { 5 } else { 4 }) {
+        for sampler in
+            ["patches", "patches+vis", "mis", "ris:4", "cosine"].into_iter().take(if name == "window" { 5 } else { 4 })
+        {
             let film = film(&environment, sampler, settings(128, 4));
             for form in [MaskForm::Weights, MaskForm::ControlVariate] {
                 let mask = Mask::of(&film, form);

@@ -17,6 +17,7 @@ use super::{
     figure::heading,
     part::{Made, Part},
 };
+use crate::cost;
 
 /// The section.
 pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {

@@ -88,7 +88,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             (config.backend, config.gradient) = (backend, GradientForm::Injected);
         }
         let known = kept.read(&regime, &config, effort);
-        let seconds = if known.is_some() { 0.0 } else { cost::regime(&config, effort) / rayon::current_num_threads() as f64 };
+        let seconds =
+            if known.is_some() { 0.0 } else { cost::regime(&config, effort) / rayon::current_num_threads() as f64 };
         (regime, config, known, seconds)
     };
     let regimes: Vec<_> = regimes.into_iter().map(configure).collect();

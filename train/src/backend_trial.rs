@@ -57,7 +57,13 @@ impl BackendTrial {
     ///
     /// # Errors
     /// If the backend is not in this build, the configuration is out of range, or the target is no density.
-    pub fn run(&self, backend: Backend, target: &dyn Target, others: &[f32], watch: &dyn Fn(usize)) -> Result<TrialRow> {
+    pub fn run(
+        &self,
+        backend: Backend,
+        target: &dyn Target,
+        others: &[f32],
+        watch: &dyn Fn(usize),
+    ) -> Result<TrialRow> {
         let config = FitConfig { backend, steps: self.steps, ..self.config.clone() };
         config.validate()?;
         let device = backend.device()?;
