@@ -145,6 +145,9 @@ const LONG: Duration = Duration::from_secs(120);
 const FIRST_LINE: Duration = Duration::from_secs(10);
 const BETWEEN_LINES: Duration = Duration::from_secs(60);
 
+/// The units of a bar over shares of some work: so many that the first of them tells how long all takes.
+pub const SHARES: u64 = 1_000_000_000;
+
 /// A bar over `length` units on standard error.
 pub fn bar(length: u64, what: &str) -> Bar {
     new_bar(length, what, false)
@@ -197,10 +200,10 @@ impl Bar {
         self.shown.finish_and_clear();
     }
 
-    /// What shows shares of the work, between 0 and 1, on a bar of 1000 units.
+    /// What shows shares of the work, between 0 and 1, on a bar of [`SHARES`] units.
     pub fn shares(&self) -> impl Fn(f64) + Sync + use<> {
         let bar = self.clone();
-        move |share| bar.set_position((1000.0 * share) as u64)
+        move |share| bar.set_position((SHARES as f64 * share) as u64)
     }
 
     /// Says how long all of it takes, once that is known and long, and without a terminal now and then how far it is.

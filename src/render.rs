@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     drop(busy);
     note_use(&arguments.sampler)?;
     note_surfaces(&arguments.sampler, &opened)?;
-    let bar = progress::bar(1000, "rendering");
+    let bar = progress::bar(progress::SHARES, "rendering");
     if arguments.timings {
         Timings::start();
     }

@@ -123,7 +123,7 @@ fn converged(arguments: &Arguments, opened: &OpenedView, spp: u32, stop: &Atomic
     let busy = progress::busy("reference");
     let estimator = SAMPLER.parse::<SamplerSpec>()?.build(&opened.environment)?;
     drop(busy);
-    let bar = progress::bar(1000, "reference");
+    let bar = progress::bar(progress::SHARES, "reference");
     let show = bar.shares();
     let half = |number: u32| {
         let points = Points::new(POINTS, seed(arguments) ^ u64::from(number));

@@ -168,7 +168,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         without_object: false,
     };
     announce(composition, settings);
-    let bar = progress::bar(1000, "compositing");
+    let bar = progress::bar(progress::SHARES, "compositing");
     let film = compose(composition, settings, &stop, &bar.shares());
     bar.finish_and_clear();
     check_sight(&film)?;

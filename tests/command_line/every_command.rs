@@ -146,9 +146,10 @@ fn an_output_that_cannot_be_written_is_found_before_the_work() {
 fn inputs_without_end_are_refused() {
     let here = folder();
     let path = here.path();
-    assert!(Command::new("mkfifo").arg(path.join("pipe")).status().unwrap().success());
     fs::create_dir(path.join("results")).unwrap();
-    assert!(Command::new("mkfifo").arg(path.join("results/results.csv")).status().unwrap().success());
+    for name in ["pipe", "pipe.f32", "results/results.csv"] {
+        assert!(Command::new("mkfifo").arg(path.join(name)).status().unwrap().success());
+    }
     succeed(path, "view --env overcast --width 16 --height 16 --out view.exr");
     let render = format!("render --scene sphere --env overcast --spp 1 {SMALL} --out a.exr --sampler");
     let composite = "composite --env overcast --scene sphere --spp 1 --out both";
@@ -159,7 +160,7 @@ fn inputs_without_end_are_refused() {
         format!("{render} patches+vis:pipe"),
         format!("{render} neusample:pipe"),
         format!("{render} mis --material neural:pipe"),
-        format!("{render} mis --material nbrdf:pipe#a"),
+        format!("{render} mis --material nbrdf:pipe.f32#a"),
         format!("{render} mis").replace("overcast", "pipe"),
         format!("{render} mis").replace("sphere", "pipe"),
         format!("compare --scene sphere --env overcast {SMALL} --samplers mis --spp 1 --reference pipe --out c"),
