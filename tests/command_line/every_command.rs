@@ -170,7 +170,7 @@ fn inputs_without_end_are_refused() {
         "bake --from pipe --out table".into(),
         "inspect pipe --out a.svg".into(),
         "export pipe --target wgsl --out shader".into(),
-        "material pipe".into(),
+        "material pipe.f32".into(),
         "check-material --source lacquer --material pipe --out a.png".into(),
         "fit --config pipe --out f".into(),
         "fit --config /dev/zero --out f".into(),

@@ -277,7 +277,7 @@ impl Worker<'_> {
         self.tell(Which::Object);
         let Self { workspace, pixels, .. } = self;
         let Workspace { object, contributions, visible, .. } = &**workspace;
-        let own = contributions.places().iter().zip(contributions.radiance()).zip(&*visible);
+        let own = contributions.places().iter().zip(contributions.radiance()).zip(visible);
         for ((&place, &radiance), _) in own.filter(|(_, visible)| **visible) {
             add(pixels, &object.paths[place as usize], radiance);
         }
