@@ -17,8 +17,8 @@ use headtail_render::{
     tail::TailKind,
 };
 
+use crate::crop::{self, Crop};
 use crate::light::LightArguments;
-use crate::part::{self, Crop};
 use crate::progress;
 use crate::terminal::{detail, note, warning};
 
@@ -347,7 +347,7 @@ impl OpenedView {
             (false, 1) => name,
             (false, depth) => format!("{name}, depth {depth}"),
         };
-        self.part.map_or(name.clone(), |part| format!("{name}, pixels {}", part::text(part)))
+        self.part.map_or(name.clone(), |part| format!("{name}, pixels {}", crop::text(part)))
     }
 
     /// The map's name, with what was changed of its light.

@@ -73,9 +73,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         if arguments.backend.is_some_and(|only| only != backend) {
             continue;
         }
-        let busy = progress::busy(&backend.to_string());
-        let row = trial.run(backend, &*target, rows.first().map_or(&[], |first| &first.losses));
-        drop(busy);
+        let bar = progress::bar(trial.steps as u64, &backend.to_string());
+        let others = rows.first().map_or(&[][..], |first| &first.losses);
+        let row = trial.run(backend, &*target, others, &|step| bar.set_position(step as u64));
+        bar.finish_and_clear();
         match row {
             Ok(row) => rows.push(row),
             // Left out of this build; asked for by name, it is an error.

@@ -79,15 +79,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         };
         OutputFile::take(&arguments.out, is_same)
     };
-    let busy = progress::busy("baking");
     let (baked, _output) = match (&arguments.from, &arguments.env) {
         (Some(file), _) => {
             let exported = ExportedSampler::read(file)?;
             let head = exported.head_over_tail().map_err(|error| error.in_file(file))?;
             let run = exported.run.as_ref().map(|run| format!("{run}\n{}", settings(false, normals, cells)));
             let output = output(run.as_deref())?;
+            announce(normals, cells, |few| drop(learned_bake(head, &exported.tail, few, cells)));
+            let busy = progress::busy("baking");
             let tabulating = Instant::now();
             let table = learned_bake(head, &exported.tail, normals, cells)?;
+            drop(busy);
             let seconds = tabulating.elapsed().as_secs_f64();
             // A file without the time of its training is one that must not depend on the clock.
             let training = exported
@@ -103,10 +105,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         (None, None) => bail!("give --from FILE, or --direct with --env MAP"),
     };
-    drop(busy);
     baked.write(&arguments.out)?;
     say!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())
+}
+
+/// Normals from pole to pole x around of a trial, and how many times as many make one worth its time.
+const TRIAL: (usize, usize) = (8, 16);
+const MANY: usize = 64;
+
+/// Says about how long a large table takes, by a trial of `bake` with few normals.
+fn announce(normals: NormalGrid, cells: CellGrid, bake: impl Fn(NormalGrid)) {
+    let Ok(few) = NormalGrid::new(TRIAL.0, TRIAL.1) else { return };
+    // 2^17 normals of one cell are soon done.
+    if normals.nodes() < MANY * few.nodes() || normals.nodes() * cells.cells() < 1 << 22 {
+        return;
+    }
+    let start = Instant::now();
+    bake(few);
+    progress::announce("baking", start.elapsed().as_secs_f64() * normals.nodes() as f64 / few.nodes() as f64);
 }
 
 /// What a table is set by, as a part of the settings that its file holds.
@@ -131,7 +148,10 @@ pub fn direct(
 ) -> Result<ExportedSampler> {
     let kind: TailKind = tail.into();
     let warp = Tail::new(kind, environment.width(), environment.height(), &environment.luminance())?;
+    announce(normals, cells, |few| drop(direct_bake(&warp, few, cells)));
+    let busy = progress::busy("baking");
     let table = direct_bake(&warp, normals, cells)?;
+    drop(busy);
     let run = direct_settings(name, tail, normals, cells)?;
     Ok(ExportedSampler::new(Intermediate::DirectBake(table), kind, environment, None)?.with_run(run))
 }

@@ -22,9 +22,9 @@ pub use work::select;
 use crate::terminal::{self, say};
 use crate::{
     arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
+    crop::Crop,
     light::LightArguments,
     output::OutputFolder,
-    part::Crop,
     progress,
     report::{self, Comparison, Preparation, State},
 };

@@ -114,6 +114,13 @@ impl fmt::Display for Interrupted {
 
 impl Error for Interrupted {}
 
+/// Says about how long something will take, where that is minutes.
+pub fn announce(what: &str, seconds: f64) {
+    if seconds >= LONG.as_secs_f64() {
+        terminal::note!("{what} will take about {}", duration(seconds));
+    }
+}
+
 /// How far some work is: a bar on a terminal, else a line now and then.
 #[derive(Clone)]
 pub struct Bar {
@@ -138,8 +145,26 @@ const LONG: Duration = Duration::from_secs(120);
 const FIRST_LINE: Duration = Duration::from_secs(10);
 const BETWEEN_LINES: Duration = Duration::from_secs(60);
 
+/// The units of a bar over shares of some work: so many that the first of them tells how long all takes.
+pub const SHARES: u64 = 1_000_000_000;
+
 /// A bar over `length` units on standard error.
 pub fn bar(length: u64, what: &str) -> Bar {
+    new_bar(length, what, false)
+}
+
+/// A bar over work whose seconds were estimated: how long it takes is said now, and the bar is over thousandths of these seconds.
+pub fn announced_bar(seconds: f64, what: &str) -> Bar {
+    announce(what, seconds);
+    new_bar(thousandths(seconds).max(1), what, true)
+}
+
+/// Estimated seconds as units of [`announced_bar`].
+pub fn thousandths(seconds: f64) -> u64 {
+    (1000.0 * seconds).round() as u64
+}
+
+fn new_bar(length: u64, what: &str, is_estimated: bool) -> Bar {
     let style =
         ProgressStyle::with_template("{prefix:>12} [{bar:32}] {percent:>3}%  {elapsed} done, {eta} left  {msg}");
     let shown = if terminal::is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(length) };
@@ -147,7 +172,7 @@ pub fn bar(length: u64, what: &str) -> Bar {
     shown.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
     shown.set_prefix(what.to_owned());
     terminal::show_above(&shown);
-    let pace = Arc::new(Mutex::new(Pace { next: FIRST_LINE, is_estimated: false }));
+    let pace = Arc::new(Mutex::new(Pace { next: FIRST_LINE, is_estimated }));
     Bar { shown, what: what.to_owned(), start: Instant::now(), pace }
 }
 
@@ -175,10 +200,10 @@ impl Bar {
         self.shown.finish_and_clear();
     }
 
-    /// What shows shares of the work, between 0 and 1, on a bar of 1000 units.
+    /// What shows shares of the work, between 0 and 1, on a bar of [`SHARES`] units.
     pub fn shares(&self) -> impl Fn(f64) + Sync + use<> {
         let bar = self.clone();
-        move |share| bar.set_position((1000.0 * share) as u64)
+        move |share| bar.set_position((SHARES as f64 * share) as u64)
     }
 
     /// Says how long all of it takes, once that is known and long, and without a terminal now and then how far it is.
@@ -195,10 +220,7 @@ impl Bar {
             && !pace.is_estimated
         {
             pace.is_estimated = true;
-            let all = elapsed.as_secs_f64() + left;
-            if all >= LONG.as_secs_f64() {
-                terminal::note!("{} will take about {}", self.what, duration(all));
-            }
+            announce(&self.what, elapsed.as_secs_f64() + left);
         }
         if elapsed < pace.next || std::io::stderr().is_terminal() {
             return;

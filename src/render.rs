@@ -19,10 +19,10 @@ use headtail_render::{
 use crate::terminal::{self, say};
 use crate::{
     arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
+    crop::{self, Crop},
     exposure,
     light::LightArguments,
     output::{self, OutputFile},
-    part::{self, Crop},
     progress,
 };
 
@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     drop(busy);
     note_use(&arguments.sampler)?;
     note_surfaces(&arguments.sampler, &opened)?;
-    let bar = progress::bar(1000, "rendering");
+    let bar = progress::bar(progress::SHARES, "rendering");
     if arguments.timings {
         Timings::start();
     }
@@ -212,7 +212,7 @@ pub fn attributes(opened: &OpenedView, sampler: &str, rendering: &Rendering, see
         Attribute::new(output::REQUEST, output::request()),
     ];
     if (part.width, part.height) != (width, height) {
-        attributes.push(Attribute::new("crop", part::text(part)));
+        attributes.push(Attribute::new("crop", crop::text(part)));
     }
     attributes
 }

@@ -74,8 +74,8 @@ impl Arguments {
         // Other samples than those that the file was learned from, unless they are of another seed anyway.
         let seed = self.seed ^ before.as_ref().map_or(0, SceneVisibility::rays);
         let stop = progress::stop_flag()?;
-        let bar = progress::bar(1000, "learning");
-        let show = |share: f64| bar.set_position((1000.0 * share) as u64);
+        let bar = progress::bar(progress::SHARES, "learning");
+        let show = bar.shares();
         let learned = learn_visibility(opened.view(), &estimator, before, (self.spp, seed), &stop, &show);
         bar.finish_and_clear();
         ensure!(learned.cells() > 0, "the camera sees no surface of {}", opened.scene_name());

@@ -16,8 +16,8 @@ use headtail_render::{
 use super::{Arguments, noise::Noise};
 use crate::{
     arguments::{OpenedView, ViewArguments, make_folder},
+    crop,
     output::OutputFolder,
-    part,
     progress::{self, Interrupted},
     render::attributes,
 };
@@ -123,7 +123,7 @@ fn converged(arguments: &Arguments, opened: &OpenedView, spp: u32, stop: &Atomic
     let busy = progress::busy("reference");
     let estimator = SAMPLER.parse::<SamplerSpec>()?.build(&opened.environment)?;
     drop(busy);
-    let bar = progress::bar(1000, "reference");
+    let bar = progress::bar(progress::SHARES, "reference");
     let show = bar.shares();
     let half = |number: u32| {
         let points = Points::new(POINTS, seed(arguments) ^ u64::from(number));
@@ -180,7 +180,7 @@ fn key(arguments: &Arguments, opened: &OpenedView) -> String {
         view.depth,
         arguments.reference_spp,
         seed(arguments),
-        part::text(opened.part()),
+        crop::text(opened.part()),
         opened.light().env_scale
     );
     blake3::hash(content.as_bytes()).to_hex().to_string()

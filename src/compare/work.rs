@@ -29,6 +29,12 @@ const CALIBRATIONS: usize = 4;
 /// By which factor a rendering's time may be off.
 const TOLERANCE: f64 = 1.15;
 
+/// The time of a sampler's sample is measured where a run has so many samples in all of its pixels, by a rendering of so long; else it is about so many
+/// seconds.
+const LONG_RUN: f64 = 1e6;
+const TRIAL: Duration = Duration::from_millis(50);
+const SAMPLE: f64 = 3e-7;
+
 /// A comparison at work.
 pub struct Work<'a> {
     opened: &'a OpenedView,
@@ -84,7 +90,10 @@ impl<'a> Work<'a> {
     /// If results cannot be written; those of the runs before stay.
     pub fn run_all(&mut self, runs: u32, seed: u64) -> Result<()> {
         let (entries, budgets) = (self.entries, self.budgets);
-        let bar = progress::bar((budgets.len() * entries.len()) as u64 * u64::from(runs), "comparing");
+        let seconds = self.seconds_of_runs(seed);
+        let all: f64 = seconds.iter().flatten().sum::<f64>() * f64::from(runs);
+        let bar = progress::announced_bar(all, "comparing");
+        let mut done = 0.0;
         let mut taken: Vec<Vec<Budget>> = Vec::new();
         for run in 0..runs {
             for (index, (name, asked)) in budgets.iter().enumerate() {
@@ -103,12 +112,36 @@ impl<'a> Work<'a> {
                     // In a budget of time, the number of samples depends on the machine, and points should not.
                     let points = self.opened.points(*asked, seed + u64::from(run));
                     self.run(number, name, taken, run, points)?;
-                    bar.inc(1);
+                    done += seconds[index][number];
+                    bar.set_position(progress::thousandths(done));
                 }
             }
         }
         bar.finish_and_clear();
         Ok(())
+    }
+
+    /// `[budget][entry]` about the seconds of a run, by a short rendering with each sampler; calibrating and writing come on top. Where all is soon done,
+    /// samples count alike.
+    fn seconds_of_runs(&self, seed: u64) -> Vec<Vec<f64>> {
+        let pixels = self.opened.part().width * self.opened.part().height;
+        let samples = |budget: &Budget| if let Budget::Spp(spp) = budget { f64::from(*spp) } else { 0.0 };
+        let most = self.budgets.iter().map(|(_, budget)| samples(budget)).fold(0.0, f64::max);
+        let is_long = most * pixels as f64 >= LONG_RUN;
+        let sample = |entry: &Entry| {
+            if !is_long || self.stop.load(Ordering::Relaxed) {
+                return pixels as f64 * SAMPLE;
+            }
+            let points = self.opened.points(Budget::Time(TRIAL), seed);
+            let trial = self.opened.render(&*entry.estimator, Budget::Time(TRIAL), points, self.stop, &|_| {});
+            trial.seconds / f64::from(trial.spp.max(1))
+        };
+        let of_sample: Vec<f64> = self.entries.iter().map(sample).collect();
+        let seconds = |budget: &Budget, of_sample: &f64| match budget {
+            Budget::Spp(spp) => f64::from(*spp) * of_sample,
+            Budget::Time(limit) => limit.as_secs_f64(),
+        };
+        self.budgets.iter().map(|(_, budget)| of_sample.iter().map(|of| seconds(budget, of)).collect()).collect()
     }
 
     /// Writes the files for good.

@@ -150,11 +150,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
     let output = OutputFolder::take(&arguments.out, &["composite.exr"])?;
     let setting = Setting::open(arguments)?;
-    ensure!(
-        !matches!(arguments.sampler, SamplerSpec::Learning(..)),
-        "--sampler {}: masks are taken in one pass, in which nothing can be learned: name a sampler without +vis",
-        arguments.sampler
-    );
     let estimator = arguments.sampler.build(&setting.environment)?;
     note_use(&arguments.sampler)?;
     output.begin(
@@ -173,7 +168,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         without_object: false,
     };
     announce(composition, settings);
-    let bar = progress::bar(1000, "compositing");
+    let bar = progress::bar(progress::SHARES, "compositing");
     let film = compose(composition, settings, &stop, &bar.shares());
     bar.finish_and_clear();
     check_sight(&film)?;

@@ -21,7 +21,7 @@ use super::{
     part::{Made, Part},
 };
 use crate::{
-    inspect,
+    cost, inspect,
     progress::Interrupted,
     report::{
         number::escape,
@@ -47,9 +47,6 @@ const COSINE: Column = Column { name: "cosine", scene: "temple", paper: [0.715, 
 const MICROFACET: Column = Column { name: "microfacet", scene: "droid", paper: [1.411, 0.940, 0.901, 0.580, 0.542] };
 const NEURAL: Column = Column { name: "neural material", scene: "bedroom", paper: [1.320, 0.896, 0.739, 0.323, 0.269] };
 
-/// About the seconds of one core that a step of the small flow tail takes.
-const FLOW_STEP: f64 = 0.03;
-
 /// The section.
 pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
     let Effort { cosine_steps, ggx_steps, flow_steps, .. } = workshop.effort;
@@ -67,8 +64,8 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
         fabric.map(|fabric| (NEURAL, fabric)),
     ];
     let part = |(column, material): (Column, Material)| {
-        let cost = 5.0 * Effort::training(&variants(workshop, material)[0])
-            + FLOW_STEP * flow_steps as f64
+        let cost = 5.0 * cost::training(&variants(workshop, material)[0])
+            + cost::flow_tail(flow_steps)
             + workshop.effort.rendering(workshop.effort.reference_spp + 5 * SPP * workshop.effort.runs);
         Part::new(column.name, cost, move |workshop| ablate(workshop, column, material))
     };

@@ -15,13 +15,13 @@ use headtail_train::Material;
 use super::{
     Workshop,
     bias::bias,
-    effort::Effort,
     figure::{Panel, heading, note, strip},
     part::{Made, Part},
     passes,
     shot::{Shot, size},
 };
 use crate::{
+    cost,
     render::quietly,
     report::number::{escape, text},
     view::automatic_exposure,
@@ -47,7 +47,7 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
         })
         .collect();
     parts.push(Part::new("mesh", shot, mesh));
-    let training = Effort::training(&workshop.heads.config(Material::Lambert));
+    let training = cost::training(&workshop.heads.config(Material::Lambert));
     parts.push(Part::new("bias", training + pixels * effort.rendering(9 * effort.mask_spp), bias));
     (intro.to_owned(), parts)
 }

@@ -12,13 +12,13 @@ use headtail_train::Material;
 
 use super::{
     Workshop,
-    effort::Effort,
     figure::heading,
     fits::weights,
     measure::{Bench, Entry, mean},
     part::{Made, Part},
     scenes::baked,
 };
+use crate::cost;
 use crate::report::table::{Cell, Value};
 
 /// Samples per pixel of the timings.
@@ -34,7 +34,7 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
          head with its table, and less than 25 for the flow tail.</span></p>\n"
     );
     let effort = workshop.effort;
-    let training = |material| Effort::training(&workshop.heads.config(material));
+    let training = |material| cost::training(&workshop.heads.config(material));
     let rendering = effort.rendering(effort.reference_spp.min(512) + effort.runs * 5 * SPP);
     let parts = vec![
         Part::new("models", training(Material::Lambert) + training(GLOSSY), models),

@@ -1,7 +1,5 @@
 //! How much is computed, and about how long it takes.
 
-use headtail_train::FitConfig;
-
 /// Sizes, and lengths of training.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
@@ -25,10 +23,7 @@ pub struct Effort {
     pub density_rows: usize,
 }
 
-/// Seconds of one core for a training point of a network with few bins, measured on an AMD EPYC (Zen 3) with AVX2. These and the next are
-/// for saying beforehand how long a page takes.
-const TRAINING_POINT: f64 = 3e-6;
-/// Seconds for a sample of a pixel with its shadow ray.
+/// Seconds of one core for a sample of a pixel with its shadow ray, measured as those of [`crate::cost`].
 const SAMPLE: f64 = 0.5e-6;
 
 impl Effort {
@@ -37,7 +32,8 @@ impl Effort {
         maps: 2,
         cosine_steps: 400,
         ggx_steps: 600,
-        flow_steps: 150,
+        // With 150 steps the flow of a room with a window shears by more turns than its table takes.
+        flow_steps: 300,
         width: 160,
         runs: 3,
         reference_spp: 512,
@@ -56,14 +52,6 @@ impl Effort {
         mask_spp: 1024,
         density_rows: 160,
     };
-
-    /// About the seconds of one core that a training takes.
-    pub fn training(config: &FitConfig) -> f64 {
-        let shape = config.batch_shape();
-        let points = config.steps * shape.conditions * shape.samples();
-        // Splines of more bins need wider last layers.
-        points as f64 * TRAINING_POINT * (0.75 + config.head.bins as f64 / 32.0)
-    }
 
     /// About the seconds of one core for so many samples per pixel.
     pub fn rendering(self, spp: u32) -> f64 {

@@ -14,10 +14,10 @@ use headtail_train::{Material, TrainingLight};
 use super::{
     Workshop,
     densities::{self, Models, Surface},
-    effort::Effort,
     figure::heading,
     part::{Made, Part},
 };
+use crate::cost;
 
 /// The section.
 pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
@@ -30,7 +30,7 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
         let measured = workshop.data.fabric().filter(|_| index == 0);
         for material in materials().into_iter().chain(measured) {
             let cost =
-                Effort::training(&workshop.heads.config(material)) + Effort::training(&workshop.heads.naive(material));
+                cost::training(&workshop.heads.config(material)) + cost::training(&workshop.heads.naive(material));
             let name = format!("{}, {}", workshop.data.map_name(index), short_name(material));
             parts.push(Part::new(name, cost, move |workshop| fit(workshop, index, material)));
         }

@@ -18,8 +18,9 @@ use std::sync::Arc;
 use super::{Workshop, data::View};
 use crate::{
     compare::select,
+    exposure,
     render::quietly,
-    report::{Row, RunName, picture},
+    report::{Row, RunName},
 };
 
 const METALLIC_ROUGHNESS: u32 = BrdfTable::METALLIC_ROUGHNESS;
@@ -55,7 +56,7 @@ impl<'a> Bench<'a> {
         workshop.check()?;
         bench.measured = rendering.coverage.iter().map(|&coverage| coverage == 1.0).collect();
         bench.reference = rendering.composite();
-        bench.exposure = picture::exposure(&bench.reference);
+        bench.exposure = exposure::of_image(&bench.reference, &bench.measured);
         Ok(bench)
     }
 

@@ -32,9 +32,8 @@ pub fn compare(workshop: &Workshop, shot: &Shot, backdrop: &Backdrop<'_>, made: 
     workshop.check()?;
     made.html += &note(&reference(shot, &truth, &film));
     let mut results: Vec<(String, Errors)> = Vec::new();
-    for (name, spec) in
-        [("mis", SamplerSpec::mis()), ("ris:4", SamplerSpec::ris(4)), ("patches", SamplerSpec::patches())]
-    {
+    for name in ["mis", "ris:4", "patches", "patches+vis"] {
+        let spec: SamplerSpec = name.parse()?;
         let estimator = spec.build(&shot.environment)?;
         let mut sums = [Errors::default(); FORMS.len()];
         let runs = workshop.effort.runs.min(RUNS);

@@ -20,11 +20,11 @@ use super::{
     Workshop,
     comparison::{Subject, compare},
     densities::Densities,
-    effort::Effort,
     figure::{Panel, heading, legend, strip},
     measure::Entry,
     part::{Made, Part},
 };
+use crate::cost;
 use crate::report::{chart::Scale, number::text, table::Cell};
 
 /// Temple and dishware.
@@ -34,7 +34,7 @@ pub fn cosine(workshop: &Workshop) -> (String, Vec<Part>) {
          The densities are those of the point with the green cross; shadows are not in them. \
          <span class=\"paper\">The paper: head 2.2\u{d7} lower variance than MIS on its temple at equal time (4 spp, 35 ms); baked 2.4\u{d7} lower MSE on its diorama \
          at about the run time of MIS.</span></p>\n";
-    let training = Effort::training(&workshop.heads.config(Material::Lambert));
+    let training = cost::training(&workshop.heads.config(Material::Lambert));
     let mut parts = vec![Part::new("intermediate densities", training, intermediate)];
     for (name, map) in [("temple", 0), ("dishes", 1), ("diorama", 0)] {
         let cost = workshop.effort.comparison(5) + 2.0 * training;
@@ -68,7 +68,7 @@ pub fn microfacet(workshop: &Workshop) -> (String, Vec<Part>) {
         ("one roughness", Material::Ggx { low: 0.4, high: 0.4 }),
         ("roughness as a condition", Material::Ggx { low: 0.2, high: 0.8 }),
     ] {
-        let training = Effort::training(&workshop.heads.config(material));
+        let training = cost::training(&workshop.heads.config(material));
         let cost = workshop.effort.comparison(5) + 2.0 * training;
         parts.push(Part::new(name, cost, move |workshop| glossy(workshop, material)));
     }

@@ -22,12 +22,12 @@ use headtail_train::{
 use super::{
     Workshop,
     densities::Densities,
-    effort::Effort,
     figure::{Panel, legends, strip},
     fits::weights,
     part::{Made, Part},
 };
 use crate::{
+    cost,
     render::quietly,
     report::{chart::Scale, number::text, table::Cell},
 };
@@ -80,7 +80,7 @@ impl Surface for Gaussian {
 
 /// The section.
 pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
-    let cost = 2.0 * Effort::training(&workshop.heads.config(Material::Lambert));
+    let cost = 2.0 * cost::training(&workshop.heads.config(Material::Lambert));
     (String::new(), vec![Part::new("image and Gaussian", cost, example)])
 }
 

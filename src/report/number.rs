@@ -105,12 +105,16 @@ pub fn text(value: f64) -> String {
     if value == 0.0 || is_plain(exponent) { fixed(value, 2 - exponent) } else { format!("{value:.2e}") }
 }
 
-/// How many times one thing is another, as text: `12`, `3.4`, `0.56`, `3.8e-4`; for prose, where a third digit is noise.
+/// How many times one thing is another, as text: `12`, `3.4`, `0.56`, `3.8e-4`, `1.8e7`; for prose, where a third digit is noise.
 pub fn times(value: f64) -> String {
     if !value.is_finite() {
         return not_finite(value).to_owned();
     }
-    if value > 0.0 && value < 0.005 { format!("{value:.1e}") } else { fixed(value, 1 - exponent(value, 2).max(-2)) }
+    if value > 0.0 && !(0.005..1e5).contains(&value) {
+        format!("{value:.1e}")
+    } else {
+        fixed(value, 1 - exponent(value, 2).max(-2))
+    }
 }
 
 /// The ends of a ratio's interval as text: `3.1 to 3.7`; empty where they are unknown or one and the same.
@@ -168,6 +172,7 @@ mod tests {
             (times(12.345), times(3.44), times(0.123), times(1234.0)),
             ("12".into(), "3.4".into(), "0.12".into(), "1234".into())
         );
+        assert_eq!((times(3.84e-4), times(18_884_788.0)), ("3.8e-4".into(), "1.9e7".into()));
     }
 
     #[test]

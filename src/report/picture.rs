@@ -3,7 +3,7 @@
 use anyhow::{Result, ensure};
 use base64::Engine;
 use glam::Vec3A;
-use headtail_render::color::{luminance, srgb_decode, tone_map};
+use headtail_render::color::{srgb_decode, tone_map};
 use headtail_render::image::{Image, encode_png, encode_png_rgb8};
 use headtail_render::statistics::{PIXELS_PER_DEGREE, RELATIVE_EPSILON, flip};
 
@@ -39,23 +39,6 @@ fn display(image: &Image, exposure: f32) -> Image {
         tone_map(Vec3A::from_array(pixel) * exposure.exp2()).map(|code| srgb_decode(f32::from(code) / 255.0))
     };
     Image { pixels: image.pixels.iter().map(shown).collect(), ..*image }
-}
-
-/// The exposure, in stops, that brings the geometric mean of the luminance of an image to middle grey.
-pub fn exposure(reference: &Image) -> f32 {
-    let logarithms = reference
-        .pixels
-        .iter()
-        .map(|&pixel| luminance(Vec3A::from_array(pixel)))
-        .filter(|&l| l.is_finite() && l > 0.0)
-        .map(|l| f64::from(l).log2());
-    let (sum, count) = logarithms.fold((0.0, 0), |(sum, count), l| (sum + l, count + 1));
-    if count == 0 {
-        return 0.0;
-    }
-    // Tenths of a stop: a number to be quoted, and the same for references that differ by noise.
-    let stops = 0.18_f64.log2() - sum / f64::from(count);
-    (10.0 * stops.clamp(-20.0, 20.0)).round() as f32 / 10.0
 }
 
 /// Errors of an image, averaged over squares of pixels.
@@ -155,19 +138,13 @@ impl ErrorScale {
 
 #[cfg(test)]
 mod tests {
+    use headtail_render::color::luminance;
+
     use super::super::synthetic;
     use super::*;
 
     fn grey(width: usize, height: usize, value: f32) -> Image {
         Image { width, height, pixels: vec![[value; 3]; width * height] }
-    }
-
-    #[test]
-    fn exposure_brings_the_image_to_middle_grey() {
-        assert_eq!(exposure(&grey(4, 4, 0.18)), 0.0);
-        assert_eq!(exposure(&grey(4, 4, 0.36)), -1.0);
-        assert_eq!(exposure(&Image::black(4, 4)), 0.0);
-        assert_eq!(exposure(&grey(4, 4, f32::NAN)), 0.0);
     }
 
     fn error_map(image: &Image, reference: Image, measured: Vec<bool>) -> Result<ErrorMap> {

@@ -15,7 +15,7 @@ use headtail_render::{file, statistics::Effort};
 use headtail_train::{Backend, GradientForm};
 
 use crate::terminal::{self, out};
-use crate::{backends::parse, compare::machine, output::OutputFolder, progress};
+use crate::{backends::parse, compare::machine, cost, output::OutputFolder, progress};
 use kept::Kept;
 use method::{DEFAULT, Laboratory, Row};
 use picture::Pictures;
@@ -82,15 +82,24 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         file::replace(&html, page.encode()?.as_bytes())?;
         page.chart().write(&arguments.out)
     };
-    let (count, bar) = (regimes.len(), progress::bar(regimes.len() as u64, "regimes"));
-    let (mut rows, mut pictured) = (Vec::new(), Vec::new());
-    for regime in regimes {
-        bar.set_message(&regime.name);
+    let configure = |regime: Regime| {
         let mut config = regime.config(arguments.quick);
         if let Some(backend) = arguments.backend {
             (config.backend, config.gradient) = (backend, GradientForm::Injected);
         }
-        let (own, pictures) = match kept.read(&regime, &config, effort) {
+        let known = kept.read(&regime, &config, effort);
+        let seconds =
+            if known.is_some() { 0.0 } else { cost::regime(&config, effort) / rayon::current_num_threads() as f64 };
+        (regime, config, known, seconds)
+    };
+    let regimes: Vec<_> = regimes.into_iter().map(configure).collect();
+    let count = regimes.len();
+    let bar = progress::announced_bar(regimes.iter().map(|regime| regime.3).sum(), "regimes");
+    let mut done = 0.0;
+    let (mut rows, mut pictured) = (Vec::new(), Vec::new());
+    for (regime, config, known, seconds) in regimes {
+        bar.set_message(&regime.name);
+        let (own, pictures) = match known {
             Some(known) => known,
             None => {
                 let (own, pictures) = Laboratory::run(&regime, config.clone(), effort, &stop)?;
@@ -105,7 +114,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         rows.extend(own);
         pictured.push((regime, pictures));
         write(&pictured, &rows)?;
-        bar.inc(1);
+        done += seconds;
+        bar.set_position(progress::thousandths(done));
     }
     bar.finish_and_clear();
     if arguments.json {

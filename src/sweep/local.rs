@@ -20,11 +20,11 @@ use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use super::{
     Sweep,
     arguments::{Checkpoints, Place},
-    jobs,
+    jobs, plan,
     worker::Tick,
 };
 use crate::terminal::{note, say};
-use crate::{arguments::make_folder, progress};
+use crate::{arguments::make_folder, cost, progress};
 
 /// Work off what is missing, in several processes.
 #[derive(Args)]
@@ -54,9 +54,24 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
     let sweep = arguments.place.open()?;
     make_folder(&sweep.folder.logs())?;
+    announce(&sweep, arguments)?;
     let mut crew = Crew::new(arguments, sweep, stop);
     crew.run()?;
     crew.conclude()
+}
+
+/// Says about how long what can be begun takes, if nothing else needs the cores.
+fn announce(sweep: &Sweep, arguments: &Arguments) -> Result<()> {
+    let mut seconds = 0.0;
+    for job in jobs::jobs(&sweep.space, &sweep.plan, &sweep.ledger) {
+        let config = plan::resolve(&sweep.space, &sweep.plan.trials[job.trial].assignment)?.fit;
+        let share = job.until.map_or(1.0, |until| until as f64 / config.steps.max(1) as f64);
+        seconds += share * cost::fit(&config);
+    }
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let threads = usize::from(arguments.jobs) * arguments.threads.map_or(usize::MAX, usize::from).min(cores);
+    progress::announce("training what is open", seconds / threads.min(cores) as f64);
+    Ok(())
 }
 
 /// Workers, and what is shown of them.

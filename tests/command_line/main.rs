@@ -6,6 +6,7 @@ mod browser;
 mod comparison;
 mod composite;
 mod documentation;
+mod every_command;
 mod export;
 #[cfg(target_os = "linux")]
 mod interruption;

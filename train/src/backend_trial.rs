@@ -52,11 +52,18 @@ pub struct TrialRow {
 }
 
 impl BackendTrial {
-    /// Runs the trial on one backend. `others` are losses to compare with, another backend's for example; empty if there are none.
+    /// Runs the trial on one backend. `others` are losses to compare with, another backend's for example; empty if there are none. `watch` is
+    /// told after every step how many are done.
     ///
     /// # Errors
     /// If the backend is not in this build, the configuration is out of range, or the target is no density.
-    pub fn run(&self, backend: Backend, target: &dyn Target, others: &[f32]) -> Result<TrialRow> {
+    pub fn run(
+        &self,
+        backend: Backend,
+        target: &dyn Target,
+        others: &[f32],
+        watch: &dyn Fn(usize),
+    ) -> Result<TrialRow> {
         let config = FitConfig { backend, steps: self.steps, ..self.config.clone() };
         config.validate()?;
         let device = backend.device()?;
@@ -76,6 +83,7 @@ impl BackendTrial {
                 timed += batch.densities.len();
             }
             losses.push(state.loss);
+            watch(step + 1);
         }
         let peak_memory_bytes = peak_memory::bytes();
         let apart = |(a, b): (&f32, &f32)| (a - b).abs();
@@ -130,7 +138,7 @@ mod tests {
                 let mut config = FitConfig { gradient, ..shape };
                 config.head.mode = mode;
                 let others = first.as_ref().map_or(&[][..], |row| &row.losses);
-                let row = match (BackendTrial { config, steps: 3 }).run(backend, &target, others) {
+                let row = match (BackendTrial { config, steps: 3 }).run(backend, &target, others, &|_| {}) {
                     Ok(row) => row,
                     Err(Error::BackendNotCompiled { .. }) => continue,
                     Err(error) => panic!("{error}"),

@@ -11,6 +11,10 @@ pub struct CatcherSums {
     pub visible: DVec4,
     /// The weights that the catcher does not block itself, over the irradiance. In the mean the share of it that the catcher leaves itself.
     pub all: DVec4,
+    /// Squares of the visible ones among these weights, and of all of them.
+    pub visible_squares: DVec4,
+    /// See `visible_squares`.
+    pub all_squares: DVec4,
     /// All weights over the irradiance: 1 in the mean. Those of a plane are all open.
     pub drawn: DVec4,
     /// Draws that were visible, and draws. Those below the surface or without light are not counted.

@@ -21,8 +21,8 @@ pub enum MaskForm {
     /// `sum(w V) / sum(w)`: 1 where nothing casts a shadow, with a bias of the order of one over the samples of the pixel.
     Ratio,
     /// `mean(w V) / E + b (1 - mean(w) / E)`, the weights as a control variate whose mean is known: unbiased for any `b` that does not depend on
-    /// these samples. It is the ratio of the pixels around, whose random numbers are independent, so that what a sampler's weights vary by
-    /// cancels in the light and in the shadow.
+    /// these samples. It is the slope of `w V` over `w` in the pixels around, whose random numbers are independent, so that what a sampler's weights
+    /// vary by cancels in the light and in the shadow, also where they are large because the sampler expects a shadow.
     #[default]
     ControlVariate,
 }
@@ -68,6 +68,10 @@ pub struct Mask {
 
 /// The pixels around one that give its control variate its factor.
 const REACH: i32 = 2;
+/// A slope is of weights that vary by more than this, relative to their mean square; it is no larger than the other number, which only few samples of
+/// weights that hardly vary can bring about.
+const LEAST_VARIANCE: f64 = 1e-12;
+const LARGEST_FACTOR: f64 = 4.0;
 
 impl Mask {
     /// The mask in a form.
@@ -114,21 +118,32 @@ fn ratio_or(visible: DVec4, all: DVec4, otherwise: DVec4) -> DVec4 {
     DVec4::select(all.cmpgt(DVec4::ZERO), visible / all, otherwise)
 }
 
-/// The ratio of the pixels around one, in `[0, 1]`.
+/// The slope of visible weights over all weights in the samples of the pixels around one, which leaves the least variance; their ratio where the weights
+/// do not vary. 1 where all is visible, and 0 where nothing is.
 fn factor(film: &Film, index: usize) -> DVec4 {
     let (x, y) = ((index % film.width) as i32, (index / film.width) as i32);
-    let (mut visible, mut all) = (DVec4::ZERO, DVec4::ZERO);
+    let mut around = CatcherSums::default();
     for dy in -REACH..=REACH {
         for dx in -REACH..=REACH {
             let inside = (0..film.width as i32).contains(&(x + dx)) && (0..film.height as i32).contains(&(y + dy));
             if inside && (dx, dy) != (0, 0) {
                 let other = &film.catcher[((y + dy) * film.width as i32 + x + dx) as usize];
-                visible += other.visible;
-                all += other.all;
+                around.hits += other.hits;
+                around.visible += other.visible;
+                around.all += other.all;
+                around.visible_squares += other.visible_squares;
+                around.all_squares += other.all_squares;
             }
         }
     }
-    ratio(visible, all).clamp(DVec4::ZERO, DVec4::ONE)
+    let count = f64::from(around.hits.max(1));
+    let mean = around.all / count;
+    let variance = around.all_squares / count - mean * mean;
+    let covariance = around.visible_squares / count - around.visible / count * mean;
+    // Below, the difference is what rounding left of it.
+    let varies = variance.cmpgt(LEAST_VARIANCE * mean * mean);
+    let slope = (covariance / variance).clamp(DVec4::splat(-LARGEST_FACTOR), DVec4::splat(LARGEST_FACTOR));
+    DVec4::select(varies, slope, ratio(around.visible, around.all))
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use std::{
     cell::RefCell,
+    ops::Range,
     sync::atomic::{AtomicBool, Ordering},
     time::Instant,
 };
@@ -13,7 +14,11 @@ use super::{
     film::Film,
     worker::{Pixels, Worker, Workspace},
 };
-use crate::points::{PointSet, Points};
+use crate::{
+    estimator::{Estimator, Learner, Setting},
+    integrator::{Lesson, MAX_SIDE},
+    points::{PointSet, Points},
+};
 
 /// Samples per pixel and pass.
 const PASS: u32 = 8;
@@ -21,29 +26,26 @@ const PASS: u32 = 8;
 /// Sums up all samples, or those of the passes until `stop` is set (at least one pass). `progress` is called after every pass with the share that is
 /// done. The same settings give the same film on any number of threads.
 ///
+/// An estimator that learns does so before, from one part in 32 of as many samples, whose points no film has: what it draws with does not depend on
+/// the samples that are weighed, and the mask stays unbiased.
+///
 /// # Panics
-/// If a side is longer than [`crate::integrator::MAX_SIDE`].
+/// If a side is longer than [`MAX_SIDE`].
 pub fn compose(composition: Composition<'_>, settings: Settings, stop: &AtomicBool, progress: &dyn Fn(f64)) -> Film {
     let side = settings.width.max(settings.height);
-    assert!(side <= crate::integrator::MAX_SIDE, "an image of more pixels along a side than can be numbered");
+    assert!(side <= MAX_SIDE, "an image of more pixels along a side than can be numbered");
     let start = Instant::now();
     composition.stage.all.prepare_materials();
+    let learner = learn(composition, settings, stop);
+    let estimator = learner.as_deref().map_or(composition.estimator, |learner| learner as &dyn Estimator);
+    let run = Run { composition: Composition { estimator, ..composition }, settings, learner: None };
+    let points = Points::new(PointSet::Sobol, settings.seed);
     let total = settings.spp.max(1);
     let mut film = Film::new(settings.width, settings.height);
-    let mut tiles = Pixels::tiles(settings.width, settings.height);
+    let mut tiles = Pixels::tiles(settings.width, settings.height, |_| true);
     while film.spp < total {
         let samples = film.spp..total.min(film.spp + PASS);
-        tiles.par_iter_mut().for_each(|pixels| {
-            thread_local! {
-                static WORKSPACE: RefCell<Workspace> = RefCell::default();
-            }
-            WORKSPACE.with_borrow_mut(|workspace| {
-                for sample in samples.clone() {
-                    let points = Points::new(PointSet::Sobol, settings.seed).at_sample(sample);
-                    Worker { composition, settings, points, workspace, pixels }.sample();
-                }
-            });
-        });
+        run.add(&mut tiles, points, samples.clone());
         film.spp = samples.end;
         progress(f64::from(film.spp) / f64::from(total));
         if stop.load(Ordering::Relaxed) {
@@ -61,4 +63,46 @@ pub fn compose(composition: Composition<'_>, settings: Settings, stop: &AtomicBo
     }
     film.seconds = start.elapsed().as_secs_f64();
     film
+}
+
+/// What an estimator that learns has learned of the stage, from samples that are thrown away.
+fn learn<'a>(composition: Composition<'a>, settings: Settings, stop: &AtomicBool) -> Option<Box<dyn Learner + 'a>> {
+    let Settings { width, height, spp, seed, .. } = settings;
+    let camera = composition.camera;
+    let setting = Setting { eye: camera.look_from(), pixel: camera.pixel_angle(height), pixels: width * height };
+    let mut learner = composition.estimator.learner(setting)?;
+    let lesson = Lesson::before(spp, 0);
+    let mut tiles = Pixels::tiles(width, height, |key| lesson.has(key));
+    lesson.teach(&mut *learner, seed, stop, |learner, points, sample| {
+        let composition = Composition { estimator: learner, ..composition };
+        let run = Run { composition, settings: Settings { depth: 1, ..settings }, learner: Some(learner) };
+        run.add(&mut tiles, points, sample..sample + 1);
+    });
+    Some(learner)
+}
+
+/// What tiles are sampled with.
+#[derive(Clone, Copy)]
+struct Run<'a> {
+    composition: Composition<'a>,
+    settings: Settings,
+    learner: Option<&'a dyn Learner>,
+}
+
+impl Run<'_> {
+    /// Adds samples to all tiles.
+    fn add(self, tiles: &mut [Pixels], points: Points, samples: Range<u32>) {
+        let Self { composition, settings, learner } = self;
+        tiles.par_iter_mut().for_each(|pixels| {
+            thread_local! {
+                static WORKSPACE: RefCell<Workspace> = RefCell::default();
+            }
+            WORKSPACE.with_borrow_mut(|workspace| {
+                for sample in samples.clone() {
+                    let points = points.at_sample(sample);
+                    Worker { composition, settings, learner, points, workspace, pixels }.sample();
+                }
+            });
+        });
+    }
 }

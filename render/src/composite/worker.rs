@@ -11,7 +11,7 @@ use crate::{
     brdf::Lambert,
     color::luminance,
     columns::Arena,
-    estimator::Contributions,
+    estimator::{Contributions, Learner},
     morton::morton,
     points::{Dimension, Points},
     scene::Ray,
@@ -42,12 +42,13 @@ pub(super) struct Sums {
 }
 
 impl Pixels {
-    pub fn tiles(width: usize, height: usize) -> Vec<Self> {
+    /// Those of a picture whose key is chosen.
+    pub fn tiles(width: usize, height: usize, is_chosen: impl Fn(u32) -> bool) -> Vec<Self> {
         let corners = (0..height).step_by(TILE).flat_map(|top| (0..width).step_by(TILE).map(move |left| (left, top)));
         let tile = |(left, top): (usize, usize)| {
             let rows = top..(top + TILE).min(height);
-            let places: Vec<(u16, u16)> =
-                rows.flat_map(|y| (left..(left + TILE).min(width)).map(move |x| (x as u16, y as u16))).collect();
+            let places = rows.flat_map(|y| (left..(left + TILE).min(width)).map(move |x| (x as u16, y as u16)));
+            let places: Vec<(u16, u16)> = places.filter(|&(x, y)| is_chosen(morton(x, y))).collect();
             Self { sums: vec![Sums::default(); places.len()], places, mask_rays: 0, other_rays: 0 }
         };
         corners.map(tile).collect()
@@ -104,6 +105,8 @@ pub(super) struct Workspace {
 pub(super) struct Worker<'a> {
     pub composition: Composition<'a>,
     pub settings: Settings,
+    /// Who is told what was visible.
+    pub learner: Option<&'a dyn Learner>,
     pub points: Points,
     pub workspace: &'a mut Workspace,
     pub pixels: &'a mut Pixels,
@@ -130,7 +133,7 @@ impl Worker<'_> {
 
     /// One ray through each pixel.
     fn trace_camera(&mut self) {
-        let Self { composition, settings, points, workspace, pixels } = self;
+        let Self { composition, settings, points, workspace, pixels, .. } = self;
         let count = pixels.places.len();
         let key = |place: usize| morton(pixels.places[place].0, pixels.places[place].1);
         let mut jitter = workspace.arena.columns::<2>(count.div_ceil(LANES));
@@ -184,6 +187,7 @@ impl Worker<'_> {
     fn mask(&mut self) {
         self.propose(Which::Catcher);
         self.test_shadow();
+        self.tell(Which::Catcher);
         let Self { composition, workspace, pixels, .. } = self;
         let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
         pixels.mask_rays += rays.len() as u64;
@@ -198,9 +202,11 @@ impl Worker<'_> {
             }
             sums.draws += 1;
             sums.all += weight;
+            sums.all_squares += weight * weight;
             if visible {
                 sums.seen += 1;
                 sums.visible += weight;
+                sums.visible_squares += weight * weight;
             }
         }
     }
@@ -241,6 +247,17 @@ impl Worker<'_> {
         }
     }
 
+    /// Tells who learns what was visible of the contributions.
+    fn tell(&self, which: Which) {
+        let Workspace { object, catcher, contributions, visible, .. } = &*self.workspace;
+        let front = if which == Which::Object { object } else { catcher };
+        if let Some(learner) = self.learner
+            && !front.tile.is_empty()
+        {
+            learner.observe(&front.tile.rows(), contributions, visible);
+        }
+    }
+
     /// Light of the map on the object.
     fn light_object(&mut self) {
         self.propose(Which::Object);
@@ -257,7 +274,10 @@ impl Worker<'_> {
         visible.resize(rays.len(), true);
         scene.visible_batch(rays, visible);
         pixels.other_rays += rays.len() as u64;
-        let own = contributions.places().iter().zip(contributions.radiance()).zip(&*visible);
+        self.tell(Which::Object);
+        let Self { workspace, pixels, .. } = self;
+        let Workspace { object, contributions, visible, .. } = &**workspace;
+        let own = contributions.places().iter().zip(contributions.radiance()).zip(visible);
         for ((&place, &radiance), _) in own.filter(|(_, visible)| **visible) {
             add(pixels, &object.paths[place as usize], radiance);
         }

@@ -33,7 +33,7 @@ pub(super) fn setting(view: &View<'_>, part: Part) -> Setting {
 
 /// Samples to learn from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Lesson {
+pub(crate) struct Lesson {
     /// The first of them.
     first: u32,
     /// How many for each pixel.
@@ -44,16 +44,39 @@ struct Lesson {
 
 impl Lesson {
     /// One for a picture of so many samples per pixel.
-    fn before(samples: u32, first: u32) -> Self {
+    pub(crate) fn before(samples: u32, first: u32) -> Self {
         let pixels = (samples / (PARTS / BLOCK)).clamp(1, BLOCK);
         Self { first, samples: (samples / PARTS).max(1), pixels }
     }
 
     /// Whether it has a pixel with this key.
-    fn has(&self, key: u32) -> bool {
+    pub(crate) fn has(&self, key: u32) -> bool {
         // Reversed bits spread the first few over the block.
         let place = (key % BLOCK).reverse_bits() >> (32 - BLOCK.ilog2());
         place < self.pixels
+    }
+
+    /// Lets a learner learn from each sample, which `observe` takes for all pixels of the lesson; it is told the points and the number of the sample.
+    pub(crate) fn teach(
+        self,
+        learner: &mut dyn Learner,
+        seed: u64,
+        stop: &AtomicBool,
+        mut observe: impl FnMut(&dyn Learner, Points, u32),
+    ) {
+        let points = Points::new(PointSet::Independent, seed);
+        for sample in 0..self.samples {
+            observe(&*learner, points, FIRST_SAMPLE + self.first + sample);
+            let count = sample + 1;
+            let is_last = count == self.samples || stop.load(Ordering::Relaxed);
+            // What was learned helps to learn on, as long as there is much to come.
+            if is_last || count.is_power_of_two() && count.ilog2().is_multiple_of(2) {
+                learner.learn();
+            }
+            if is_last {
+                break;
+            }
+        }
     }
 }
 
@@ -90,22 +113,11 @@ fn learn(
     stop: &AtomicBool,
     progress: &dyn Fn(f64),
 ) {
-    let points = Points::new(PointSet::Independent, seed);
     let mut film = Film::of(part, |key| lesson.has(key));
-    for sample in 0..lesson.samples {
-        let first = FIRST_SAMPLE + lesson.first + sample;
-        film.add(view, &Pass { estimator: &*learner, learner: Some(&*learner), points, samples: (first, first + 1) });
-        let count = sample + 1;
-        progress(f64::from(count) / f64::from(lesson.samples));
-        let is_last = count == lesson.samples || stop.load(Ordering::Relaxed);
-        // What was learned helps to learn on, as long as there is much to come.
-        if is_last || count.is_power_of_two() && count.ilog2().is_multiple_of(2) {
-            learner.learn();
-        }
-        if is_last {
-            break;
-        }
-    }
+    lesson.teach(learner, seed, stop, |learner, points, sample| {
+        film.add(view, &Pass { estimator: learner, learner: Some(learner), points, samples: (sample, sample + 1) });
+        progress(f64::from(sample + 1 - FIRST_SAMPLE - lesson.first) / f64::from(lesson.samples));
+    });
 }
 
 /// Learns from `samples` independent samples of each pixel of a view; what is learned serves other views of the scene, too. Goes on where `before` has

@@ -7,6 +7,7 @@ mod view;
 mod wavefront;
 
 pub use features::{Features, features};
+pub(crate) use learn::Lesson;
 pub use learn::learn_visibility;
 pub use render::{Budget, MAX_SIDE, Rendering, render, render_part};
 pub use view::{Part, View};

@@ -1,0 +1,272 @@
+//! What holds for every command: a reader that goes away, an output that cannot be written, inputs without end, a second writer, long work that
+//! says so. A new command that is in none of the lists makes these tests fail.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Child, Command, Output, Stdio},
+    time::{Duration, Instant},
+};
+
+use super::{SMALL, command, folder, headtail, lost_work::refused, succeed, text};
+
+/// The commands that the help lists.
+fn commands() -> BTreeSet<String> {
+    let here = folder();
+    let help = text(&headtail(here.path(), "--help").stdout);
+    let list = help.split_once("Commands:\n").and_then(|(_, rest)| rest.split_once("\n\n")).expect("a list").0;
+    let names = list.lines().filter_map(|line| line.strip_prefix("  ")?.split(' ').next());
+    names.filter(|name| !name.is_empty() && *name != "help").map(str::to_owned).collect()
+}
+
+/// The first words of some commands.
+fn first_words<'a>(commands: impl Iterator<Item = &'a str>) -> BTreeSet<String> {
+    commands.map(|command| command.split(' ').next().unwrap_or_default().to_owned()).collect()
+}
+
+/// Runs a command whose standard output nobody reads: the reading end is closed before the program starts.
+fn unread(folder: &Path, arguments: &str) -> Output {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let child = command(folder, arguments).stdout(writer).stderr(Stdio::piped()).spawn().unwrap();
+    child.wait_with_output().unwrap()
+}
+
+/// A space of one short trial.
+const SPACE: &str = "objectives = ['relative_variance']\n[run]\nenv = 'overcast'\nmaterial = 'lambert'\nsteps = 2\nconditions = 4\n[axes.seed]\nvalues = [1]\n";
+
+#[test]
+fn a_reader_that_goes_away_loses_nothing() {
+    let here = folder();
+    let path = here.path();
+    let view = format!("--scene sphere --env overcast {SMALL}");
+    fs::write(path.join("space.toml"), SPACE).unwrap();
+    let fabric = "fit-material --source lacquer --side 8 --steps 1 --batch 256";
+    let cases = [
+        ("fit --env overcast --material lambert --steps 2 --set conditions=4 --out fit".to_owned(), "fit/sampler.safetensors"),
+        ("fit --env overcast --material lambert --steps 2 --tail flow --set flow.steps=4 --set flow.cells=16 --out flow".into(), "flow/sampler.safetensors"),
+        (format!("{fabric} --out fabric.safetensors"), "fabric.safetensors"),
+        ("fit-rival --kind lobes --material neural:fabric.safetensors --steps 1 --out rival.safetensors".into(), "rival.safetensors"),
+        ("check-material --source lacquer --material fabric.safetensors --paths 1 --questions 16 --out check.png".into(), "check.png"),
+        ("bake --direct --env overcast --normals 4x6 --cells 4x4 --out bake/table".into(), "bake/table"),
+        (format!("bake --visibility {view} --spp 1 --out bake/seen"), "bake/seen"),
+        (format!("render {view} --sampler mis --spp 1 --timings --out render.exr"), "render.png"),
+        (format!("compare {view} --samplers mis --runs 1 --spp 1 --reference-spp 1 --out compare"), "compare/report.html"),
+        ("chart compare --out chart.html".into(), "chart.html"),
+        ("inspect bake/table --out inspect.svg".into(), "inspect.svg"),
+        ("export bake/table --target wgsl --out shader".into(), "shader/layout.json"),
+        ("autosize --env overcast --scene sphere --width 16 --height 12 --prepare-seconds 1 --render-seconds 2 --out auto".into(), "auto/autosize.html"),
+        ("sweep run space.toml --threads 1".into(), "space.sweep/journal"),
+        ("view --env overcast --width 16 --height 16 --out view.exr".into(), "view.fspy"),
+        ("scenes --out scenes --spp 1 --width 16".into(), "scenes/temple.png"),
+        ("stability --quick --only constant --out suite".into(), "suite/stability.html"),
+        ("backends --steps 1 --conditions 4 --samples 16 --backend flex".into(), "."),
+        ("composite --photo view.exr --camera view.fspy --env overcast --scene sphere --spp 1 --out both".into(), "both/composite.html"),
+        ("paper --quick --only neural --out paper".into(), "paper/paper.html"),
+        ("info bake/table".into(), "."),
+        ("completions bash".into(), "."),
+    ];
+    for (arguments, results) in &cases {
+        let output = unread(path, arguments);
+        let said = text(&output.stderr);
+        assert!(output.status.success() && !said.contains("panicked"), "{arguments}: {}: {said}", output.status);
+        assert!(path.join(results).exists(), "{arguments}");
+    }
+    // `demo` takes minutes, and says nothing but by the words of others; `material` needs a measured material, which is not ours to ship.
+    let mut done = first_words(cases.iter().map(|(arguments, _)| arguments.as_str()));
+    done.extend(["demo", "material"].map(str::to_owned));
+    assert_eq!(done, commands());
+    // A reader that takes one line and goes.
+    let script = format!("{} scenes | head -n 1", env!("CARGO_BIN_EXE_headtail"));
+    let output = Command::new("bash").args(["-o", "pipefail", "-c", &script]).output().unwrap();
+    assert!(output.status.success() && text(&output.stderr).is_empty(), "{}", text(&output.stderr));
+}
+
+/// Each would take minutes if its output were not looked at first, or fails at once.
+#[test]
+#[cfg(target_os = "linux")]
+fn an_output_that_cannot_be_written_is_found_before_the_work() {
+    let here = folder();
+    let path = here.path();
+    fs::write(path.join("file"), "in the way").unwrap();
+    fs::write(path.join("space.toml"), SPACE.replace("steps = 2", "steps = 1000000")).unwrap();
+    succeed(path, "bake --direct --env overcast --normals 4x6 --cells 4x4 --out table");
+    succeed(path, "view --env overcast --width 16 --height 16 --out view.exr");
+    succeed(
+        path,
+        &format!(
+            "compare --scene sphere --env overcast {SMALL} --samplers mis --runs 1 --spp 1 --reference-spp 1 --out compare"
+        ),
+    );
+    succeed(path, "fit-material --source lacquer --side 8 --steps 1 --batch 256 --out fabric.safetensors");
+    let cases = [
+        "demo --out file",
+        "fit --env overcast --material lambert --steps 1000000 --out file",
+        "fit --env overcast --material lambert --steps 1000000 --out fit --pictures file",
+        "fit --env overcast --material lambert --steps 1000000 --out fit --checkpoint-dir file",
+        "fit-material --source welt --steps 1000000 --out file/a",
+        "fit-rival --kind flow --material neural:fabric.safetensors --steps 1000000 --out file/a",
+        "check-material --source lacquer --material fabric.safetensors --paths 1000 --out file/a.png",
+        "bake --direct --env overcast --normals 128x256 --cells 64x64 --out file/a",
+        "bake --visibility --scene temple --env overcast --spp 1000000 --out file/a",
+        "render --scene temple --env overcast --sampler mis --spp 1000000 --out file/a.exr",
+        "render --scene temple --env overcast --sampler mis --spp 1000000 --out /proc/a.exr",
+        "compare --scene temple --env overcast --samplers mis --spp 100000 --out file",
+        "chart compare --out file/a.html",
+        "export patches --env overcast --target wgsl --out file",
+        "inspect table --out file/a.svg",
+        "autosize --env overcast --scene temple --out file",
+        "sweep run space.toml --out file",
+        "stability --out file",
+        "composite --photo view.exr --camera view.fspy --env overcast --scene temple --spp 100000 --out file",
+        "view --env overcast --width 16384 --height 8192 --out file/a.exr",
+        "paper --out file",
+        "scenes --spp 10000 --out file",
+    ];
+    for arguments in cases {
+        let start = Instant::now();
+        let said = refused(path, arguments);
+        assert!(start.elapsed() < Duration::from_secs(20), "{arguments}: {said}");
+        assert!(said.contains("file") || said.contains("/proc"), "{arguments}: {said}");
+    }
+    assert_eq!(fs::read_to_string(path.join("file")).unwrap(), "in the way");
+    let writes = |name: &String| text(&headtail(path, &format!("{name} --help")).stdout).contains("--out");
+    let mut writing: BTreeSet<String> = commands().into_iter().filter(writes).collect();
+    // Its subcommands have the option.
+    writing.insert("sweep".into());
+    // See above.
+    writing.remove("material");
+    assert_eq!(first_words(cases.into_iter()), writing);
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn inputs_without_end_are_refused() {
+    let here = folder();
+    let path = here.path();
+    fs::create_dir(path.join("results")).unwrap();
+    for name in ["pipe", "pipe.f32", "results/results.csv"] {
+        assert!(Command::new("mkfifo").arg(path.join(name)).status().unwrap().success());
+    }
+    succeed(path, "view --env overcast --width 16 --height 16 --out view.exr");
+    let render = format!("render --scene sphere --env overcast --spp 1 {SMALL} --out a.exr --sampler");
+    let composite = "composite --env overcast --scene sphere --spp 1 --out both";
+    for arguments in [
+        format!("{render} head:pipe"),
+        format!("{render} head:/dev/zero"),
+        format!("{render} head+patches:pipe"),
+        format!("{render} patches+vis:pipe"),
+        format!("{render} neusample:pipe"),
+        format!("{render} mis --material neural:pipe"),
+        format!("{render} mis --material nbrdf:pipe.f32#a"),
+        format!("{render} mis").replace("overcast", "pipe"),
+        format!("{render} mis").replace("sphere", "pipe"),
+        format!("compare --scene sphere --env overcast {SMALL} --samplers mis --spp 1 --reference pipe --out c"),
+        format!("{composite} --photo pipe --camera view.fspy"),
+        format!("{composite} --photo view.exr --camera pipe"),
+        "chart results --out chart.html".into(),
+        "bake --from pipe --out table".into(),
+        "inspect pipe --out a.svg".into(),
+        "export pipe --target wgsl --out shader".into(),
+        "material pipe.f32".into(),
+        "check-material --source lacquer --material pipe --out a.png".into(),
+        "fit --config pipe --out f".into(),
+        "fit --config /dev/zero --out f".into(),
+        "sweep plan pipe".into(),
+        "info pipe".into(),
+    ] {
+        let said = refused(path, &arguments);
+        assert!(said.contains("pipe or a device"), "{arguments}: {said}");
+    }
+}
+
+/// A process that is ended with the test.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        drop(self.0.kill());
+        drop(self.0.wait());
+    }
+}
+
+fn start(folder: &Path, arguments: &str) -> Running {
+    let mut process = command(folder, arguments);
+    // As a machine that needs minutes for what is to take minutes.
+    process.env("RAYON_NUM_THREADS", "1");
+    Running(process.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap())
+}
+
+#[test]
+fn a_second_writer_is_refused() {
+    let here = folder();
+    let path = here.path();
+    let view = "--scene sphere --env overcast --width 64 --height 48";
+    for (first, taken, second) in [
+        (
+            format!("render {view} --sampler mis --spp 400000000 --out a.exr"),
+            ".a.exr.lock",
+            "view --env overcast --out a.exr",
+        ),
+        (
+            format!("compare {view} --samplers mis --spp 1 --reference-spp 400000000 --out both"),
+            "both/.headtail",
+            "fit --env overcast --material lambert --steps 2 --out both",
+        ),
+    ] {
+        let _first = start(path, &first);
+        let begun = Instant::now();
+        while !path.join(taken).exists() {
+            assert!(begun.elapsed() < Duration::from_secs(60), "{first} did not begin");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        for arguments in [second, first.as_str()] {
+            let said = text(&command(path, arguments).arg("--force").output().unwrap().stderr);
+            assert!(said.contains("another headtail"), "{arguments}: {said}");
+        }
+    }
+}
+
+/// Work of minutes says before or within its first seconds how long it will take, on one thread.
+#[test]
+fn work_of_minutes_is_announced() {
+    let here = folder();
+    let path = here.path();
+    fs::write(
+        path.join("space.toml"),
+        SPACE.replace("steps = 2", "steps = 1000000").replace("conditions = 4", "conditions = 64"),
+    )
+    .unwrap();
+    succeed(path, "view --env overcast --width 240 --height 160 --out view.exr");
+    let view = "--scene temple --env overcast";
+    for arguments in [
+        "fit --env overcast --material lambert --steps 1000000 --out fit".to_owned(),
+        "fit-material --source lacquer --steps 1000000 --out fabric.safetensors".into(),
+        "bake --direct --env overcast --normals 256x512 --cells 64x64 --out table".into(),
+        format!("bake --visibility {view} --spp 1000000 --out seen"),
+        format!("render {view} --sampler mis --spp 100000 --out a.exr"),
+        format!("compare {view} --samplers mis,patches --spp 1,100000 --runs 2 --reference-spp 1 --out c"),
+        "stability --out suite".into(),
+        "backends --steps 100000 --backend flex".into(),
+        "sweep run space.toml --threads 1".into(),
+        "composite --photo view.exr --camera view.fspy --env overcast --scene sphere --size 0.8 --spp 100000 --out both".into(),
+        "paper --out paper".into(),
+    ] {
+        let mut process = start(path, &arguments);
+        let lines = BufReader::new(process.0.stderr.take().unwrap()).lines();
+        let mut said = Vec::new();
+        for line in lines.map_while(Result::ok) {
+            said.push(line);
+            let last = said.last().unwrap();
+            if last.contains("will take about") || last.contains("to be made") && last.contains("about") {
+                break;
+            }
+            // The first line about progress comes after ten seconds.
+            assert!(!last.contains(" done, ") || !last.contains("left"), "{arguments}: {said:?}");
+        }
+        let announced = said.last().is_some_and(|line| line.contains(" about ") && (line.contains(" min") || line.contains(" h")));
+        assert!(announced, "{arguments}: {said:?}");
+    }
+}
