@@ -100,7 +100,7 @@ class Point:
 
 
 def shares(lobes):
-    """The share of samples beside BSDF sampling, as the native sampler has it."""
+    """The share of samples beside BSDF sampling, by the width of lobes alone."""
     diffuse, specular, f0, alpha = lobes
     of_lobe = dr.clip(0.5 * dr.power(0.05 / alpha, 1.25), LEAST_BRDF, MOST_BRDF)
     reflected = specular * dr.maximum(f0, LEAST_REFLECTED)

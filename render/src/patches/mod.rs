@@ -25,7 +25,7 @@ pub use warp::PatchWarp;
 use std::{collections::HashMap, sync::Arc};
 
 use choice::Choice;
-use draw::{COLUMNS, LOBES};
+use draw::{COLUMNS, LOBES, SHARE};
 use glam::Vec3A;
 use lookup::Lookup;
 use mass::{Block, Patch};
@@ -39,7 +39,7 @@ use crate::{
     error::{Error, Result},
     head::{Head, logit_of_share},
     latlong,
-    sampler::{Coverage, Draws, EnvironmentLight, IntermediateDensity, Sampler},
+    sampler::{Coverage, Draws, EnvironmentLight, IntermediateDensity, Sampler, prepared},
     simd::{LANES, Lanes},
     tail::{Hierarchical, Node, Tail, TailWarp},
     tile::Rows,
@@ -75,6 +75,8 @@ pub struct Patches {
     /// Lobes narrower than this go on to twigs; a diffuse surface counts as one of width 1.
     narrow: f32,
     clusters: Vec<Patch>,
+    /// The mean density over solid angle of the light of each cluster, see [`moments::Moments::brightness`].
+    brightness: Vec<f32>,
     leaves: Level,
     twigs: Level,
     forest: Forest,
@@ -173,6 +175,7 @@ impl Patches {
         let numbers: HashMap<Node, u16> = numbered.into_iter().map(|(number, node)| (node, number as u16)).collect();
         Self {
             narrow: detail.narrow(),
+            brightness: clusters.iter().map(|&cluster| map.moments(cluster).brightness() as f32).collect(),
             clusters: clusters.par_iter().map(|&cluster| Patch::new(&map, cluster)).collect(),
             leaves,
             twigs,
@@ -319,14 +322,28 @@ impl<W: Weighting> Sampler for WeightedPatches<'_, W> {
     }
 
     fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        let Some(head) = self.head else {
+            return prepared(self, at, arena, |state| self.share_of_state(at, state, out, arena));
+        };
         let mut lobes = arena.columns::<LOBES>(at.strips());
         at.lobes(lobes.get_mut(), arena);
-        draw::shares_beside_brdf(lobes.get(), out);
-        if let Some(head) = self.head.filter(|head| head.has_selection()) {
+        draw::shares_by_width(lobes.get(), out);
+        if head.has_selection() {
             for share in out.as_flattened_mut() {
                 *share = logit_of_share(*share);
             }
             head.shares_after(at, out, arena);
+        }
+    }
+
+    /// A head has learned what the light around the lobe means for the share.
+    fn has_share_in_state(&self) -> bool {
+        self.head.is_none()
+    }
+
+    fn share_of_state(&self, _at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], _arena: &Arena) {
+        for (state, out) in state.chunks_exact(COLUMNS).zip(out) {
+            *out = state[SHARE];
         }
     }
 
@@ -361,6 +378,14 @@ impl Sampler for PatchSampler {
 
     fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
         self.weighted(&Unoccluded).share(at, out, arena);
+    }
+
+    fn has_share_in_state(&self) -> bool {
+        self.weighted(&Unoccluded).has_share_in_state()
+    }
+
+    fn share_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        self.weighted(&Unoccluded).share_of_state(at, state, out, arena);
     }
 
     fn coverage(&self) -> Coverage {

@@ -15,6 +15,8 @@ pub struct Moments {
     first: DVec3,
     /// xx, yy, zz, xy, xz, yz.
     second: [f64; 6],
+    /// Times its density over solid angle.
+    squared: f64,
 }
 
 impl Add for Moments {
@@ -22,13 +24,14 @@ impl Add for Moments {
 
     fn add(self, other: Self) -> Self {
         let second = std::array::from_fn(|k| self.second[k] + other.second[k]);
-        Self { energy: self.energy + other.energy, first: self.first + other.first, second }
+        let (energy, squared) = (self.energy + other.energy, self.squared + other.squared);
+        Self { energy, first: self.first + other.first, second, squared }
     }
 }
 
 impl Moments {
-    /// Light of a direction, spread around it with a variance of `variance` in either tangent.
-    fn of(energy: f64, w: DVec3, variance: f64) -> Self {
+    /// Light of a direction with its density over solid angle, spread around it with a variance of `variance` in either tangent.
+    fn of(energy: f64, density: f64, w: DVec3, variance: f64) -> Self {
         let keep = 1.0 - variance;
         let second = [
             keep * w.x * w.x + variance,
@@ -38,12 +41,17 @@ impl Moments {
             keep * w.x * w.z,
             keep * w.y * w.z,
         ];
-        Self { energy, first: energy * w, second: second.map(|moment| energy * moment) }
+        Self { energy, first: energy * w, second: second.map(|moment| energy * moment), squared: energy * density }
     }
 
     /// The mean direction, shorter than 1.
     pub fn centroid(&self) -> DVec3 {
         self.first / self.energy
+    }
+
+    /// The mean density over solid angle of its light, as it is met by what is drawn in proportion to the light: in 1/sr.
+    pub fn brightness(&self) -> f64 {
+        self.squared / self.energy
     }
 
     /// The covariance of the directions.
@@ -142,7 +150,11 @@ impl<'a> MomentMap<'a> {
 
     fn sum_cells(&self, node: Node) -> Moments {
         let variance = self.step() * self.step() / 12.0;
-        self.directions(node).fold(Moments::default(), |sum, (energy, w)| sum + Moments::of(energy, w, variance))
+        let points = (self.density.columns() * self.density.rows() * self.points * self.points) as f64;
+        self.directions(node).fold(Moments::default(), |sum, (energy, w)| {
+            let over_sphere = 2.0 * std::f64::consts::PI.powi(2) * (1.0 - w.y * w.y).max(1e-14).sqrt();
+            sum + Moments::of(energy, energy * points / over_sphere, w, variance)
+        })
     }
 
     /// The shape of the parents of nodes of a shape.

@@ -73,6 +73,14 @@ impl<S: Sampler> Sampler for Covering<S> {
         self.0.share(at, out, arena);
     }
 
+    fn has_share_in_state(&self) -> bool {
+        self.0.has_share_in_state()
+    }
+
+    fn share_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        self.0.share_of_state(at, state, out, arena);
+    }
+
     fn coverage(&self) -> Coverage {
         Coverage::Everything
     }

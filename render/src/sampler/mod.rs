@@ -62,6 +62,16 @@ pub trait Sampler: Send + Sync {
         out.as_flattened_mut().fill(0.5);
     }
 
+    /// Whether the share follows from the state: a mixture then prepares all rows before it divides them, and asks [`Self::share_of_state`].
+    fn has_share_in_state(&self) -> bool {
+        false
+    }
+
+    /// [`Self::share`] with the state that was prepared; of samplers that have it there.
+    fn share_of_state(&self, at: &Rows<'_>, _state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        self.share(at, out, arena);
+    }
+
     /// What of the integrand it can draw.
     fn coverage(&self) -> Coverage;
 }
@@ -85,6 +95,14 @@ impl<S: Sampler + ?Sized> Sampler for Arc<S> {
 
     fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
         (**self).share(at, out, arena);
+    }
+
+    fn has_share_in_state(&self) -> bool {
+        (**self).has_share_in_state()
+    }
+
+    fn share_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        (**self).share_of_state(at, state, out, arena);
     }
 
     fn coverage(&self) -> Coverage {

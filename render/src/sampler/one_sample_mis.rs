@@ -4,7 +4,7 @@ use super::{Coverage, Draws, Sampler, prepared};
 use crate::{
     columns::{Arena, gather, scatter},
     discrete::remap,
-    simd::Lanes,
+    simd::{LANES, Lanes},
     tile::Rows,
     timings::{Stage, timed},
 };
@@ -12,7 +12,8 @@ use crate::{
 /// Draws from `first` with the probability that it asks for ([`Sampler::share`], 1/2 unless it was learned), else from `second`; its pdf is
 /// that of the mixture, so it is a sampler like any other. One shadow ray per sample.
 ///
-/// Rows are divided by where they draw from before anything is prepared, so that nothing that was prepared is moved.
+/// Rows are divided by where they draw from before anything is prepared, so that nothing that was prepared is moved; unless the share follows from
+/// the state of `first`, which is then prepared for all rows.
 #[derive(Clone, Debug)]
 pub struct OneSampleMis<A, B> {
     first: A,
@@ -27,26 +28,36 @@ impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
 }
 
 impl<A: Sampler, B: Sampler> Sampler for OneSampleMis<A, B> {
-    fn sample(&self, at: &Rows<'_>, _state: &[Lanes], u: [&[Lanes]; 2], mut out: Draws<'_>, arena: &Arena) {
+    fn columns(&self) -> usize {
+        if self.first.has_share_in_state() { self.first.columns() } else { 0 }
+    }
+
+    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
+        if self.first.has_share_in_state() {
+            self.first.prepare(at, state, arena);
+        }
+    }
+
+    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], mut out: Draws<'_>, arena: &Arena) {
         let mut shares = arena.columns::<1>(at.strips());
-        self.first.share(at, shares.get_mut()[0], arena);
+        self.shares(at, state, shares.get_mut()[0], arena);
         let shares = shares.get()[0].as_flattened();
         let (mut of_first, mut of_second) = (arena.list(), arena.list());
         for (place, (&u, &share)) in u[0].as_flattened()[..at.len()].iter().zip(shares).enumerate() {
             if u < share { &mut of_first } else { &mut of_second }.push(place as u16);
         }
-        let first = Part { own: &self.first, other: &self.second, places: &of_first, from: |_| 0.0, to: |share| share };
-        first.sample(at, shares, u, &mut out, arena);
-        let second =
-            Part { own: &self.second, other: &self.first, places: &of_second, from: |share| share, to: |_| 1.0 };
-        second.sample(at, shares, u, &mut out, arena);
+        let (first, second) = (self.first_with(state), Source { sampler: &self.second, state: None });
+        let part = Part { own: first, other: second, places: &of_first, from: |_| 0.0, to: |share| share };
+        part.sample(at, shares, u, &mut out, arena);
+        let part = Part { own: second, other: first, places: &of_second, from: |share| share, to: |_| 1.0 };
+        part.sample(at, shares, u, &mut out, arena);
     }
 
-    fn pdf(&self, at: &Rows<'_>, _state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
+    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
         let mut columns = arena.columns::<2>(at.strips());
         let [shares, of_second] = columns.get_mut();
-        self.first.share(at, shares, arena);
-        prepared(&self.first, at, arena, |state| self.first.pdf(at, state, wi, out, arena));
+        self.shares(at, state, shares, arena);
+        self.first_with(state).with_state(at, None, arena, |state| self.first.pdf(at, state, wi, out, arena));
         prepared(&self.second, at, arena, |state| self.second.pdf(at, state, wi, of_second, arena));
         let both = shares.as_flattened().iter().zip(of_second.as_flattened());
         for (out, (share, second)) in out.as_flattened_mut().iter_mut().zip(both) {
@@ -63,10 +74,59 @@ impl<A: Sampler, B: Sampler> Sampler for OneSampleMis<A, B> {
     }
 }
 
+impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
+    fn shares(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        if self.first.has_share_in_state() {
+            self.first.share_of_state(at, state, out, arena);
+        } else {
+            self.first.share(at, out, arena);
+        }
+    }
+
+    fn first_with<'a>(&'a self, state: &'a [Lanes]) -> Source<'a> {
+        Source { sampler: &self.first, state: self.first.has_share_in_state().then_some(state) }
+    }
+}
+
+/// A sampler, and its state where all rows are prepared.
+#[derive(Clone, Copy)]
+struct Source<'a> {
+    sampler: &'a dyn Sampler,
+    state: Option<&'a [Lanes]>,
+}
+
+impl Source<'_> {
+    /// Hands its state for rows to `work`: those at `places` of the ones that are prepared, or all.
+    fn with_state(&self, at: &Rows<'_>, places: Option<&[u16]>, arena: &Arena, work: impl FnOnce(&[Lanes])) {
+        match (self.state, places) {
+            (Some(state), None) => work(state),
+            (Some(state), Some(places)) => {
+                let width = self.sampler.columns();
+                let mut own = arena.columns::<1>(width * at.strips());
+                move_state(state, width, places, own.get_mut()[0]);
+                work(own.get()[0]);
+            }
+            (None, _) => prepared(self.sampler, at, arena, work),
+        }
+    }
+}
+
+/// The state of the rows at `places`, of `width` lanes for each strip; lanes beyond the last place repeat it.
+fn move_state(state: &[Lanes], width: usize, places: &[u16], out: &mut [Lanes]) {
+    for (places, out) in places.chunks(LANES).zip(out.chunks_exact_mut(width)) {
+        let from: [usize; LANES] = std::array::from_fn(|lane| places[lane.min(places.len() - 1)].into());
+        for (column, out) in out.iter_mut().enumerate() {
+            for lane in 0..LANES {
+                out[lane] = state[from[lane] / LANES * width + column][from[lane] % LANES];
+            }
+        }
+    }
+}
+
 /// The rows that draw from one of the two samplers.
 struct Part<'a> {
-    own: &'a dyn Sampler,
-    other: &'a dyn Sampler,
+    own: Source<'a>,
+    other: Source<'a>,
     places: &'a [u16],
     /// The interval of uniform numbers that chooses it, from the share of the first sampler.
     from: fn(f32) -> f32,
@@ -78,7 +138,7 @@ impl Part<'_> {
         if self.places.is_empty() {
             return;
         }
-        let mut rows = arena.list();
+        let (mut rows, all) = (arena.list(), at.len());
         let at = at.select(self.places, &mut rows);
         let mut numbers = arena.columns::<2>(at.strips());
         let [u_0, u_1] = numbers.get_mut();
@@ -89,8 +149,10 @@ impl Part<'_> {
         }
         let mut drawn = arena.columns::<5>(at.strips());
         let [x, y, z, pdf, other] = drawn.get_mut();
-        prepared(self.own, &at, arena, |state| {
-            self.own.sample(&at, state, numbers.get(), Draws { wi: [x, y, z], pdf }, arena);
+        // Where all rows are of this part, they are in their order.
+        let moved = (self.places.len() < all).then_some(self.places);
+        self.own.with_state(&at, moved, arena, |state| {
+            self.own.sampler.sample(&at, state, numbers.get(), Draws { wi: [x, y, z], pdf }, arena);
         });
         // The pdf of a sampler that has no share counts nothing.
         if self
@@ -101,7 +163,9 @@ impl Part<'_> {
             other.as_flattened_mut().fill(0.0);
         } else {
             timed(Stage::Pdf, || {
-                prepared(self.other, &at, arena, |state| self.other.pdf(&at, state, [x, y, z], other, arena));
+                self.other.with_state(&at, moved, arena, |state| {
+                    self.other.sampler.pdf(&at, state, [x, y, z], other, arena);
+                });
             });
         }
         let all = pdf.as_flattened_mut().iter_mut().zip(other.as_flattened()).zip(self.places);

@@ -2,7 +2,12 @@
 
 use headtail_render::{
     brdf::{Ggx, MAX_PARAMETERS, MetallicRoughness, Surface},
+    environment::Environment,
     frame::Frame,
+    image::Image,
+    latlong,
+    patches::{Detail, PatchSampler},
+    tail::TailKind,
 };
 
 use super::*;
@@ -178,4 +183,25 @@ fn the_oracle_of_a_glossy_surface_beats_mis() {
         })
         .collect();
     assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn patches_leave_little_to_brdf_sampling_where_a_lobe_sees_a_lamp() {
+    // Sky of one brightness with a lamp of 11 degrees and 1000 times that.
+    let (width, height) = (64, 32);
+    let is_lamp = |k: usize| (20..22).contains(&(k % width)) && (9..11).contains(&(k / width));
+    let pixels = (0..width * height).map(|k| [if is_lamp(k) { 1000.0 } else { 1.0 }; 3]).collect();
+    let map = Environment::from_image("lamp", Image { width, height, pixels }).unwrap();
+    let light = EnvironmentLight::new(Arc::new(map), TailKind::Hierarchical).unwrap();
+    let patches = PatchSampler::new(light, Detail::Leaves).unwrap();
+    let lamp = latlong::direction(Vec2::new(20.5 / width as f32, 9.5 / (height - 1) as f32));
+    // Seen from above, so that the lobe is about the normal.
+    let share = |n: Vec3A| {
+        let surface = Ggx::new(0.1, Vec3::ONE).into();
+        AtPoint::new(&patches, &ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface }).share()
+    };
+    let beside = (lamp + 0.3 * lamp.any_orthonormal_vector()).normalize();
+    assert!((share(beside) - 0.98).abs() < 1e-4, "{}", share(beside));
+    // Of the lamp below the horizon nothing is seen: BRDF sampling has the share of its width, 0.5 / 2^1.25.
+    assert!((share(-lamp) - 0.7898).abs() < 1e-3, "{}", share(-lamp));
 }

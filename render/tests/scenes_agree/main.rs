@@ -5,6 +5,7 @@ mod learning;
 #[path = "../networks/mod.rs"]
 mod networks;
 mod points;
+mod slopes;
 mod tails_and_emitters;
 
 use std::{

@@ -2,7 +2,7 @@
 
 use super::*;
 
-fn setting(scene: &str, map: &str, unshadowed: bool, depth: u32, points: PointSet) -> Setting {
+pub(super) fn setting(scene: &str, map: &str, unshadowed: bool, depth: u32, points: PointSet) -> Setting {
     let (scene, environment) = (Scene::built_in(scene).unwrap(), Arc::new(built_in(map).unwrap()));
     Setting { scene, environment, unshadowed, depth, points }
 }
@@ -36,7 +36,7 @@ fn every_kind_of_points_gives_the_same_mean() {
 }
 
 /// Mean squared error over pixels, from the difference of two runs: with the same mean, half of the mean squared difference.
-fn error(setting: &Setting, sampler: &SamplerSpec, spp: u32) -> f64 {
+pub(super) fn error(setting: &Setting, sampler: &SamplerSpec, spp: u32) -> f64 {
     let [a, b] = [1, 2].map(|seed| setting.render(sampler, spp, seed).surfaces);
     let squares = a.pixels.iter().flatten().zip(b.pixels.iter().flatten()).map(|(a, b)| f64::from(a - b).powi(2));
     0.5 * squares.sum::<f64>() / (3 * a.pixels.len()) as f64
