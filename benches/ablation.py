@@ -3,7 +3,8 @@
 python benches/ablation.py --headtail target/release/headtail --map MAP.hdr --out out/ablation
 
 Five heads are trained alike, as the paper does it (forward KL, K = 32, no share beside BRDF sampling): the product without a tail, over the hierarchical tail, over a
-fitted flow tail, with the encoder, with the entropic term; from the flow tail on, the rows add to each other. The relative variance is that of an unshadowed estimate over the
+fitted flow tail, with the encoder, with the entropic term; from the flow tail on, the rows add to each other. The MSE of `mis` and `patches` stands beside
+them. The relative variance is that of an unshadowed estimate over the
 validation set of the training; the MSE is that of `compare` at equal samples. A head without a tail is trained to be measured and cannot be exported: it has no MSE.
 """
 
@@ -17,7 +18,7 @@ from pathlib import Path
 PLAIN = ["loss=forward-kl", "learning_rate=4e-3", "head.bins=32", "head.encoder=none", "head.selection=false"]
 ENCODED = [setting for setting in PLAIN if not setting.startswith("head.encoder")] + ["head.encoder.hidden=32", "head.encoder.output=32"]
 VARIANTS = {
-    "naive": (PLAIN, ["--naive"]),
+    "naive": (PLAIN, ["--naive", "--no-export"]),
     "hierarchical tail": (PLAIN, ["--tail", "hierarchical"]),
     "flow tail": (PLAIN, ["--tail", "flow"]),
     "+ encoder": (ENCODED, ["--tail", "flow"]),
@@ -35,6 +36,7 @@ def fitted(arguments, name, settings, options):
         for setting in [*settings, f"flow.steps={arguments.flow_steps}"]:
             command += ["--set", setting]
         run = subprocess.run([*command, "--json", "--force", "--out", str(folder)], check=True, stdout=subprocess.PIPE, text=True)
+        folder.mkdir(exist_ok=True)
         summary.write_text(run.stdout)
     return json.loads(summary.read_text()), folder / "sampler.safetensors"
 
@@ -75,13 +77,16 @@ def main():
         variances[name] = summary["relative_variance"]
         if file.exists():
             files[name] = f"head:{file}"
-    of = errors(arguments, list(files.values()))
+    beside = ["mis", "patches"]
+    of = errors(arguments, [*beside, *files.values()])
     print("| | relative variance, unshadowed | MSE | MSE of the hierarchical tail over it |\n|---|---|---|---|")
     base = of[files["hierarchical tail"]]
     for name, variance in variances.items():
         error = of.get(files.get(name))
         cells = [f"{error:.3g}", f"{base / error:.2f}"] if error else ["", ""]
         print(f"| {name} | {variance:.3g} | {cells[0]} | {cells[1]} |")
+    for name in beside:
+        print(f"| {name} | | {of[name]:.3g} | {base / of[name]:.2f} |")
 
 
 if __name__ == "__main__":
