@@ -174,18 +174,19 @@ fn with_metadata(bytes: &[u8], change: impl FnOnce(&mut serde_json::Value)) -> V
 
 #[test]
 fn metadata_that_do_not_fit_are_a_sentence() {
+    type Change<'a> = &'a dyn Fn(&mut serde_json::Value);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rival.safetensors");
     let kind = RivalKind::Lobes;
     let rival = |name: &str| (name.to_owned(), blake3::hash(name.as_bytes()), random_rival(kind, 1, 1.0));
     RivalFile { kind, rivals: vec![rival("cloth"), rival("wool")] }.write(&path).unwrap();
     let bytes = std::fs::read(&path).unwrap();
-    let read = |change: &dyn Fn(&mut serde_json::Value)| {
+    let read = |change: Change<'_>| {
         RivalFile::from_bytes(Path::new("file"), &with_metadata(&bytes, change)).map_err(|error| error.to_string())
     };
     assert!(read(&|_| ()).is_ok());
     let wool = |described: &serde_json::Value| described["materials"][1].clone();
-    let cases: [(&dyn Fn(&mut serde_json::Value), &str); 9] = [
+    let cases: [(Change<'_>, &str); 9] = [
         (&|d| d["format_version"] = 2.into(), "reads version 1"),
         (&|d| d["format_version"] = (-1).into(), "headtail-rival"),
         (&|d| d["kind"] = "flow".into(), "instead of"),
