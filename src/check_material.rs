@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 use clap::Args;
 use headtail_render::{brdf::NeuralTexture, fabric::SourceKind, image::write_png};
-use headtail_train::neural_texture::{DISTANCES, error_over, side_by_side};
+use headtail_train::neural_texture::{DISTANCES, Decibels, error_over, side_by_side};
 
 use crate::{
     output::OutputFile,
@@ -64,12 +64,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     // Another seed than that of any fit by default: none of these questions was asked.
-    let [psnr, noise] = error_over(&*source, &material, arguments.questions as usize, 2 * arguments.paths, 1 << 40);
+    let Decibels { psnr, noise, snr } =
+        error_over(&*source, &material, arguments.questions as usize, 2 * arguments.paths, 1 << 40);
     if arguments.json {
         let at = DISTANCES.iter().zip(&errors);
         let at: Vec<_> = at.map(|(tiles, decibels)| serde_json::json!({ "tiles": tiles, "psnr": decibels })).collect();
-        return terminal::print_json(&serde_json::json!({ "distances": at, "psnr": psnr, "noise_psnr": noise }));
+        return terminal::print_json(
+            &serde_json::json!({ "distances": at, "psnr": psnr, "noise_psnr": noise, "snr": snr }),
+        );
     }
-    out!("over directions and places: {psnr:.1} dB, with the noise of the source at {noise:.1} dB");
+    out!(
+        "over directions and places: {psnr:.1} dB (over the mean square {snr:.1} dB), with the noise of the source at {noise:.1} dB"
+    );
     Ok(())
 }

@@ -9,7 +9,7 @@ use std::{
 use anyhow::{Context, Result};
 use clap::Args;
 use headtail_render::{brdf::NeuralTexture, fabric::SourceKind};
-use headtail_train::neural_texture::{Fit, Settings, State, error_over};
+use headtail_train::neural_texture::{Decibels, Fit, Settings, State, error_over};
 
 use crate::{
     output::OutputFile,
@@ -85,7 +85,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let recent = mean.map_or(loss, |mean: f32| mean + 0.02 * (loss - mean));
         mean = Some(recent);
         bar.set_position(fit.step() as u64);
-        bar.set_message(format!("squared relative error {recent:.4}"));
+        bar.set_message(format!("error of single light paths {recent:.4}"));
         let stopped = stop.load(Ordering::Relaxed);
         if stopped || fit.step() % SAVE_EVERY == 0 {
             fit.state.write(&kept, &settings, name)?;
@@ -98,16 +98,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     bar.finish_and_clear();
 
     let mut material = fit.material(name)?;
-    let [psnr, noise] = error_over(&*source, &material, QUESTIONS, PATHS, seed);
+    let Decibels { psnr, noise, snr } = error_over(&*source, &material, QUESTIONS, PATHS, seed);
     material.set_psnr(psnr);
     material.write(&arguments.out)?;
     if kept.exists() {
         std::fs::remove_file(&kept).with_context(|| kept.display().to_string())?;
     }
     let seconds = Duration::as_secs_f64(&start.elapsed());
-    out!("{}: {psnr:.1} dB against its source, whose own noise is at {noise:.1} dB", arguments.out.display());
+    out!(
+        "{}: {psnr:.1} dB against its source (over the mean square {snr:.1} dB), whose own noise is at {noise:.1} dB",
+        arguments.out.display()
+    );
     if let Some(mean) = mean {
-        say!("squared relative error of single light paths at the end: {mean:.4}");
+        say!("weighted squared error of single light paths at the end: {mean:.4}");
     }
     say!("{seconds:.0} s");
     Ok(())

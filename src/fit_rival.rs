@@ -1,15 +1,15 @@
 //! `headtail fit-rival`: train a sampler of others for a neural material, to compare with.
 
 use std::{
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::atomic::{AtomicBool, Ordering},
     time::Instant,
 };
 
 use anyhow::{Context, Result};
 use clap::Args;
-use headtail_render::rival::{RivalFile, RivalKind};
-use headtail_train::rival::{RivalFit, RivalMaterial, RivalQuality, RivalSettings};
+use headtail_render::rival::{Rival, RivalFile, RivalKind};
+use headtail_train::rival::{RivalFit, RivalMaterial, RivalQuality, RivalSettings, RivalState};
 
 use crate::{
     output::OutputFile,
@@ -17,6 +17,8 @@ use crate::{
     terminal::{out, say},
 };
 
+/// Steps between two savings of the state.
+const SAVE_EVERY: usize = 50;
 /// Views and directions of each that a sampler is measured with.
 const VIEWS: usize = 256;
 const DIRECTIONS: usize = 2048;
@@ -30,7 +32,8 @@ const DIRECTIONS: usize = 2048;
       --sampler neusample+emitter:out/welt-flow.safetensors --out out/bedroom.exr
 
 Kinds: lobes (NeuSample's two Gaussians and a cosine lobe) and flow (NeuSample's splines) are rendered as neusample:FILE or \
-neusample+emitter:FILE, reparam (a reparameterising network) as reparam:FILE or reparam+emitter:FILE. A file holds a sampler for each material.")]
+neusample+emitter:FILE, reparam (a reparameterising network) as reparam:FILE or reparam+emitter:FILE. A file holds a sampler for each material. \
+A command that was interrupted goes on where it was when it is given again; what it needs for that is beside the file, in FILE.state.")]
 pub struct Arguments {
     /// Which sampler: lobes, flow or reparam.
     #[arg(long, value_name = "KIND")]
@@ -69,43 +72,86 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let &Arguments { kind, steps, views, directions, seed, .. } = arguments;
     let settings = RivalSettings { steps, views, directions, seed, ..RivalSettings::new(kind) };
     settings.check()?;
+    let materials = RivalMaterial::open(&arguments.material)?;
+    let mut training = Training::begin(settings, &materials, arguments.out.with_added_extension("state"))?;
     let mut rivals = Vec::new();
-    for material in RivalMaterial::open(&arguments.material)? {
-        rivals.push(train(settings, &material, &stop)?);
+    for material in &materials {
+        rivals.push((material.name.clone(), material.identity, training.train(material, &stop)?));
     }
     RivalFile { kind, rivals }.write(&arguments.out)?;
+    training.remove()?;
     say!("{} written after {:.0} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())
 }
 
-fn train(
+/// The trainings of a command, material by material.
+struct Training<'a> {
     settings: RivalSettings,
-    material: &RivalMaterial,
-    stop: &AtomicBool,
-) -> Result<(String, blake3::Hash, headtail_render::rival::Rival)> {
-    let mut fit = RivalFit::new(settings, material)?;
-    let bar = progress::bar(settings.steps as u64, &material.name);
-    let mut mean = None;
-    while fit.step() < settings.steps {
-        let loss = fit.advance()?;
-        let recent = mean.map_or(loss, |mean: f32| mean + 0.02 * (loss - mean));
-        mean = Some(recent);
-        bar.set_position(fit.step() as u64);
-        bar.set_message(format!("cross-entropy {recent:.4} nats"));
-        if stop.load(Ordering::Relaxed) {
-            return Err(progress::Interrupted::new("nothing is written".to_owned()).into());
-        }
+    materials: &'a [RivalMaterial],
+    /// What an earlier command left, of which the first are used up.
+    left: std::vec::IntoIter<RivalState>,
+    done: Vec<RivalState>,
+    kept: PathBuf,
+}
+
+impl<'a> Training<'a> {
+    /// Begins, or goes on where the file `kept` was left.
+    fn begin(settings: RivalSettings, materials: &'a [RivalMaterial], kept: PathBuf) -> Result<Self> {
+        let left =
+            if kept.exists() { RivalState::read_all(&kept, &settings, materials)? } else { Vec::new() }.into_iter();
+        Ok(Self { settings, materials, left, done: Vec::new(), kept })
     }
-    bar.finish_and_clear();
-    let rival = fit.rival()?;
-    let RivalQuality { own_variance, variance, kept } =
-        RivalQuality::measure(material, &rival, VIEWS, DIRECTIONS, settings.seed);
+
+    fn train(&mut self, material: &'a RivalMaterial, stop: &AtomicBool) -> Result<Rival> {
+        let steps = self.settings.steps;
+        let mut fit = RivalFit::new(self.settings, material, self.left.next())?;
+        let bar = progress::bar(steps as u64, &material.name);
+        bar.set_position(fit.step() as u64);
+        while fit.step() < steps {
+            fit.advance()?;
+            bar.set_position(fit.step() as u64);
+            bar.set_message(format!("cross-entropy {:.4} nats", fit.state().loss.unwrap_or(f32::NAN)));
+            let stopped = stop.load(Ordering::Relaxed);
+            if stopped || fit.step() % SAVE_EVERY == 0 {
+                self.save(fit.state())?;
+            }
+            if stopped {
+                let step = fit.step();
+                let what =
+                    format!("{}: {step} of {steps} steps are done; the same command goes on from there", material.name);
+                return Err(progress::Interrupted::new(what).into());
+            }
+        }
+        bar.finish_and_clear();
+        let rival = fit.rival()?;
+        report(material, &rival, fit.state(), self.settings.seed);
+        self.done.push(fit.state().clone());
+        Ok(rival)
+    }
+
+    fn save(&self, current: &RivalState) -> Result<()> {
+        let states: Vec<&RivalState> = self.done.iter().chain([current]).chain(self.left.as_slice()).collect();
+        Ok(RivalState::write_all(&self.kept, &self.settings, self.materials, &states)?)
+    }
+
+    /// The file is there: nothing is left to go on with.
+    fn remove(&self) -> Result<()> {
+        let kept: &Path = &self.kept;
+        if kept.exists() {
+            std::fs::remove_file(kept).with_context(|| kept.display().to_string())?;
+        }
+        Ok(())
+    }
+}
+
+/// Says how good a sampler is.
+fn report(material: &RivalMaterial, rival: &Rival, state: &RivalState, seed: u64) {
+    let RivalQuality { own_variance, variance, kept } = RivalQuality::measure(material, rival, VIEWS, DIRECTIONS, seed);
     out!(
         "{}: relative variance under a white sky {variance:.4} (the material's own sampling {own_variance:.4}), {:.2} % of the draws are \
          samples, cross-entropy {:.4} nats",
         material.name,
         100.0 * kept,
-        mean.unwrap_or(f32::NAN),
+        state.loss.unwrap_or(f32::NAN),
     );
-    Ok((material.name.clone(), material.identity, rival))
 }

@@ -1,5 +1,6 @@
 //! `headtail inspect`: the densities of an exported sampler as a picture.
 
+mod cloth;
 mod tails;
 mod visibility;
 
@@ -35,6 +36,7 @@ use crate::terminal::{self, out};
   headtail inspect out/studio/sampler.safetensors --out out/studio-up.svg
   headtail inspect out/room-direct.safetensors --normal 1,0.5,0 --out out/room-side.svg
   headtail inspect out/room-ggx/sampler.safetensors --material ggx:alpha=0.4 --view 1,1,0 --out out/room-glossy.svg
+  headtail inspect out/cloth/sampler.safetensors --material neural:checkpoints/welt.safetensors --place 0.3,0.7 --out out/cloth.svg
   headtail inspect --visibility --scene bedroom --env room.hdr out/bedroom-visibility.safetensors --out out/bedroom-cells.svg
   headtail inspect --tail --env room.hdr out/flow/sampler.safetensors --out out/room-tails.svg
 
@@ -60,7 +62,7 @@ pub struct Arguments {
     /// The direction to the viewer, on the normal's side; it need not have unit length. Default: the normal.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     view: Option<Triple>,
-    /// The surface: lambert, ggx:alpha=A or nbrdf:FILE#NAME. Default: lambert; a head for glossy surfaces needs to be told.
+    /// The surface: lambert, ggx:alpha=A, nbrdf:FILE#NAME or neural:FILE. Default: lambert; a head for glossy surfaces needs to be told.
     #[arg(long, value_name = "MATERIAL")]
     material: Option<Material>,
     /// Print the figures as a JSON object.
@@ -69,6 +71,8 @@ pub struct Arguments {
     /// SVG or PDF file to write.
     #[arg(long, value_name = "FILE.svg|FILE.pdf")]
     out: PathBuf,
+    #[command(flatten)]
+    cloth: cloth::Arguments,
     #[command(flatten)]
     scene: visibility::Arguments,
 }
@@ -169,8 +173,17 @@ fn shading_point(arguments: &Arguments, intermediate: &Intermediate) -> Result<(
     let view = arguments.view.map_or(normal, |view| view.0);
     ensure!(view.dot(normal) > 1e-6, "--view: the direction is not on the normal's side");
     let glossy = matches!(intermediate, Intermediate::Head(head) if head.condition() != Condition::Normal);
+    let is_texture = matches!(intermediate, Intermediate::Head(head) if head.condition() == Condition::Texture);
+    let (n, wo) = (normal.normalize(), view.normalize());
     let mut table = BrdfTable::default();
+    if let Some(Material::Measured(materials)) = arguments.material
+        && let Some(texture) = materials.texture()
+    {
+        let (table, surface) = cloth::surface(&arguments.cloth, texture, n, wo);
+        return Ok((ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }, table));
+    }
     let surface = match arguments.material {
+        _ if is_texture => bail!("the head is for a neural material over a surface: give --material neural:FILE"),
         None if glossy => bail!("the head is for glossy surfaces: give --material ggx:alpha=A or nbrdf:FILE#NAME"),
         None | Some(Material::Lambert) => Lambert { albedo: Vec3::ONE }.into(),
         Some(Material::Ggx { low, high }) if low == high => Ggx::new(low, Vec3::ONE).into(),
@@ -184,7 +197,6 @@ fn shading_point(arguments: &Arguments, intermediate: &Intermediate) -> Result<(
         }
         Some(material) => bail!("--material {material}: name one width, as in ggx:alpha=0.4"),
     };
-    let (n, wo) = (normal.normalize(), view.normalize());
     Ok((ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }, table))
 }
 
@@ -212,9 +224,7 @@ fn intermediate_density<'a>(
         }
         Intermediate::Head(head) => {
             let condition = match head.condition() {
-                Condition::Texture => {
-                    bail!("the head is for a neural material over a surface, of which no point can be named")
-                }
+                Condition::Texture => cloth::condition(at),
                 Condition::Family => {
                     Condition::encode_family(at.wo.into(), normal.into(), &table.get(at.surface.brdf).latent())
                 }

@@ -1,6 +1,6 @@
 //! What each value of a setting does to an objective, with intervals over seeds.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use headtail_render::statistics::MeanInterval;
 use serde::Serialize;
@@ -31,9 +31,13 @@ const PARTS: usize = 5;
 
 /// The effects of an axis on an objective; empty where it has one value only.
 ///
-/// Trials are compared with the geometric mean of those that have the same map, so that maps, which differ most, cancel. The trials of one seed are one observation; without an axis `seed` every trial is one.
+/// Trials are compared with the geometric mean of those that have the same map, so that maps, which differ most, cancel, and where every
+/// seed has trials of the same settings, with those of the same seed. The trials of one seed are one observation; without an axis `seed` every trial is one.
 pub fn effects(sweep: &Sweep, rows: &[Row<'_>], axis: &Axis, objective: &str) -> Vec<Effect> {
-    let known = relative(sweep, rows, objective);
+    let mut known = relative(sweep, rows, objective);
+    if axis.key != "seed" {
+        take_off_luck(&mut known);
+    }
     let parts =
         parts(axis, &known.iter().filter_map(|(row, _)| row.trial.assignment.get(&axis.key)).collect::<Vec<_>>());
     let mut found = Vec::new();
@@ -55,6 +59,26 @@ pub fn effects(sweep: &Sweep, rows: &[Row<'_>], axis: &Axis, objective: &str) ->
         found.push(Effect { value: name.clone(), ratio: interval.mean.exp(), ends, trials });
     }
     if found.len() > 1 { found } else { Vec::new() }
+}
+
+/// Subtracts from each logarithm the mean of its seed, if every seed has trials of the same settings: what is left are differences of paired
+/// trials. Where the settings differ, a seed's mean would say what was tried under it.
+fn take_off_luck(known: &mut [(&Row<'_>, f64)]) {
+    let seed = |row: &Row<'_>| row.trial.assignment.get("seed").map(plain);
+    let mut of_seed: BTreeMap<Option<String>, (BTreeSet<String>, f64)> = BTreeMap::new();
+    for (row, log) in known.iter() {
+        let others = row.trial.assignment.iter().filter(|(key, _)| *key != "seed");
+        let settings = others.map(|(key, value)| format!("{key} = {}\n", plain(value))).collect();
+        let (settings_of, sum) = of_seed.entry(seed(row)).or_default();
+        settings_of.insert(settings);
+        *sum += log;
+    }
+    let mut all = of_seed.values().map(|(settings, _)| settings);
+    let Some(first) = all.next() else { return };
+    if all.all(|settings| settings == first) {
+        let count = first.len() as f64;
+        known.iter_mut().for_each(|(row, log)| *log -= of_seed[&seed(row)].1 / count);
+    }
 }
 
 /// Logarithms of an objective of the trials that have one, less their mean over the trials of the same map (every aggregated axis but `seed`).
@@ -116,4 +140,32 @@ fn parts(axis: &Axis, seen: &[&Value]) -> Vec<Part> {
         (format!("{} to {}", short(&axis.at(low)), short(&axis.at(high))), Box::new(holds) as _)
     };
     (0..=bounds.len()).map(part).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::{plan::Trial, status::State};
+
+    fn trial(bins: i64, seed: i64) -> Trial {
+        let assignment = [("bins".to_owned(), bins.into()), ("seed".to_owned(), seed.into())].into();
+        Trial { id: format!("{bins} {seed}"), assignment, configuration: 0 }
+    }
+
+    fn less_luck(trials: &[Trial], logs: &[f64]) -> Vec<f64> {
+        let row = |trial| Row { trial, state: State::Done, measures: None, seconds: 0.0, error: String::new() };
+        let rows: Vec<Row<'_>> = trials.iter().map(row).collect();
+        let mut known: Vec<_> = rows.iter().zip(logs.iter().copied()).collect();
+        take_off_luck(&mut known);
+        known.into_iter().map(|(_, log)| log).collect()
+    }
+
+    #[test]
+    fn what_seeds_do_to_all_of_their_trials_is_taken_off() {
+        let trials = [trial(4, 0), trial(8, 0), trial(4, 1), trial(8, 1)];
+        assert_eq!(less_luck(&trials, &[1.0, 2.0, 5.0, 6.0]), [-0.5, 0.5, -0.5, 0.5]);
+        // A seed with other settings than the others has a mean that says nothing of luck.
+        let trials = [trial(4, 0), trial(8, 0), trial(4, 1)];
+        assert_eq!(less_luck(&trials, &[1.0, 2.0, 5.0]), [1.0, 2.0, 5.0]);
+    }
 }

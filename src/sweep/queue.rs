@@ -69,7 +69,10 @@ impl Queue {
         let (Some(task), Some(state)) = (fields.next(), fields.next()) else { return };
         // "CANCELLED by 1000"
         let state = state.split(' ').next().unwrap_or_default().to_owned();
-        self.tasks.insert(task.to_owned(), Task { state, exit: fields.next().map(str::to_owned) });
+        let exit = fields.next().map(str::to_owned);
+        for task in expanded(task) {
+            self.tasks.insert(task, Task { state: state.clone(), exit: exit.clone() });
+        }
     }
 
     /// The answers in a few lines: how many tasks are in which state, and those that ended badly.
@@ -104,6 +107,25 @@ impl Task {
     }
 }
 
+/// Most tasks that one name stands for.
+const MOST_TASKS: usize = 100_000;
+
+/// The tasks that a name stands for: `sacct` has those that wait in one line, as in `31_[2-4,7%2]`. A name that is no list stands for itself.
+fn expanded(name: &str) -> Vec<String> {
+    let list = name.split_once("_[").and_then(|(job, list)| Some((job, list.strip_suffix(']')?)));
+    let Some((job, list)) = list else { return vec![name.to_owned()] };
+    let list = list.split('%').next().unwrap_or_default();
+    let range = |part: &str| {
+        // "0-12:4": every fourth.
+        let (range, step) = part.split_once(':').unwrap_or((part, "1"));
+        let (first, last) = range.split_once('-').unwrap_or((range, range));
+        Some((first.parse::<u32>().ok()?, last.parse::<u32>().ok()?, step.parse::<u32>().ok()?.max(1)))
+    };
+    let Some(ranges) = list.split(',').map(range).collect::<Option<Vec<_>>>() else { return vec![name.to_owned()] };
+    let tasks = ranges.into_iter().flat_map(|(first, last, step)| (first..=last).step_by(step as usize));
+    tasks.take(MOST_TASKS).map(|task| format!("{job}_{task}")).collect()
+}
+
 /// The output of a command that succeeds.
 fn answer(program: &str, arguments: &[&str]) -> Option<String> {
     let output = Command::new(program).args(arguments).output().ok()?;
@@ -128,5 +150,17 @@ mod tests {
                 "Slurm: task 7_2: CANCELLED, exit 0:15",
             ]
         );
+    }
+
+    #[test]
+    fn tasks_that_wait_are_told_apart() {
+        let names = |name: &str| expanded(name).join(" ");
+        assert_eq!(names("7_[2-4,9%2]"), "7_2 7_3 7_4 7_9");
+        assert_eq!(names("7_[0-8:4]"), "7_0 7_4 7_8");
+        // What is no list is left as it is, and a list is no reason to run out of memory.
+        for name in ["7_3", "7", "7_[", "7_[]", "7_[a-b]", "7_[1-2"] {
+            assert_eq!(names(name), name);
+        }
+        assert_eq!(expanded("7_[0-4294967295]").len(), MOST_TASKS);
     }
 }

@@ -187,3 +187,48 @@ fn interruption_writes_the_picture_so_far() {
     let errors = ErrorMetrics::of(&short, &long).unwrap();
     assert!(mean(&long) > 0.1 && errors.relmse < 0.5, "{} {errors:?}", mean(&long));
 }
+
+/// Waits until a file is there.
+fn wait_for(path: &Path) {
+    let start = Instant::now();
+    while !path.exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "{} did not come", path.display());
+        sleep(Duration::from_millis(2));
+    }
+}
+
+#[test]
+fn a_training_for_a_material_goes_on_after_a_signal_and_after_a_kill() {
+    let here = folder();
+    let cloth = concat!(env!("CARGO_MANIFEST_DIR"), "/checkpoints/welt.safetensors");
+    let fit = |name: &str| {
+        format!(
+            "fit-rival --kind lobes --material neural:{cloth} --steps 1000 --views 8 --directions 8 --threads 1 --out {name}"
+        )
+    };
+    let (kept, arguments) = (here.path().join("again.state"), fit("again"));
+    let process = start(here.path(), &arguments);
+    wait_for(&kept);
+    signal(&process, "-INT");
+    let output = end(process, Duration::from_secs(10));
+    let warned = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{warned}");
+    assert!(warned.contains("of 1000 steps are done; the same command goes on from there"), "{warned}");
+    let written = fs::metadata(&kept).unwrap().modified().unwrap();
+    let mut process = start(here.path(), &arguments);
+    // The state is written again.
+    let begin = Instant::now();
+    while fs::metadata(&kept).is_ok_and(|now| now.modified().unwrap() == written) {
+        assert!(begin.elapsed() < Duration::from_secs(60), "no state was written");
+        sleep(Duration::from_millis(2));
+    }
+    process.kill().unwrap();
+    process.wait().unwrap();
+    assert!(!here.path().join("again").exists());
+
+    succeed(here.path(), &arguments);
+    succeed(here.path(), &fit("whole"));
+    assert!(!kept.exists());
+    let bytes = |name: &str| fs::read(here.path().join(name)).unwrap();
+    assert!(bytes("again") == bytes("whole"), "the same sampler comes out");
+}

@@ -40,6 +40,30 @@ fn a_head_is_fitted_baked_rendered_and_inspected() {
 }
 
 #[test]
+fn a_head_for_cloth_is_inspected_at_a_place_of_it() {
+    let here = folder();
+    let path = here.path();
+    let cloth = concat!("neural:", env!("CARGO_MANIFEST_DIR"), "/checkpoints/satin.safetensors");
+    succeed(path, &format!("fit --env studio --material {cloth},repeat=4 --steps 20 --set conditions=16 --out cloth"));
+    let at = |place: &str| -> serde_json::Value {
+        let command = format!(
+            "inspect cloth/sampler.safetensors --material {cloth} --view 0.4,1,0 {place} --json --out {}.svg",
+            place.len()
+        );
+        serde_json::from_str(&succeed(path, &command)).unwrap()
+    };
+    let (there, coarse) = (at("--place 0.1,0.7"), at("--place 0.1,0.7 --level 6"));
+    for found in [&there, &coarse] {
+        // Cells of 512 x 256 are small beside the bins of an untrained head.
+        assert!((found["integral"].as_f64().unwrap() - 1.0).abs() < 0.01, "{found}");
+        assert!(found["kl"].as_f64().unwrap() > 0.0 && found["share"].is_f64());
+    }
+    // Another place has other features, and so another target.
+    assert!(there["kl"] != coarse["kl"]);
+    assert!(fail(path, "inspect cloth/sampler.safetensors --out a.svg").contains("give --material neural:FILE"));
+}
+
+#[test]
 fn a_run_is_one_file_that_its_results_repeat() {
     let here = folder();
     let path = here.path();

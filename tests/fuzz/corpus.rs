@@ -15,12 +15,17 @@ use glam::Vec3A;
 use headtail_model::HeadConfig;
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
+    brdf::neural_texture::{
+        Description, FEATURES, MIXTURE_SIZES, Networks, NeuralTexture, Pyramid, REFLECTANCE_SIZES, SHIFT_SIZES,
+    },
     environment::{Environment, built_in},
     estimator::LearnedVisibility,
     export::{ExportedSampler, Intermediate},
+    head::Linear,
     image::{Image, encode_exr, encode_png_rgb8},
     integrator::{View, learn_visibility},
     patches::Detail,
+    rival::{Rival, RivalFile, RivalKind},
     scene::{Camera, FspyProject, Scene, UpAxis},
     tail::{Tail, TailKind},
 };
@@ -138,6 +143,41 @@ pub fn visibility(folder: &Path) -> Vec<u8> {
 /// Two rows of small weights.
 pub fn measured() -> Vec<u8> {
     (0..2 * 675).flat_map(|k| (((k * 37) % 19) as f32 * 0.01 - 0.09).to_le_bytes()).collect()
+}
+
+/// Layers of networks with small weights.
+fn layers(sizes: &[usize]) -> Vec<Linear> {
+    let weight = |k: usize| ((k * 37) % 19) as f32 * 0.01 - 0.09;
+    let layer = |size: &[usize]| {
+        let weights: Vec<f32> = (0..size[0] * size[1]).map(weight).collect();
+        Linear::new("layer", size[0], size[1], &weights, vec![0.1; size[1]]).unwrap()
+    };
+    sizes.windows(2).map(layer).collect()
+}
+
+/// Samplers that were trained for materials, of every kind.
+pub fn rivals(folder: &Path) -> Vec<Vec<u8>> {
+    let file = |kind: RivalKind| {
+        let networks = kind.networks().iter().map(|(_, sizes)| layers(sizes)).collect();
+        let rival = Rival::new(kind, networks).unwrap();
+        let path = folder.join("rival");
+        let rivals = vec![("cloth".to_owned(), blake3::hash(b"cloth"), rival)];
+        RivalFile { kind, rivals }.write(&path).unwrap();
+        fs::read(path).unwrap()
+    };
+    RivalKind::ALL.into_iter().map(file).collect()
+}
+
+/// A neural material of four texels.
+pub fn neural_texture(folder: &Path) -> Vec<u8> {
+    let texels = vec![[0.25; FEATURES]; Pyramid::texel_count(2)];
+    let (shift, reflectance, mixture) = (layers(&SHIFT_SIZES), layers(&REFLECTANCE_SIZES), layers(&MIXTURE_SIZES));
+    let networks = Networks { shift, reflectance, mixture, leaky_slope: 0.01 };
+    let pyramid = Pyramid::new(2, texels).unwrap();
+    let material = NeuralTexture::new(pyramid, networks, Description::new("cloth", 0.01)).unwrap();
+    let path = folder.join("cloth");
+    material.rounded().unwrap().write(&path).unwrap();
+    fs::read(path).unwrap()
 }
 
 /// A project of fSpy with a small picture.

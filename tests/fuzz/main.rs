@@ -15,9 +15,10 @@ use std::{
 };
 
 use headtail_render::{
-    brdf::neural::read_networks,
+    brdf::{NeuralTexture, neural::read_networks},
     export::ExportedSampler,
     image::{read_radiance, text_attributes},
+    rival::RivalFile,
     scene::{FspyProject, MaterialSpec, Scene, UpAxis},
     spec::SamplerSpec,
     visibility::SceneVisibility,
@@ -109,6 +110,13 @@ fn no_input_makes_a_reader_panic_or_take_much_memory() {
             read_networks(path).is_ok()
         };
         fuzz("nbrdf.f32", &[corpus::measured()], read);
+    }
+    if is_wanted("rival") {
+        fuzz("rival", &corpus::rivals(made.path()), |path, _| RivalFile::read(path).is_ok());
+    }
+    if is_wanted("neural") {
+        let corpus = [corpus::neural_texture(made.path())];
+        fuzz("neural", &corpus, |path, _| NeuralTexture::read(path).is_ok());
     }
     if is_wanted("fspy") {
         let read = |path: &Path, _: &[u8]| {

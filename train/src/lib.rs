@@ -31,6 +31,7 @@ pub mod reference;
 pub mod rival;
 pub mod setback;
 pub mod state;
+mod state_file;
 pub mod step_gradient;
 pub mod tensorboard;
 #[cfg(test)]

@@ -98,6 +98,9 @@ impl RivalFile {
                     .map(|layer| read_layer(path, &tensors, &format!("{index}.{part}.linear{layer}")))
                     .collect()
             };
+            if rivals.iter().any(|(_, known, _)| *known == identity) {
+                return Err(Error::invalid(path, "materials", "the same material is there twice"));
+            }
             let networks = kind.networks().iter().map(layers_of).collect::<Result<_>>()?;
             let rival = Rival::new(kind, networks).map_err(|error| error.in_file(path))?;
             rivals.push((name, identity, rival));

@@ -159,3 +159,46 @@ fn what_is_written_is_read_and_what_is_damaged_is_a_sentence() {
     let error = RivalSampler::open(&path, &[RivalKind::Flow]).unwrap_err().to_string();
     assert!(error.contains("'reparam'") && error.contains("flow"), "{error}");
 }
+
+/// A file's bytes with other metadata.
+fn with_metadata(bytes: &[u8], change: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let mut header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+    let text = header["__metadata__"]["headtail-rival"].as_str().unwrap();
+    let mut described: serde_json::Value = serde_json::from_str(text).unwrap();
+    change(&mut described);
+    header["__metadata__"]["headtail-rival"] = described.to_string().into();
+    let header = header.to_string().into_bytes();
+    [&(header.len() as u64).to_le_bytes()[..], &header, &bytes[8 + length..]].concat()
+}
+
+#[test]
+fn metadata_that_do_not_fit_are_a_sentence() {
+    type Change<'a> = &'a dyn Fn(&mut serde_json::Value);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rival.safetensors");
+    let kind = RivalKind::Lobes;
+    let rival = |name: &str| (name.to_owned(), blake3::hash(name.as_bytes()), random_rival(kind, 1, 1.0));
+    RivalFile { kind, rivals: vec![rival("cloth"), rival("wool")] }.write(&path).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let read = |change: Change<'_>| {
+        RivalFile::from_bytes(Path::new("file"), &with_metadata(&bytes, change)).map_err(|error| error.to_string())
+    };
+    assert!(read(&|_| ()).is_ok());
+    let wool = |described: &serde_json::Value| described["materials"][1].clone();
+    let cases: [(Change<'_>, &str); 9] = [
+        (&|d| d["format_version"] = 2.into(), "reads version 1"),
+        (&|d| d["format_version"] = (-1).into(), "headtail-rival"),
+        (&|d| d["kind"] = "flow".into(), "instead of"),
+        (&|d| d["kind"] = "unheard-of".into(), "unknown variant"),
+        (&|d| d["more"] = 1.into(), "unknown field"),
+        (&|d| d["materials"] = serde_json::json!([]), "there are 0"),
+        (&|d| d["materials"] = vec![wool(d); 257].into(), "there are 257"),
+        (&|d| d["materials"][0] = wool(d), "twice"),
+        (&|d| d["materials"][0]["identity"] = "f00".into(), "no hash"),
+    ];
+    for (change, words) in cases {
+        let error = read(change).unwrap_err();
+        assert!(error.contains(words) && !error.contains('\n'), "{words}: {error}");
+    }
+}

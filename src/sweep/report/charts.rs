@@ -124,7 +124,7 @@ pub fn effects(objective: &str, effects: &[(String, Vec<Effect>)], has_seeds: bo
                     (chart::effects("effects", &groups, &format!("{objective} under each value over that of all trials")).html())
                     figcaption.note {
                         (objective) " under each value over that of all trials, geometric means: less than 1 is better. Lines are 95\u{a0}% intervals over "
-                        (over) ". Trials are compared with those of the same map. Ranges are divided into parts with equally many trials."
+                        (over) ". Trials are compared with those of the same map, and of the same seed where all seeds have the same settings. Ranges are divided into parts with equally many trials."
                     }
                 }
                 (table.html(true))

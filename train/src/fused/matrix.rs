@@ -4,7 +4,7 @@ use headtail_render::simd::Lanes;
 
 /// A row-major matrix that borrows its numbers; rows may be longer than `columns`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Matrix<'a> {
+pub(crate) struct Matrix<'a> {
     pub values: &'a [f32],
     pub rows: usize,
     pub columns: usize,

@@ -21,7 +21,8 @@ use crate::{GradientSource, Objective, StepGradient, integrand::Batch};
 
 use conditions::Conditions;
 pub use flow::FusedFlow;
-use perceptron::Layer;
+pub(crate) use matrix::Matrix;
+pub(crate) use perceptron::{BackwardScratch, Hidden, Layer};
 use samples::{Place, Samples, Scratch, Weights};
 
 /// Parts of a batch whose gradients are summed in order: a fixed number, so that the sum does not depend on the threads.

@@ -6,7 +6,7 @@ use super::matrix::{Form, Matrix, multiply};
 
 /// Where an affine layer's numbers are in the flat list: `[out, in]` weight, then bias.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layer {
+pub(crate) struct Layer {
     pub inputs: usize,
     pub outputs: usize,
     pub start: usize,
@@ -69,11 +69,11 @@ impl Layer {
 
 /// The hidden layers of a perceptron over some columns: leaky ReLU after every layer but the last.
 #[derive(Default)]
-pub(super) struct Hidden(Vec<Vec<f32>>);
+pub(crate) struct Hidden(Vec<Vec<f32>>);
 
 /// Buffers of the way back.
 #[derive(Default)]
-pub(super) struct BackwardScratch {
+pub(crate) struct BackwardScratch {
     /// Derivatives by the first layer's output, before its activation.
     pub d_hidden: Vec<f32>,
     d_activation: Vec<f32>,

@@ -1,33 +1,34 @@
 //! Fitting a neural material to samples of a bidirectional texture.
 //!
 //! Each step asks the source for new samples, so that nothing is learned by heart. One light path per sample is enough: the loss is a
-//! squared error over the squared prediction, whose gradient has the same mean whatever the noise of the samples (Lehtinen et al. 2018).
+//! squared error with weights of its own (`loss.rs`), whose gradient has the same mean whatever the noise of the samples (Lehtinen et al. 2018).
 //! Lobes for sampling are fitted in the same steps, by maximum likelihood under the samples, and do not act back on the features.
 
-mod model;
+mod fused;
+#[cfg(test)]
+mod graph;
+mod layout;
+mod loss;
 mod picture;
 mod samples;
 mod state;
 
-pub use model::{Layout, predict};
+pub use layout::Layout;
 pub use picture::{DISTANCES, side_by_side};
-pub use samples::{Samples, error_over};
+pub use samples::{Decibels, Samples, error_over};
 pub use state::State;
 
-use headtail_model::burn::prelude::Device;
 use headtail_render::{
     brdf::neural_texture::{Description, FEATURES, NeuralTexture},
     fabric::Source,
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{Backend, Error, FitConfig, Result};
+use crate::{Error, FitConfig, Result};
+use fused::FusedGradient;
 
 /// Slope of the leaky ReLU of the networks.
 pub const LEAKY_SLOPE: f32 = 0.01;
-
-/// Samples of a batch that one thread takes through the networks.
-const SHARD: usize = 2048;
 
 /// What a fit is set by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -88,7 +89,7 @@ impl Settings {
 pub struct Fit<'a> {
     settings: Settings,
     source: &'a dyn Source,
-    device: Device,
+    gradient: FusedGradient,
     layout: Layout,
     /// What the next step depends on.
     pub state: State,
@@ -104,7 +105,7 @@ impl<'a> Fit<'a> {
         let layout = Layout::new(settings.side);
         let state = state.unwrap_or_else(|| State::new(layout.initial_weights(settings.seed), layout.texels()));
         state.check(&layout)?;
-        Ok(Self { settings, source, device: Backend::Flex.device()?.autodiff(), layout, state })
+        Ok(Self { settings, source, gradient: FusedGradient::new(layout.clone()), layout, state })
     }
 
     /// Steps that are done.
@@ -112,31 +113,10 @@ impl<'a> Fit<'a> {
         self.state.step
     }
 
-    /// Takes the next step and gives its loss: the mean of squared relative errors.
+    /// Takes the next step and gives its loss: the mean of weighted squared errors.
     pub fn advance(&mut self) -> f32 {
         let samples = Samples::draw(self.source, &self.settings, self.state.step);
-        let shards = samples.split(SHARD);
-        let threads = rayon::current_num_threads().min(shards.len()).max(1);
-        let (layout, weights, device) = (&self.layout, &self.state.weights[..], &self.device);
-        // Threads of their own, not rayon's: a step of the backward pass holds its graph's lock.
-        let parts: Vec<(f32, Vec<f32>)> = std::thread::scope(|scope| {
-            let work = |shards: &[Samples]| -> Vec<_> {
-                shards.iter().map(|shard| layout.gradient(weights, shard, device)).collect()
-            };
-            let handles: Vec<_> =
-                shards.chunks(shards.len().div_ceil(threads)).map(|shards| scope.spawn(move || work(shards))).collect();
-            let join = |handle: std::thread::ScopedJoinHandle<'_, Vec<_>>| {
-                handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-            };
-            handles.into_iter().flat_map(join).collect()
-        });
-        let mut gradient = vec![0.0; weights.len()];
-        let mut loss = 0.0;
-        for (part, shard) in parts.iter().zip(&shards) {
-            let share = shard.len() as f32 / samples.len() as f32;
-            loss += share * part.0;
-            gradient.iter_mut().zip(&part.1).for_each(|(sum, g)| *sum += share * g);
-        }
+        let (loss, gradient) = self.gradient.gradient(&self.state.weights, &samples);
         self.state.advance(&self.settings.optimizers(), FEATURES * self.layout.texels(), &gradient);
         loss
     }

@@ -68,21 +68,6 @@ impl Samples {
         self.queries.is_empty()
     }
 
-    /// Parts of at most `size` samples.
-    pub fn split(&self, size: usize) -> Vec<Self> {
-        let starts = (0..self.len()).step_by(size);
-        let part = |start: usize| {
-            let range = start..(start + size).min(self.len());
-            Self {
-                queries: self.queries[range.clone()].to_vec(),
-                levels: self.levels[range.clone()].to_vec(),
-                values: self.values[range.clone()].to_vec(),
-                densities: self.densities[range].to_vec(),
-            }
-        };
-        starts.map(part).collect()
-    }
-
     /// Luminances of the values.
     pub fn luminances(&self) -> impl Iterator<Item = f32> {
         self.values.iter().map(|&value| luminance(value.into()))
@@ -117,21 +102,34 @@ fn density(w: Vec3) -> f32 {
     DISK_SHARE * disk + (1.0 - DISK_SHARE) * hemisphere
 }
 
-/// Peak signal-to-noise ratio in dB of a material against its source over `count` questions that no training asks, and the same
-/// of the truth itself: from the mean of squared differences of `pi f_r cos`, which is 1 for a white diffuse surface that faces the light.
-/// The truth is the mean of `paths` light paths; its noise is measured from two halves of them.
-pub fn error_over(source: &dyn Source, material: &NeuralTexture, count: usize, paths: u32, seed: u64) -> [f64; 2] {
+/// How far a material is from its source, in dB.
+#[derive(Clone, Copy, Debug)]
+pub struct Decibels {
+    /// Peak signal-to-noise ratio: from the mean of squared differences of `pi f_r cos`, which is 1 for a white diffuse surface that faces
+    /// the light. Highlights of glossy cloth are far above this peak.
+    pub psnr: f64,
+    /// The same of the truth itself, as far as it is known.
+    pub noise: f64,
+    /// Signal-to-noise ratio: the mean square of the truth over that of the differences.
+    pub snr: f64,
+}
+
+/// A material against its source over `count` questions that no training asks. The truth is the mean of `paths` light paths; its noise
+/// is measured from two halves of them.
+pub fn error_over(source: &dyn Source, material: &NeuralTexture, count: usize, paths: u32, seed: u64) -> Decibels {
     let mut random = Stream::new(seed, Purpose::Validation, 0);
     let mut asked = Samples::questions(material.pyramid().side(), count, &mut random);
     let halves = [1, 2].map(|half| source.reflect(&asked.queries, paths.div_ceil(2), seed.wrapping_add(half << 32)));
     asked.values = halves[0].iter().zip(&halves[1]).map(|(&a, &b)| 0.5 * (a + b)).collect();
     let answers = answers(material, &asked.queries);
     let squared = |a: &Vec3, b: &Vec3| f64::from((PI * (*a - *b)).length_squared()) / 3.0;
-    let mean = |sum: f64| sum / count as f64;
+    let mean = |sum: f64| (sum / count as f64).max(f64::MIN_POSITIVE);
     let error = mean(asked.values.iter().zip(&answers).map(|(a, b)| squared(a, b)).sum());
     // The mean of both halves has a quarter of the variance of their difference.
     let noise = mean(halves[0].iter().zip(&halves[1]).map(|(a, b)| squared(a, b)).sum()) / 4.0;
-    [error, noise].map(|error| -10.0 * error.max(f64::MIN_POSITIVE).log10())
+    let signal = mean(asked.values.iter().map(|value| squared(value, &Vec3::ZERO)).sum());
+    let decibels = |error: f64| -10.0 * error.log10();
+    Decibels { psnr: decibels(error), noise: decibels(noise.max(f64::MIN_POSITIVE)), snr: decibels(error / signal) }
 }
 
 /// What a material answers, as a renderer evaluates it.

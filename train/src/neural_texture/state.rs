@@ -1,18 +1,13 @@
 //! All that the next step of a fit depends on, and its file.
 
-use std::{path::Path, sync::Arc};
-
-use headtail_render::file;
-use safetensors::{Dtype, SafeTensors, serialize, tensor::TensorView};
+use std::path::Path;
 
 use super::{FEATURES, Layout, Settings};
 use crate::{
     Error, FitConfig, Result,
     optimizer::{OptimizerState, Schedule},
+    state_file,
 };
-
-/// Larger files are refused before they are read.
-const LARGEST_FILE: u64 = 1 << 28;
 
 /// Weights and what the optimisers remember of them.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,7 +31,8 @@ impl State {
     pub(super) fn check(&self, layout: &Layout) -> Result<()> {
         let expected = [FEATURES * layout.texels(), layout.weight_count() - FEATURES * layout.texels()];
         let found = [0, 1].map(|k: usize| self.optimizers[k].first_moments.len());
-        if self.weights.len() != layout.weight_count() || found != expected {
+        let squares = [0, 1].map(|k: usize| self.optimizers[k].second_moments.len());
+        if self.weights.len() != layout.weight_count() || found != expected || squares != expected {
             let value = format!("{} weights", self.weights.len());
             return Err(Error::Config { field: "state", value, requirement: "of the same texture size" });
         }
@@ -61,16 +57,8 @@ impl State {
     /// When the file cannot be written.
     pub fn write(&self, path: &Path, settings: &Settings, source: &str) -> Result<()> {
         let moves = [0, 1].map(|k: usize| self.optimizers[k].moves);
-        let about = serde_json::to_string(&(self.step, moves, settings, source)).expect("settings are JSON");
-        let lists = self.lists();
-        let bytes: Vec<Vec<u8>> =
-            lists.iter().map(|(_, list)| list.iter().flat_map(|value| value.to_le_bytes()).collect()).collect();
-        let tensors = lists.iter().zip(&bytes).map(|((name, list), bytes)| {
-            (*name, TensorView::new(Dtype::F32, vec![list.len()], bytes).expect("four bytes a number"))
-        });
-        let metadata = std::collections::HashMap::from([("headtail-fit".to_owned(), about)]);
-        let bytes = serialize(tensors, Some(metadata)).expect("lists of numbers make a safetensors file");
-        file::replace(path, &bytes).map_err(|error| Error::Render(Arc::new(error)))
+        let lists = self.lists().map(|(name, list)| (name.to_owned(), &list[..]));
+        state_file::write(path, &(self.step, moves, settings, source), &lists)
     }
 
     /// Reads the state of a fit of these settings.
@@ -78,28 +66,17 @@ impl State {
     /// # Errors
     /// When the file is damaged, or was written by a fit of other settings.
     pub fn read(path: &Path, settings: &Settings, source: &str) -> Result<Self> {
-        let wrong = |reason: &str| Error::ConfigFile { name: path.display().to_string(), reason: reason.to_owned() };
-        let bytes = file::read(path, LARGEST_FILE).map_err(|error| wrong(&error.to_string()))?;
-        let damaged = |_| wrong("is no state of a fit: remove it to begin anew");
-        let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
-        let about = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail-fit"));
-        let (step, moves, own, name): (usize, [u64; 2], Settings, String) = about
-            .and_then(|text| serde_json::from_str(text).ok())
-            .ok_or_else(|| wrong("is no state of a fit: remove it to begin anew"))?;
+        type About = (usize, [u64; 2], Settings, String);
+        let ((step, moves, own, name), mut file) = state_file::read::<About>(path)?;
         if own != *settings || name != source {
-            return Err(wrong("belongs to a fit of other settings: name another folder, or remove it"));
+            return Err(state_file::wrong(path, "belongs to a fit of other settings: name another file, or remove it"));
         }
-        let tensors = SafeTensors::deserialize(&bytes).map_err(damaged)?;
-        let list = |name: &str| -> Result<Vec<f32>> {
-            let view = tensors.tensor(name).ok().filter(|view| view.dtype() == Dtype::F32);
-            let view = view.ok_or_else(|| wrong("is no state of a fit: remove it to begin anew"))?;
-            Ok(view.data().as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect::<Vec<f32>>())
-        };
-        let optimizer = |k: usize| -> Result<OptimizerState> {
-            let [first_moments, second_moments] = [list(NAMES[1 + 2 * k])?, list(NAMES[2 + 2 * k])?];
+        let mut optimizer = |k: usize| -> Result<OptimizerState> {
+            let [first_moments, second_moments] = [file.list(NAMES[1 + 2 * k])?, file.list(NAMES[2 + 2 * k])?];
             Ok(OptimizerState { moves: moves[k], first_moments, second_moments })
         };
-        Ok(Self { step, weights: list(NAMES[0])?, optimizers: [optimizer(0)?, optimizer(1)?] })
+        let optimizers = [optimizer(0)?, optimizer(1)?];
+        Ok(Self { step, weights: file.list(NAMES[0])?, optimizers })
     }
 
     fn lists(&self) -> [(&'static str, &Vec<f32>); 5] {

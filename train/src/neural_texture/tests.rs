@@ -6,7 +6,8 @@ use headtail_render::{
     random::{Purpose, Stream},
 };
 
-use super::{samples::answers, *};
+use super::{graph::predict, samples::answers, *};
+use crate::Backend;
 
 /// A surface that is diffuse and of one colour.
 struct Plain;
@@ -42,6 +43,35 @@ fn the_renderer_computes_what_the_tensor_library_does() {
 }
 
 #[test]
+fn the_fused_gradient_is_that_of_the_graph() {
+    for seed in 0..3 {
+        let layout = Layout::new(16);
+        let mut random = Stream::new(seed, Purpose::Test, 1);
+        let initial = layout.initial_weights(seed);
+        let weights: Vec<f32> = initial.iter().map(|w| 2.0 * w + 0.1 * (random.uniform() - 0.5)).collect();
+        // More than a group, and no whole number of them.
+        let mut samples = Samples::questions(16, 1500, &mut random);
+        samples.values = Layered::lacquer().reflect(&samples.queries, 1, seed);
+        let device = Backend::Flex.device().unwrap().autodiff();
+        let (expected_error, expected) = layout.gradient(&weights, &samples, &device);
+        let mut fused = FusedGradient::new(layout);
+        // Twice, as buffers are used again.
+        for _ in 0..2 {
+            let (error, gradient) = fused.gradient(&weights, &samples);
+            assert!((error / expected_error - 1.0).abs() < 1e-5, "{error} {expected_error}");
+            let norm = expected.iter().map(|g| g * g).sum::<f32>().sqrt();
+            // Sums of 6000 terms that cancel: rounding is relative to the whole gradient.
+            for (k, (found, expected)) in gradient.iter().zip(&expected).enumerate() {
+                assert!(
+                    (found - expected).abs() < 1e-5 * norm,
+                    "seed {seed}, weight {k}: {found} {expected} of {norm}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn a_plain_surface_is_learned() {
     let settings = small(150);
     let mut fit = Fit::new(settings, &Plain, None).unwrap();
@@ -49,7 +79,7 @@ fn a_plain_surface_is_learned() {
     assert!(losses[149] < 0.02 * losses[0], "{} {}", losses[0], losses[149]);
     let material = fit.material("plain").unwrap();
     // 1 % of an albedo of 0.5 is 46 dB.
-    let [psnr, _] = error_over(&Plain, &material, 1000, 2, 1);
+    let Decibels { psnr, .. } = error_over(&Plain, &material, 1000, 2, 1);
     assert!(psnr > 30.0, "{psnr}");
 }
 

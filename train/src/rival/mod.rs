@@ -7,10 +7,12 @@
 
 mod model;
 mod points;
+mod state;
 #[cfg(test)]
 mod tests;
 
 pub use points::{RivalMaterial, RivalQuality};
+pub use state::RivalState;
 
 use std::sync::Arc;
 
@@ -20,17 +22,16 @@ use headtail_render::{
     rival::{Rival, RivalKind},
 };
 
-use crate::{
-    Backend, Error, FitConfig, Result,
-    optimizer::{OptimizerState, Schedule},
-};
+use serde::{Deserialize, Serialize};
+
+use crate::{Backend, Error, FitConfig, Result, optimizer::Schedule};
 use points::Points;
 
 /// Views of a batch that one thread takes through the networks.
 const SHARD: usize = 16;
 
 /// What the training of a rival is set by.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RivalSettings {
     /// Which sampler.
     pub kind: RivalKind,
@@ -91,27 +92,30 @@ pub struct RivalFit<'a> {
     settings: RivalSettings,
     material: &'a RivalMaterial,
     device: Device,
-    weights: Vec<f32>,
-    optimizer: OptimizerState,
-    step: usize,
+    state: RivalState,
 }
 
 impl<'a> RivalFit<'a> {
-    /// A training before its first step.
+    /// A training before its first step, or where `state` was left.
     ///
     /// # Errors
-    /// When a setting is out of range.
-    pub fn new(settings: RivalSettings, material: &'a RivalMaterial) -> Result<Self> {
+    /// When a setting is out of range, or the state is of another kind of sampler.
+    pub fn new(settings: RivalSettings, material: &'a RivalMaterial, state: Option<RivalState>) -> Result<Self> {
         settings.check()?;
-        let weights = model::initial_weights(settings.kind, settings.seed);
-        let optimizer = OptimizerState::new(weights.len());
-        let device = Backend::Flex.device()?.autodiff();
-        Ok(Self { settings, material, device, weights, optimizer, step: 0 })
+        let initial = model::initial_weights(settings.kind, settings.seed);
+        let state = state.unwrap_or_else(|| RivalState::new(initial.clone()));
+        state.check(initial.len(), settings.steps)?;
+        Ok(Self { settings, material, device: Backend::Flex.device()?.autodiff(), state })
     }
 
     /// Steps that are done.
     pub fn step(&self) -> usize {
-        self.step
+        self.state.step
+    }
+
+    /// What the next step depends on.
+    pub fn state(&self) -> &RivalState {
+        &self.state
     }
 
     /// Takes the next step and gives its loss: the cross-entropy in nats, over solid angle.
@@ -120,11 +124,11 @@ impl<'a> RivalFit<'a> {
     /// When the weights have diverged.
     pub fn advance(&mut self) -> Result<f32> {
         let RivalSettings { kind, views, directions, seed, .. } = self.settings;
-        let batch = Points::draw(self.material, views, directions, seed, self.step as u64);
+        let batch = Points::draw(self.material, views, directions, seed, self.state.step as u64);
         let shards = batch.split(SHARD);
         let rival = self.rival()?;
         let threads = rayon::current_num_threads().min(shards.len()).max(1);
-        let (weights, device) = (&self.weights[..], &self.device);
+        let (weights, device) = (&self.state.weights[..], &self.device);
         // Threads of their own, not rayon's: a step of the backward pass holds its graph's lock.
         let parts: Vec<(f32, Vec<f32>)> = std::thread::scope(|scope| {
             let (rival, work) = (&rival, |shards: &[Points], rival: &Rival| -> Vec<_> {
@@ -139,7 +143,7 @@ impl<'a> RivalFit<'a> {
             };
             handles.into_iter().flat_map(join).collect()
         });
-        let mut gradient = vec![0.0; self.weights.len()];
+        let mut gradient = vec![0.0; self.state.weights.len()];
         let mut loss = 0.0;
         for (part, shard) in parts.iter().zip(&shards) {
             let share = shard.views() as f32 / views as f32;
@@ -147,8 +151,11 @@ impl<'a> RivalFit<'a> {
             gradient.iter_mut().zip(&part.1).for_each(|(sum, g)| *sum += share * g);
         }
         let config = self.settings.optimizer();
-        self.optimizer.step(&config, Schedule::new(&config).rate(self.step), &mut self.weights, &gradient);
-        self.step += 1;
+        let state = &mut self.state;
+        state.optimizer.step(&config, Schedule::new(&config).rate(state.step), &mut state.weights, &gradient);
+        state.step += 1;
+        // Over some fifty steps.
+        state.loss = Some(state.loss.map_or(loss, |mean| mean + 0.02 * (loss - mean)));
         Ok(loss)
     }
 
@@ -157,7 +164,7 @@ impl<'a> RivalFit<'a> {
     /// # Errors
     /// When the weights have diverged.
     pub fn rival(&self) -> Result<Rival> {
-        model::native(self.settings.kind, &self.weights)
+        model::native(self.settings.kind, &self.state.weights)
     }
 }
 

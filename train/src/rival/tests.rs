@@ -87,11 +87,11 @@ fn training_lowers_the_cross_entropy_and_equal_seeds_give_equal_samplers() {
     for kind in RivalKind::ALL {
         let settings = RivalSettings { steps: 40, views: 32, directions: 16, ..RivalSettings::new(kind) };
         let run = || {
-            let mut fit = RivalFit::new(settings, &material).unwrap();
+            let mut fit = RivalFit::new(settings, &material, None).unwrap();
             for _ in 0..settings.steps {
                 fit.advance().unwrap();
             }
-            fit.weights
+            fit.state.weights
         };
         let weights = run();
         let [before, after] = [&model::initial_weights(kind, settings.seed), &weights]
@@ -99,4 +99,43 @@ fn training_lowers_the_cross_entropy_and_equal_seeds_give_equal_samplers() {
         assert!(after < before - 0.02, "{kind:?}: {before} {after}");
         assert!(run() == weights, "{kind:?}");
     }
+}
+
+#[test]
+fn a_training_that_was_interrupted_ends_as_one_that_was_not() {
+    let materials = [material(2.0), material(3.0)];
+    let settings = RivalSettings { steps: 6, views: 8, directions: 8, ..RivalSettings::new(RivalKind::Lobes) };
+    let advance = |fit: &mut RivalFit<'_>, steps: usize| {
+        for _ in 0..steps {
+            fit.advance().unwrap();
+        }
+    };
+    let whole = materials.each_ref().map(|material| {
+        let mut fit = RivalFit::new(settings, material, None).unwrap();
+        advance(&mut fit, 6);
+        fit.state
+    });
+    let mut begun = RivalFit::new(settings, &materials[1], None).unwrap();
+    advance(&mut begun, 2);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("state");
+    RivalState::write_all(&path, &settings, &materials, &[&whole[0], &begun.state]).unwrap();
+    let mut read = RivalState::read_all(&path, &settings, &materials).unwrap();
+    assert_eq!(read[0], whole[0]);
+    let mut second = RivalFit::new(settings, &materials[1], read.pop()).unwrap();
+    advance(&mut second, 4);
+    assert_eq!(second.state, whole[1]);
+
+    let error = |settings: &RivalSettings, materials: &[RivalMaterial]| {
+        RivalState::read_all(&path, settings, materials).unwrap_err().to_string()
+    };
+    assert!(error(&RivalSettings { seed: 1, ..settings }, &materials).contains("other settings"));
+    assert!(error(&settings, &materials[1..]).contains("other settings"));
+    // A file of fewer weights than the settings' kind has.
+    let mut short = begun.state;
+    short.weights.pop();
+    let refused = RivalFit::new(settings, &materials[1], Some(short)).err().unwrap().to_string();
+    assert!(refused.contains("of this kind of sampler"), "{refused}");
+    std::fs::write(&path, b"nothing").unwrap();
+    assert!(error(&settings, &materials).contains("is no state of a fit"));
 }

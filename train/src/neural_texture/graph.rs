@@ -1,4 +1,4 @@
-//! The material in the tensor library: the same arithmetic as the renderer's, with gradients.
+//! The material in the tensor library: what the renderer's evaluation and the fused gradient are held against.
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -9,29 +9,16 @@ use headtail_model::burn::{
 };
 use headtail_render::{
     brdf::neural_texture::{
-        COSINE_FLOOR, Description, FARTHEST, FARTHEST_SHIFT, FEATURES, LARGEST_LOG, LEAST_SHIFT_COSINE, LOBE_FLOOR,
-        MIXTURE_SIZES, Networks, NeuralTexture, Pyramid, REFLECTANCE_SIZES, SHIFT_SIZES, WIDTHS,
+        COSINE_FLOOR, FARTHEST, FARTHEST_SHIFT, FEATURES, LARGEST_LOG, LEAST_SHIFT_COSINE, LOBE_FLOOR, Pyramid, WIDTHS,
     },
-    color::luminance,
     fabric::Query,
-    head::Linear,
-    random::{Purpose, Stream},
 };
 
-use super::{LEAKY_SLOPE, Samples};
-use crate::{Error, Result};
-
-/// What is added to a prediction in the denominator of relative errors, over the mean of the batch.
-const ERROR_FLOOR: f32 = 0.05;
-
-/// Sizes of the networks in the order of their weights.
-const NETWORKS: [&[usize]; 3] = [&SHIFT_SIZES, &REFLECTANCE_SIZES, &MIXTURE_SIZES];
-
-/// Where weights are in one list: texels, then for each network layer by layer a row-major `[out, in]` weight and a bias.
-#[derive(Clone, Debug)]
-pub struct Layout {
-    side: usize,
-}
+use super::{
+    LEAKY_SLOPE, Samples,
+    layout::{Layout, NETWORKS},
+    loss::Weighting,
+};
 
 /// The weights as tensors.
 struct Tensors {
@@ -41,61 +28,7 @@ struct Tensors {
 }
 
 impl Layout {
-    /// The layout for a texture of `side` texels along an axis.
-    pub fn new(side: usize) -> Self {
-        Self { side }
-    }
-
-    /// Texels of all levels.
-    pub fn texels(&self) -> usize {
-        Pyramid::texel_count(self.side)
-    }
-
-    /// How many weights there are.
-    pub fn weight_count(&self) -> usize {
-        let layers = NETWORKS.iter().flat_map(|sizes| sizes.windows(2));
-        FEATURES * self.texels() + layers.map(|size| (size[0] + 1) * size[1]).sum::<usize>()
-    }
-
-    /// Weights before the first step: small random texels, networks as PyTorch has them, and no shift.
-    pub fn initial_weights(&self, seed: u64) -> Vec<f32> {
-        let mut random = Stream::new(seed, Purpose::Weights, 0);
-        let mut weights: Vec<f32> = (0..FEATURES * self.texels()).map(|_| 0.2 * (random.uniform() - 0.5)).collect();
-        for (network, sizes) in NETWORKS.iter().enumerate() {
-            for (index, size) in sizes.windows(2).enumerate() {
-                let is_last_of_shift = network == 0 && index + 2 == sizes.len();
-                let bound = if is_last_of_shift { 0.0 } else { 1.0 / (size[0] as f32).sqrt() };
-                weights.extend((0..(size[0] + 1) * size[1]).map(|_| bound * (2.0 * random.uniform() - 1.0)));
-            }
-        }
-        weights
-    }
-
-    /// The renderer's form.
-    ///
-    /// # Errors
-    /// When a weight is not finite.
-    pub fn material(&self, weights: &[f32], description: Description) -> Result<NeuralTexture> {
-        let render = |error: headtail_render::Error| Error::Render(error.into());
-        let (texels, mut rest) = weights.split_at(FEATURES * self.texels());
-        let pyramid = Pyramid::new(self.side, texels.as_chunks().0.to_vec()).map_err(render)?;
-        let mut networks = Vec::new();
-        for sizes in NETWORKS {
-            let mut layers = Vec::new();
-            for (index, size) in sizes.windows(2).enumerate() {
-                let (weight, others) = rest.split_at(size[0] * size[1]);
-                let (bias, others) = others.split_at(size[1]);
-                let name = format!("linear{index}");
-                layers.push(Linear::new(&name, size[0], size[1], weight, bias.to_vec()).map_err(render)?);
-                rest = others;
-            }
-            networks.push(layers);
-        }
-        let [shift, reflectance, mixture] = networks.try_into().expect("there are three networks");
-        let leaky_slope = description.leaky_slope;
-        NeuralTexture::new(pyramid, Networks { shift, reflectance, mixture, leaky_slope }, description).map_err(render)
-    }
-
+    /// The weights in the tensor library.
     fn tensors(&self, weights: &[f32], device: &Device) -> Tensors {
         let tensor = |values: &[f32], shape: [usize; 2]| {
             Tensor::<2>::from_data(TensorData::new(values.to_vec(), shape), device).require_grad()
@@ -116,7 +49,7 @@ impl Layout {
         Tensors { texels, networks }
     }
 
-    /// Mean of squared relative errors, and the gradient of all losses.
+    /// The mean error, and the gradient of all losses.
     pub fn gradient(&self, weights: &[f32], samples: &Samples, device: &Device) -> (f32, Vec<f32>) {
         let tensors = self.tensors(weights, device);
         let features = self.features(&tensors, samples, device);
@@ -125,10 +58,13 @@ impl Layout {
 
         let flat: Vec<f32> = samples.values.iter().flat_map(Vec3::to_array).collect();
         let truth = Tensor::<2>::from_data(TensorData::new(flat, [samples.len(), 3]), device);
-        let mean = samples.luminances().sum::<f32>() / samples.len() as f32;
-        let size = values.clone().detach().mean_dim(1).add_scalar(ERROR_FLOOR * mean + 1e-4);
-        let relative = (values - truth) / size;
-        let error = relative.powi_scalar(2).mean();
+        // Weights are constants: no gradient goes through them.
+        let weighting = Weighting::new(samples);
+        let of = |value: &[f32; 3]| [weighting.of(Vec3::from_array(*value)); 3];
+        let known = values.clone().detach().try_into_vec_as::<f32>().expect("values are readable");
+        let shares: Vec<f32> = known.as_chunks().0.iter().flat_map(of).collect();
+        let shares = Tensor::<2>::from_data(TensorData::new(shares, [samples.len(), 3]), device);
+        let error = ((values - truth).powi_scalar(2) * shares).sum();
 
         let likelihood = directions.likelihood(&tensors, features.detach(), samples, device);
         let loss = error.clone() - likelihood;
@@ -151,7 +87,7 @@ impl Layout {
             |values: Vec<f32>, width: usize| Tensor::<2>::from_data(TensorData::new(values, [count, width]), device);
         let (mut texels, mut weights) = (Vec::new(), Vec::new());
         for (query, &level) in samples.queries.iter().zip(&samples.levels) {
-            for (texel, weight) in Pyramid::taps(self.side, query.uv, level) {
+            for (texel, weight) in Pyramid::taps(self.side(), query.uv, level) {
                 texels.push(texel as i32);
                 weights.push(weight);
             }
@@ -176,13 +112,13 @@ impl Layout {
         // Of the two levels: texels along an axis, what is subtracted from places in texels, the level's share.
         let mut of_levels = [(); 2].map(|()| (Vec::new(), Vec::new(), Vec::new()));
         for (uv, &level) in known.as_chunks::<2>().0.iter().zip(levels) {
-            let taps = Pyramid::taps(self.side, Vec2::from_array(*uv), level);
+            let taps = Pyramid::taps(self.side(), Vec2::from_array(*uv), level);
             texels.extend(taps.iter().map(|&(texel, _)| texel as i32));
-            let coarsest = self.side.ilog2();
+            let coarsest = self.side().ilog2();
             let below = (level.max(0.0) as u32).min(coarsest);
             let between = level.clamp(0.0, coarsest as f32) - below as f32;
             for (k, (sides, starts, shares)) in of_levels.iter_mut().enumerate() {
-                let side = (self.side >> (below + k as u32).min(coarsest)) as f32;
+                let side = (self.side() >> (below + k as u32).min(coarsest)) as f32;
                 sides.push(side);
                 // The same steps as in the renderer, so that both find the same texel.
                 starts.extend(uv.map(|x| x.floor() * side + ((x - x.floor()) * side - 0.5).floor() + 0.5));
@@ -273,10 +209,7 @@ impl Directions {
         let round = width(6, 1);
         let round = self.log_density(share(5), Tensor::cat(vec![round.clone(), round], 1), self.slopes.clone());
 
-        let weight = |(value, density): (&Vec3, &f32)| luminance((*value).into()) / density;
-        let weights: Vec<f32> = samples.values.iter().zip(&samples.densities).map(weight).collect();
-        let sum = weights.iter().sum::<f32>().max(f32::MIN_POSITIVE);
-        let weights = weights.iter().map(|weight| weight / sum).collect::<Vec<_>>();
+        let weights = Weighting::new(samples).likelihood;
         let weights = Tensor::<2>::from_data(TensorData::new(weights, [samples.len(), 1]), device);
         ((moved + round) * weights).sum()
     }
