@@ -151,7 +151,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let output = OutputFolder::take(&arguments.out, &["composite.exr"])?;
     let setting = Setting::open(arguments)?;
     ensure!(
-        !matches!(arguments.sampler, SamplerSpec::Learning(..)),
+        !matches!(arguments.sampler, SamplerSpec::Learning { .. }),
         "--sampler {}: masks are taken in one pass, in which nothing can be learned: name a sampler without +vis",
         arguments.sampler
     );

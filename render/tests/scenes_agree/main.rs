@@ -142,7 +142,7 @@ fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
     let source = Source::File(FileKind::of(&over), path("over-patches"));
     vec![
         SamplerSpec::One(source.clone()),
-        SamplerSpec::Learning(source, None),
+        SamplerSpec::Learning { source, candidates: None, grid: LearnedVisibility::GRID, known: None },
         write("coupled", Intermediate::Head(coupled), Hierarchical, Some(summary.clone())),
         write("autoregressive", Intermediate::Head(autoregressive), RowColumn, Some(summary.clone())),
         write("baked", Intermediate::Bake(table), RowColumn, Some(summary)),
