@@ -323,7 +323,10 @@ fn learning(
         FileKind::Baked | FileKind::Direct => exported
             .table_and_light(environment)
             .and_then(|(table, light)| LearnedVisibility::of_table(table, light, (grid, mixed), place.memory)),
-        FileKind::Head => return Err(Error::argument(format!("sampler '{source}'"), ONLY_THESE_LEARN)),
+        FileKind::Head => exported
+            .sampler(environment, mixed)
+            .and_then(Covering::new)
+            .and_then(|head| LearnedVisibility::beside_head(head, environment.clone(), place.memory)),
     };
     built.map_err(|error| error.in_file(file))
 }
@@ -383,7 +386,10 @@ impl FromStr for SamplerSpec {
         };
         let rest = rest.trim_start_matches(':');
         let (count, source) = rest.split_once(':').map_or((rest, None), |(count, source)| (count, Some(source)));
-        Ok(Self::Ris(candidates_of(count, text)?, source.map_or(Ok(Source::Emitter), |source| source_of(source, text))?))
+        Ok(Self::Ris(
+            candidates_of(count, text)?,
+            source.map_or(Ok(Source::Emitter), |source| source_of(source, text))?,
+        ))
     }
 }
 
@@ -445,7 +451,11 @@ impl<'a> Learning<'a> {
         let side = match grid {
             "" => LearnedVisibility::GRID,
             "8" | "16" | "32" if of_table => grid.parse().unwrap_or(LearnedVisibility::GRID),
-            _ => return Err(wrong("the cells along a side of a table's weights are 8, 16 or 32, as in direct+vis8:FILE")),
+            _ => {
+                return Err(wrong(
+                    "the cells along a side of a table's weights are 8, 16 or 32, as in direct+vis8:FILE",
+                ));
+            }
         };
         learning(source, None, side, known)
     }

@@ -74,18 +74,25 @@ impl WeightedTable {
         for node in 0..nodes {
             let alone = Blend { nodes: [node; 4], weights: [1.0, 0.0, 0.0, 0.0] };
             let sum = |row: usize, column: usize| -> f64 {
-                let cells = fine[0][row].clone().flat_map(|row| fine[1][column].clone().map(move |column| (row, column)));
+                let cells =
+                    fine[0][row].clone().flat_map(|row| fine[1][column].clone().map(move |column| (row, column)));
                 cells.map(|(row, column)| f64::from(table.quantized.mass(&alone, row, column))).sum()
             };
             let sums: Vec<f64> =
                 (0..layout.rows * layout.columns).map(|k| sum(k / layout.columns, k % layout.columns)).collect();
             let unit = sums.iter().copied().fold(0.0, f64::max) / WHOLE;
             // Up: a cell that counts for less than it holds would have large weights.
-            let mass = |row: usize, column: usize| (sums[row * layout.columns + column] / unit).ceil().min(WHOLE) as u16;
+            let mass =
+                |row: usize, column: usize| (sums[row * layout.columns + column] / unit).ceil().min(WHOLE) as u16;
             masses.extend_from_slice(&layout.lay_out(mass));
             units.push(unit as f32);
         }
         Ok(Self { table, layout, coarse, fine, masses, units, even: layout.lay_out(|_, _| 255) })
+    }
+
+    /// How the weights of its coarse cells are laid out.
+    pub fn layout(&self) -> GridLayout {
+        self.layout
     }
 
     /// What patches of sky the coarse cells are of, where a tail carries them: `patch_at` gives the patch of a point of X.
@@ -145,6 +152,22 @@ impl WeightedTable {
     }
 }
 
+/// The weighted sums of the rows of one table.
+#[inline(always)]
+fn row_sums(layout: GridLayout, masses: &[u16], weights: &[u8], out: &mut [f32; MOST_COARSE]) {
+    for chunk in 0..layout.column() / LANES {
+        let mut sums = [0.0; LANES];
+        for column in 0..layout.columns {
+            let at = column * layout.column() + chunk * LANES;
+            let (masses, weights): (&[u16; LANES], &[u8; LANES]) = (lanes(masses, at), lanes(weights, at));
+            for k in 0..LANES {
+                sums[k] += i32::from(masses[k]) as f32 * i32::from(weights[k]) as f32;
+            }
+        }
+        out[chunk * LANES..][..LANES].copy_from_slice(&sums);
+    }
+}
+
 /// The masses of four tables from one place on, blended, each times its weight.
 #[inline(always)]
 fn weighted(masses: [&[u16]; 4], units: [f32; 4], weights: &[u8], at: usize) -> Lanes {
@@ -177,20 +200,23 @@ vectorized! {
     /// The running sums of the coarse rows of a strip; the table's own state and the numbers of the weights are there.
     fn prepare['a, W: Weighting](_simd, table: &'a WeightedTable, weighting: &'a W, state: &'a mut [Lanes]) {
         let layout = table.layout;
+        let (mut last, mut rows) = (None, [[0.0; MOST_COARSE]; 4]);
         for k in 0..LANES {
             let (masses, units) = table.coarse_masses(state, k);
-            let weights = table.weights(weighting, state[INDEX][k]);
-            for chunk in 0..layout.column() / LANES {
-                let mut rows = [0.0; LANES];
-                for column in 0..layout.columns {
-                    let own = weighted(masses, units, weights, column * layout.column() + chunk * LANES);
-                    for (sum, own) in rows.iter_mut().zip(own) {
-                        *sum += own;
-                    }
+            // The first of the four says which the others are.
+            let key = Some((state[NODES][k].to_bits(), state[INDEX][k].to_bits()));
+            // Neighbours mostly have the same tables and the same weights, and differ in what each table counts for.
+            if key != last {
+                let weights = table.weights(weighting, state[INDEX][k]);
+                for (rows, masses) in rows.iter_mut().zip(masses) {
+                    row_sums(layout, masses, weights, rows);
                 }
-                for (sums, row) in state[SUMS + chunk * LANES..].iter_mut().zip(rows) {
-                    sums[k] = row;
-                }
+                last = key;
+            }
+            for row in 0..layout.rows {
+                let near = units[0] * rows[0][row] + units[1] * rows[1][row];
+                let far = units[2] * rows[2][row] + units[3] * rows[3][row];
+                state[SUMS + row][k] = near + far;
             }
         }
         let mut sum = [0.0; LANES];
@@ -390,5 +416,162 @@ impl<W: Weighting> IntermediateDensity for WeightedDensity<'_, W> {
 
     fn density(&self, at: &Rows<'_>, state: &[Lanes], y: [&[Lanes]; 2], q: &mut [Lanes], _arena: &Arena) {
         density(self.table, self.weighting, at.len(), state, y, q);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        bake::{CellGrid, NormalGrid},
+        brdf::Lambert,
+        random::{Purpose, Stream},
+        tile::{ShadingPoint, Tile},
+        visibility::{PATCHES, Weights},
+    };
+    use glam::{Vec3, Vec3A};
+
+    struct One(Weights);
+
+    impl Weighting for One {
+        fn at(&self, _index: f32) -> Option<&Weights> {
+            Some(&self.0)
+        }
+    }
+
+    /// Sizes of tables with the sides of their coarse grids: multiples and not, a grid that is the table itself.
+    const SIZES: [(usize, usize, usize); 6] =
+        [(32, 32, 16), (32, 32, 8), (64, 64, 32), (7, 33, 16), (1, 1, 8), (64, 64, 8)];
+
+    fn weight(cell: usize) -> f32 {
+        ((cell * 37) % 10 + 1) as f32 / 10.0
+    }
+
+    fn tables() -> impl Iterator<Item = WeightedTable> {
+        SIZES.into_iter().map(|(rows, columns, side)| {
+            let (normals, cells) = (NormalGrid::new(5, 7).unwrap(), CellGrid::new(rows, columns).unwrap());
+            let table = BakedTable::fill(normals, cells, |normal, masses| {
+                for (k, mass) in masses.iter_mut().enumerate() {
+                    *mass = ((0.7 * k as f32 + 3.0 * normal.x + normal.z).sin() + 0.9).max(0.0) * (1.1 + normal.y);
+                }
+            });
+            WeightedTable::new(table.unwrap(), side).unwrap()
+        })
+    }
+
+    /// Runs work over columns of points of the square at one normal: three numbers of each.
+    fn at(
+        density: &impl IntermediateDensity,
+        normal: Vec3A,
+        points: &[Vec2],
+        work: impl Fn(&Rows<'_>, &[Lanes], [&[Lanes]; 2], [&mut [Lanes]; 3], &Arena),
+    ) -> Vec<(Vec2, f32)> {
+        let surface = Lambert { albedo: Vec3::ONE }.into();
+        let point = ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, surface };
+        let (arena, mut out) = (Arena::default(), Vec::new());
+        for points in points.chunks(1024) {
+            let tile = Tile::of(&vec![point; points.len()]);
+            let rows = tile.rows();
+            let mut state = vec![[0.0; LANES]; density.columns() * rows.strips()];
+            density.prepare(&rows, &mut state, &arena);
+            let mut columns = arena.columns::<5>(rows.strips());
+            let [a, b, u, v, q] = columns.get_mut();
+            for (k, point) in points.iter().enumerate() {
+                (a[k / LANES][k % LANES], b[k / LANES][k % LANES]) = (point.x, point.y);
+            }
+            work(&rows, &state, [a, b], [&mut *u, &mut *v, &mut *q], &arena);
+            let [_, _, u, v, q] = columns.get().map(<[Lanes]>::as_flattened);
+            out.extend((0..points.len()).map(|k| (Vec2::new(u[k], v[k]), q[k])));
+        }
+        out
+    }
+
+    fn densities(density: &impl IntermediateDensity, normal: Vec3A, y: &[Vec2]) -> Vec<f64> {
+        let work = |rows: &Rows<'_>, state: &[Lanes], y: [&[Lanes]; 2], [_, _, q]: [&mut [Lanes]; 3], arena: &Arena| {
+            density.density(rows, state, y, q, arena);
+        };
+        at(density, normal, y, work).into_iter().map(|(_, q)| f64::from(q)).collect()
+    }
+
+    fn normals() -> impl Iterator<Item = Vec3A> {
+        let mut random = Stream::new(4, Purpose::Test, 0);
+        (0..8).map(move |_| random.direction()).chain([Vec3A::Y, -Vec3A::Y])
+    }
+
+    fn centres(table: &WeightedTable) -> Vec<Vec2> {
+        let (rows, columns) = table.table.cells().shape();
+        let centre = |k: usize| {
+            Vec2::new(((k % columns) as f32 + 0.5) / columns as f32, ((k / columns) as f32 + 0.5) / rows as f32)
+        };
+        (0..rows * columns).map(centre).collect()
+    }
+
+    #[test]
+    fn the_density_is_the_table_s_times_the_weights() {
+        for table in tables() {
+            let weights = One(Weights::new(|_| 1.0, &[1.0; PATCHES]).with_grid(table.layout(), weight));
+            let centres = centres(&table);
+            for normal in normals() {
+                let own = densities(&table.weighted(&weights), normal, &centres);
+                let mean = own.iter().sum::<f64>() / own.len() as f64;
+                assert!((mean - 1.0).abs() < 1e-5, "{mean}");
+                let plain = table.table.density_at(normal, &centres);
+                let (rows, columns) = table.table.cells().shape();
+                let weighted: Vec<f64> = (0..rows * columns)
+                    .map(|k| {
+                        let (row, column) = (table.coarse[0][k / columns], table.coarse[1][k % columns]);
+                        // In steps of 1/255, as weights are kept.
+                        let weight = weight(usize::from(row) * table.layout.columns + usize::from(column));
+                        f64::from(plain[k]) * f64::from((255.0 * weight).round())
+                    })
+                    .collect();
+                let all = weighted.iter().sum::<f64>() / weighted.len() as f64;
+                let largest = weighted.iter().copied().fold(0.0, f64::max) / all;
+                for (own, weighted) in own.iter().zip(&weighted) {
+                    // A coarse cell is rounded up by a step of 1/65535 of the largest of each of four tables, whose largest need not be that
+                    // of the blend: a few steps. The whole is larger by as much.
+                    let expected = weighted / all;
+                    assert!((own - expected).abs() < 1e-4 * (expected + 10.0 * largest), "{own} {expected} {largest}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn draws_grow_with_their_uniform_numbers_and_have_the_density_that_is_given() {
+        const STEPS: usize = 2048;
+        let share = |k: usize| k as f32 / STEPS as f32;
+        for table in tables() {
+            let weights = One(Weights::new(|_| 1.0, &[1.0; PATCHES]).with_grid(table.layout(), weight));
+            let density = table.weighted(&weights);
+            let work =
+                |rows: &Rows<'_>, state: &[Lanes], z: [&[Lanes]; 2], [u, v, q]: [&mut [Lanes]; 3], arena: &Arena| {
+                    density.sample(rows, state, z, [u, v], q, arena);
+                };
+            for normal in normals() {
+                let down: Vec<Vec2> = (0..STEPS).map(|k| Vec2::new(0.3, share(k))).collect();
+                let along: Vec<Vec2> = (0..STEPS).map(|k| Vec2::new(share(k), 0.7)).collect();
+                let (down, along) = (at(&density, normal, &down, work), at(&density, normal, &along, work));
+                // Within a coarse row, what a column holds decides where it is divided: the order of rows is kept from one coarse row to the next.
+                let row = |y: Vec2| table.coarse[0][table.table.cells().cell(y).0];
+                assert!(down.windows(2).all(|pair| row(pair[0].0) <= row(pair[1].0)));
+                let column = |y: Vec2| table.coarse[1][table.table.cells().cell(y).1];
+                assert!(along.windows(2).all(|pair| column(pair[0].0) <= column(pair[1].0)));
+                for drawn in [down, along] {
+                    let y: Vec<Vec2> = drawn.iter().map(|&(y, _)| y).collect();
+                    for ((y, q), found) in drawn.iter().zip(densities(&density, normal, &y)) {
+                        assert!((f64::from(*q) / found - 1.0).abs() < 1e-5, "{y}: {q} {found}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn only_three_sizes_are_taken() {
+        let table = || tables().next().unwrap().table;
+        for side in [0, 7, 64, usize::MAX] {
+            assert!(WeightedTable::new(table(), side).unwrap_err().to_string().contains("8, 16 or 32"));
+        }
     }
 }

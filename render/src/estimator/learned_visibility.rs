@@ -8,9 +8,9 @@ use crate::{
     columns::Arena,
     environment::Environment,
     error::Result,
-    patches::{Detail, PatchSampler},
+    patches::{Detail, PatchSampler, WeightedPatches},
     points::Points,
-    sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis, ProductSampler, Sampler},
+    sampler::{BrdfSampler, Coverage, Covering, Draws, EnvironmentLight, OneSampleMis, ProductSampler, Sampler},
     simd::Lanes,
     tail::TailKind,
     tile::Rows,
@@ -41,6 +41,8 @@ enum Technique {
     Patches(Covering<PatchSampler>),
     /// By a table, perhaps in a mixture with BRDF sampling.
     Table { light: EnvironmentLight, table: WeightedTable, mixed: bool },
+    /// By patches of sky, beside a head in the place of BRDF sampling.
+    Beside { patches: PatchSampler, head: Arc<dyn Sampler> },
     /// Resampled from those of a sampler and BRDF sampling.
     Resampled(Box<Ris<Arc<dyn Sampler>, BrdfSampler>>),
 }
@@ -84,6 +86,17 @@ impl LearnedVisibility {
         sampler?;
         let division = sky.division().with_grid(table.patch_grid(light.tail(), |x| sky.patch_at(x)));
         Ok(Self::with(Technique::Table { light, table, mixed }, sky, division, environment, memory))
+    }
+
+    /// Patches of a map's sky beside a head, which covers the integrand: where lobes are narrow against patches, the head has the share that BRDF sampling has
+    /// otherwise, and more.
+    ///
+    /// # Errors
+    /// The map has no light, or is too large.
+    pub fn beside_head(head: Covering<Arc<dyn Sampler>>, environment: Arc<Environment>, memory: usize) -> Result<Self> {
+        let sky = patches_of(&environment, Detail::Leaves)?;
+        let (patches, division) = (sky.clone(), sky.division());
+        Ok(Self::with(Technique::Beside { patches, head: head.into_inner() }, sky, division, environment, memory))
     }
 
     /// Resampling whose target knows what is seen.
@@ -153,6 +166,10 @@ impl LearnedVisibility {
                     propose_one(&sampler, environment, at, points, out, arena);
                 }
             }
+            Technique::Beside { patches, head } => {
+                let sampler = OneSampleMis::new(LeavingMore(patches.weighted(weighting)), head.clone());
+                propose_one(&sampler, environment, at, points, out, arena);
+            }
             Technique::Resampled(ris) => {
                 let mut indices = arena.columns::<1>(at.strips());
                 weighting.indices(at, indices.get_mut()[0]);
@@ -164,6 +181,45 @@ impl LearnedVisibility {
         }
     }
 }
+
+/// Patches that leave a larger share to others.
+struct LeavingMore<'a, W>(WeightedPatches<'a, W>);
+
+impl<W: Weighting> Sampler for LeavingMore<'_, W> {
+    fn columns(&self) -> usize {
+        self.0.columns()
+    }
+
+    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
+        self.0.prepare(at, state, arena);
+    }
+
+    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
+        self.0.sample(at, state, u, out, arena);
+    }
+
+    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
+        self.0.pdf(at, state, wi, out, arena);
+    }
+
+    fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        self.0.share(at, out, arena);
+        for share in out.as_flattened_mut() {
+            let of_head = (*OF_HEAD * (1.0 - *share)).clamp(*LEAST_OF_HEAD, MOST_OF_HEAD);
+            *share = 1.0 - of_head;
+        }
+    }
+
+    fn coverage(&self) -> Coverage {
+        self.0.coverage()
+    }
+}
+
+static OF_HEAD: std::sync::LazyLock<f32> =
+    std::sync::LazyLock::new(|| std::env::var("HT_REST").unwrap().parse().unwrap());
+static LEAST_OF_HEAD: std::sync::LazyLock<f32> =
+    std::sync::LazyLock::new(|| std::env::var("HT_FLAT").unwrap().parse().unwrap());
+const MOST_OF_HEAD: f32 = 0.9;
 
 fn patches_of(environment: &Arc<Environment>, detail: Detail) -> Result<PatchSampler> {
     PatchSampler::new(EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?, detail)

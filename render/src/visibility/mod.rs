@@ -157,7 +157,8 @@ impl VisibilityCache {
     /// How large it is.
     pub fn size(&self) -> CacheSize {
         let (cells, bytes) = self.known.as_ref().map_or((0, 0), |known| (known.count(), known.bytes()));
-        let (cells, bytes) = (cells + self.counts.cells(), bytes + self.counts.cells() * Self::cell_bytes(&self.division));
+        let (cells, bytes) =
+            (cells + self.counts.cells(), bytes + self.counts.cells() * Self::cell_bytes(&self.division));
         let [all, unknown] = self.asked.each_ref().map(|count| count.load(Relaxed) as f64);
         CacheSize { cells, bytes, unknown: unknown / all.max(1.0) }
     }
