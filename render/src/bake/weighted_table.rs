@@ -334,7 +334,7 @@ vectorized! {
                 let (column, before, sum) = search(sums, z[0][strip][k] * whole);
                 let right = remap(z[0][strip][k] * whole, before, sum);
                 let of_cell = [&table.fine[0][row], &table.fine[1][column]];
-                let size = of_cell.map(|cells| cells.len());
+                let size = of_cell.map(ExactSizeIterator::len);
                 let fine = Fine::new(&table.table.quantized, &blend_of(state, k), of_cell);
                 let down = coarse.below[k] * fine.rows[size[0] - 1];
                 let (fine_row, before_row, sum_row) = search(&fine.rows[..size[0]], down);
@@ -373,7 +373,7 @@ vectorized! {
                 let of_cell = [&table.fine[0][at[0]], &table.fine[1][at[1]]];
                 let fine = Fine::new(&table.table.quantized, &blend_of(state, k), of_cell);
                 let place = [row - of_cell[0].start, column - of_cell[1].start];
-                let of_fine = fine.probability(place, of_cell.map(|cells| cells.len()));
+                let of_fine = fine.probability(place, of_cell.map(ExactSizeIterator::len));
                 q[strip][k] = of_row * of_column * of_fine * (rows * columns) as f32;
             }
         }

@@ -8,9 +8,9 @@ use crate::{
     columns::Arena,
     environment::Environment,
     error::Result,
-    patches::{Detail, PatchSampler, WeightedPatches},
+    patches::{Detail, PatchSampler},
     points::Points,
-    sampler::{BrdfSampler, Coverage, Covering, Draws, EnvironmentLight, OneSampleMis, ProductSampler, Sampler},
+    sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis, ProductSampler, Sampler},
     simd::Lanes,
     tail::TailKind,
     tile::Rows,
@@ -40,7 +40,7 @@ enum Technique {
     /// By patches of sky, beside BRDF sampling where surfaces are glossy.
     Patches(Covering<PatchSampler>),
     /// By a table, perhaps in a mixture with BRDF sampling.
-    Table { light: EnvironmentLight, table: WeightedTable, mixed: bool },
+    Table { light: EnvironmentLight, table: Box<WeightedTable>, mixed: bool },
     /// By patches of sky, beside a head in the place of BRDF sampling.
     Beside { patches: PatchSampler, head: Arc<dyn Sampler> },
     /// Resampled from those of a sampler and BRDF sampling.
@@ -82,14 +82,13 @@ impl LearnedVisibility {
     ) -> Result<Self> {
         let environment = light.environment().clone();
         let (sky, table) = (patches_of(&environment, Detail::Leaves)?, WeightedTable::new(table, side)?);
-        let sampler = Covering::new(ProductSampler::new(light.clone(), table.weighted(&Unoccluded)));
-        sampler?;
+        Covering::new(ProductSampler::new(light.clone(), table.weighted(&Unoccluded)))?;
         let division = sky.division().with_grid(table.patch_grid(light.tail(), |x| sky.patch_at(x)));
-        Ok(Self::with(Technique::Table { light, table, mixed }, sky, division, environment, memory))
+        Ok(Self::with(Technique::Table { light, table: Box::new(table), mixed }, sky, division, environment, memory))
     }
 
-    /// Patches of a map's sky beside a head, which covers the integrand: where lobes are narrow against patches, the head has the share that BRDF sampling has
-    /// otherwise, and more.
+    /// Patches of a map's sky beside a head that covers the integrand, with the share that BRDF sampling has otherwise: more where lobes are narrow against
+    /// patches, and none on diffuse surfaces, where patches alone do better.
     ///
     /// # Errors
     /// The map has no light, or is too large.
@@ -167,7 +166,7 @@ impl LearnedVisibility {
                 }
             }
             Technique::Beside { patches, head } => {
-                let sampler = OneSampleMis::new(LeavingMore(patches.weighted(weighting)), head.clone());
+                let sampler = OneSampleMis::new(patches.weighted(weighting), head.clone());
                 propose_one(&sampler, environment, at, points, out, arena);
             }
             Technique::Resampled(ris) => {
@@ -181,45 +180,6 @@ impl LearnedVisibility {
         }
     }
 }
-
-/// Patches that leave a larger share to others.
-struct LeavingMore<'a, W>(WeightedPatches<'a, W>);
-
-impl<W: Weighting> Sampler for LeavingMore<'_, W> {
-    fn columns(&self) -> usize {
-        self.0.columns()
-    }
-
-    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
-        self.0.prepare(at, state, arena);
-    }
-
-    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
-        self.0.sample(at, state, u, out, arena);
-    }
-
-    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
-        self.0.pdf(at, state, wi, out, arena);
-    }
-
-    fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        self.0.share(at, out, arena);
-        for share in out.as_flattened_mut() {
-            let of_head = (*OF_HEAD * (1.0 - *share)).clamp(*LEAST_OF_HEAD, MOST_OF_HEAD);
-            *share = 1.0 - of_head;
-        }
-    }
-
-    fn coverage(&self) -> Coverage {
-        self.0.coverage()
-    }
-}
-
-static OF_HEAD: std::sync::LazyLock<f32> =
-    std::sync::LazyLock::new(|| std::env::var("HT_REST").unwrap().parse().unwrap());
-static LEAST_OF_HEAD: std::sync::LazyLock<f32> =
-    std::sync::LazyLock::new(|| std::env::var("HT_FLAT").unwrap().parse().unwrap());
-const MOST_OF_HEAD: f32 = 0.9;
 
 fn patches_of(environment: &Arc<Environment>, detail: Detail) -> Result<PatchSampler> {
     PatchSampler::new(EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?, detail)

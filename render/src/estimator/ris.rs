@@ -29,6 +29,9 @@ pub struct Ris<A, B> {
     environment: Arc<Environment>,
 }
 
+/// What multiplies the targets of one direction of each row.
+pub(super) type Weigh<'a> = &'a dyn Fn([&[Lanes]; 3], &mut [Lanes]);
+
 /// What is kept of the candidates so far: the sum of weights, the survivor's direction and its target.
 ///
 /// `random` decides whether a candidate takes the survivor's place, and what is left of it decides on the next: one uniform number, independent
@@ -101,7 +104,7 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
         at: &Rows<'_>,
         states: [&[Lanes]; 2],
         (points, index): (&Points, u32),
-        weigh: &dyn Fn([&[Lanes]; 3], &mut [Lanes]),
+        weigh: Weigh<'_>,
         reservoirs: &mut Reservoirs<'_>,
         arena: &Arena,
     ) {
@@ -147,7 +150,7 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
         &self,
         at: &Rows<'_>,
         points: &Points,
-        weigh: &dyn Fn([&[Lanes]; 3], &mut [Lanes]),
+        weigh: Weigh<'_>,
         out: &mut Contributions,
         arena: &Arena,
     ) {

@@ -4,7 +4,7 @@ use std::sync::{Arc, LazyLock};
 
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
-    bake::{BakedTable, CellGrid, NormalGrid, WeightedTable, direct_bake},
+    bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
     brdf::Lambert,
     columns::Arena,
     environment::{Environment, built_in, without_compact_emitters},
@@ -17,7 +17,7 @@ use headtail_render::{
     simd::Lanes,
     tail::{Tail, TailKind, WarpMap},
     tile::{Rows, ShadingPoint},
-    visibility::{GridLayout, PATCHES, Weighting, Weights},
+    visibility::{PATCHES, Weighting, Weights},
 };
 use rayon::prelude::*;
 
@@ -41,55 +41,7 @@ struct Weighted {
 
 struct Uneven([Weights; 3]);
 
-/// A table with such weights on a coarse grid.
-struct WeightedCells {
-    light: EnvironmentLight,
-    table: WeightedTable,
-    weights: Uneven,
-}
-
-impl WeightedCells {
-    fn new(light: &EnvironmentLight, table: BakedTable, side: usize) -> Self {
-        let table = WeightedTable::new(table, side).unwrap();
-        let weights = Uneven::new().on_grid(table.layout());
-        Self { light: light.clone(), table, weights }
-    }
-
-    fn sampler(&self) -> impl Sampler {
-        ProductSampler::new(self.light.clone(), self.table.weighted(&self.weights))
-    }
-}
-
-impl Sampler for WeightedCells {
-    fn columns(&self) -> usize {
-        self.sampler().columns()
-    }
-
-    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
-        self.sampler().prepare(at, state, arena);
-    }
-
-    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
-        self.sampler().sample(at, state, u, out, arena);
-    }
-
-    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
-        self.sampler().pdf(at, state, wi, out, arena);
-    }
-
-    fn coverage(&self) -> Coverage {
-        self.light.coverage()
-    }
-}
-
 impl Uneven {
-    /// The third kind has none on the grid.
-    fn on_grid(self, layout: GridLayout) -> Self {
-        let of = |weights: Weights, salt: usize| weights.with_grid(layout, |cell| ((cell * salt) % 9) as f32 / 8.0);
-        let [a, b, c] = self.0;
-        Self([of(a, 5), of(b, 7), c])
-    }
-
     fn new() -> Self {
         let of = |salt: usize| {
             let weight =
@@ -196,9 +148,6 @@ impl World {
         product("direct 16x32 8x8", composed(&light, direct([16, 32], [8, 8])));
         product("direct 2x3 5x12", composed(&light, direct([2, 3], [5, 12])));
         product("filled table", composed(&light, waves()));
-        product("weighted table", Box::new(WeightedCells::new(&light, direct([16, 32], [32, 32]), 16)));
-        // Neither rows nor columns are a multiple of the coarse ones.
-        product("weighted filled table", Box::new(WeightedCells::new(&light, waves(), 8)));
         product("coupled, K = 4", composed(&light, random_head(Mode::Coupled, 4, &[])));
         product("autoregressive, K = 4", composed(&light, random_head(Mode::Autoregressive, 4, &[])));
         product("coupled, K = 32, encoder", composed(&light, random_head(Mode::Coupled, 32, &[16, 12])));
