@@ -37,7 +37,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let ([scenes, maps, material, samplers, budgets], size) = match arguments.as_slice() {
         [a, b, c, d, e] => ([a, b, c, d, e], "160x120"),
         [a, b, c, d, e, size, ..] => ([a, b, c, d, e], &**size),
-        _ => return Ok(println!("usage: SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES]]]")),
+        _ => {
+            println!("usage: SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES]]]");
+            return Ok(());
+        }
     };
     let points = arguments.get(6).map_or(Ok(PointSet::Sobol), |points| points.parse())?;
     let memory = arguments.get(7).map_or(Ok(64), |megabytes| megabytes.parse::<usize>())? << 20;
