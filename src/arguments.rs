@@ -55,7 +55,7 @@ pub struct ViewArguments {
     /// finer grain; with :N in sets of N samples, else in sets that the budget fits into) or independent (random).
     #[arg(long, value_name = "POINTS", default_value = "sobol")]
     pub points: PointsArgument,
-    /// Most that patches+vis learns of a scene, in MB of 2^20 bytes; its cells grow where that is not enough.
+    /// Most that samplers with +vis learn of a scene, in MB of 2^20 bytes; its cells grow where that is not enough.
     #[arg(long, value_name = "MB", default_value_t = VISIBILITY_MEGABYTES, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub visibility_memory: u32,
     /// Threads to render with. Default: all cores.

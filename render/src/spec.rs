@@ -46,9 +46,17 @@ pub enum SamplerSpec {
     One(Source),
     /// Two-sample MIS with BRDF sampling, power heuristic; two shadow rays.
     Two(Source),
-    /// One direction, from a source that learns what is visible while an image is rendered: patches, or a head over them. Patches may begin with the
-    /// visibility in a file.
-    Learning(Source, Option<PathBuf>),
+    /// What learns what is visible while an image is rendered.
+    Learning {
+        /// Patches, a head over them, a table, or a head.
+        source: Source,
+        /// The candidates of resampling with a target that knows what is visible, half of them from the source; otherwise one direction is drawn.
+        candidates: Option<u32>,
+        /// The cells along a side of Y that a table's weights have.
+        grid: usize,
+        /// What was learned beforehand.
+        known: Option<PathBuf>,
+    },
     /// Resampled importance sampling with this many candidates, half of them from the source, half from BRDF sampling.
     Ris(u32, Source),
 }
@@ -196,7 +204,7 @@ impl SamplerSpec {
     /// Where the directions come from.
     pub fn source(&self) -> &Source {
         match self {
-            Self::One(source) | Self::Two(source) | Self::Learning(source, _) | Self::Ris(_, source) => source,
+            Self::One(source) | Self::Two(source) | Self::Learning { source, .. } | Self::Ris(_, source) => source,
         }
     }
 
@@ -218,24 +226,14 @@ impl SamplerSpec {
     /// # Errors
     /// A file cannot be read, is of another kind, or was made for another map or another scene.
     pub fn build_in(&self, environment: &Arc<Environment>, place: Place<'_>) -> Result<Box<dyn Estimator>> {
-        match self {
-            Self::Learning(Source::Patches(detail), file) => {
-                return Ok(Box::new(learned(*detail, file.as_deref(), environment, place)?));
-            }
-            Self::Learning(Source::File(FileKind::HeadOverPatches, file), None) => {
-                let exported = read(FileKind::HeadOverPatches, file)?;
-                let sampler = exported.patch_sampler(environment).map_err(|error| error.in_file(file))?;
-                return Ok(Box::new(LearnedVisibility::of_sampler(sampler, environment.clone(), place.memory)?));
-            }
-            _ => {}
+        if let Self::Learning { source, candidates, grid, known } = self {
+            let estimator = learning(source, (*candidates, *grid), environment, place)?;
+            return Ok(Box::new(knowing(estimator, known.as_deref(), environment, place)?));
         }
         let source = self.source().build_in(environment, place)?;
         let environment = environment.clone();
         Ok(match self {
-            Self::Learning(source, _) => {
-                return Err(Error::argument(format!("sampler '{source}'"), "learns no visibility: only patches do"));
-            }
-            Self::One(_) => Box::new(SingleSample::new(Covering::new(source)?, environment)),
+            Self::One(_) | Self::Learning { .. } => Box::new(SingleSample::new(Covering::new(source)?, environment)),
             Self::Two(_) => Box::new(TwoSampleMis::new(source, BrdfSampler, environment)?),
             Self::Ris(candidates, _) => {
                 let brdf = Covering::new(BrdfSampler)?;
@@ -299,14 +297,47 @@ impl Source {
     }
 }
 
-/// Patches that learn, after what a file knows.
-fn learned(
-    detail: Detail,
+/// An estimator that learns what is visible.
+fn learning(
+    source: &Source,
+    (candidates, grid): (Option<u32>, usize),
+    environment: &Arc<Environment>,
+    place: Place<'_>,
+) -> Result<LearnedVisibility> {
+    if let Some(candidates) = candidates {
+        let source = Covering::new(source.build_in(environment, place)?)?;
+        let ris = Ris::new(source, Covering::new(BrdfSampler)?, candidates, environment.clone())?;
+        return LearnedVisibility::of_ris(ris, environment.clone(), place.memory);
+    }
+    let (kind, file, mixed) = match source {
+        Source::Patches(detail) => return LearnedVisibility::new(environment.clone(), *detail, place.memory),
+        Source::File(kind, file) => (*kind, file, false),
+        Source::Mixture(part) if let Source::File(kind, file) = &**part => (*kind, file, true),
+        _ => return Err(Error::argument(format!("sampler '{source}'"), ONLY_THESE_LEARN)),
+    };
+    let exported = read(kind, file)?;
+    let built = match kind {
+        FileKind::HeadOverPatches => exported
+            .patch_sampler(environment)
+            .and_then(|sampler| LearnedVisibility::of_sampler(sampler, environment.clone(), place.memory)),
+        FileKind::Baked | FileKind::Direct => exported
+            .table_and_light(environment)
+            .and_then(|(table, light)| LearnedVisibility::of_table(table, light, (grid, mixed), place.memory)),
+        FileKind::Head => exported
+            .sampler(environment, mixed)
+            .and_then(Covering::new)
+            .and_then(|head| LearnedVisibility::beside_head(head, environment.clone(), place.memory)),
+    };
+    built.map_err(|error| error.in_file(file))
+}
+
+/// The same estimator with what a file knows of the scene.
+fn knowing(
+    estimator: LearnedVisibility,
     file: Option<&Path>,
     environment: &Arc<Environment>,
     place: Place<'_>,
 ) -> Result<LearnedVisibility> {
-    let estimator = LearnedVisibility::new(environment.clone(), detail, place.memory)?;
     let Some(file) = file else {
         return Ok(estimator);
     };
@@ -341,35 +372,92 @@ impl FromStr for SamplerSpec {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {
-        let wrong = |reason: &str| Error::argument(format!("sampler '{text}'"), reason);
         if text == "mis2" {
             return Ok(Self::Two(Source::Emitter));
         }
         if let Some(source) = text.strip_prefix("mis2:") {
             return Ok(Self::Two(source_of(source, text)?));
         }
-        let knowing = text.split_once("+vis:").filter(|(source, _)| !source.contains(':') || *source == "patches:fine");
-        if let Some(file) = text.strip_prefix("head+patches+vis:").filter(|file| !file.is_empty()) {
-            return Ok(Self::Learning(Source::File(FileKind::HeadOverPatches, file.into()), None));
-        }
-        let learning = text.strip_suffix("+vis").filter(|source| !source.contains(':') || *source == "patches:fine");
-        let learning = learning.map(|source| (source, None));
-        if let Some((source, file)) = knowing.map(|(source, file)| (source, Some(file))).or(learning) {
-            let source = source_of(source, text)?;
-            return match (&source, file) {
-                (Source::Patches(_), Some("")) => Err(wrong("name a file, as in patches+vis:FILE")),
-                (Source::Patches(_), file) => Ok(Self::Learning(source, file.map(PathBuf::from))),
-                _ => Err(wrong("only patches learn visibility")),
-            };
+        if let Some(learning) = Learning::of(text) {
+            return learning.spec(text);
         }
         let Some(rest) = text.strip_prefix("ris").filter(|rest| rest.is_empty() || rest.starts_with(':')) else {
             return Ok(Self::One(source_of(text, text)?));
         };
         let rest = rest.trim_start_matches(':');
         let (count, source) = rest.split_once(':').map_or((rest, None), |(count, source)| (count, Some(source)));
-        let candidates = count.parse().ok().filter(|count| (1..=4096).contains(count));
-        let candidates = candidates.ok_or_else(|| wrong("name 1 to 4096 candidates, as in ris:4"))?;
-        Ok(Self::Ris(candidates, source.map_or(Ok(Source::Emitter), |source| source_of(source, text))?))
+        Ok(Self::Ris(
+            candidates_of(count, text)?,
+            source.map_or(Ok(Source::Emitter), |source| source_of(source, text))?,
+        ))
+    }
+}
+
+/// The candidates of resampling in a SPEC, which `whole` is.
+fn candidates_of(count: &str, whole: &str) -> Result<u32> {
+    let candidates = count.parse().ok().filter(|count| (1..=4096).contains(count));
+    candidates.ok_or_else(|| Error::argument(format!("sampler '{whole}'"), "name 1 to 4096 candidates, as in ris:4"))
+}
+
+const ONLY_THESE_LEARN: &str =
+    "learns no visibility: only patches, tables (direct, baked), heads over patches and resampling (ris:4+vis) do";
+
+/// The parts of the SPEC of a sampler that learns: `SAMPLER+vis[GRID][@KNOWN][:REST]`.
+struct Learning<'a> {
+    sampler: &'a str,
+    grid: &'a str,
+    known: Option<&'a str>,
+    rest: Option<&'a str>,
+}
+
+impl<'a> Learning<'a> {
+    /// `None` where a `+vis` is a part of a file's name, or there is none.
+    fn of(text: &'a str) -> Option<Self> {
+        let (sampler, rest) = text.split_once("+vis")?;
+        let is_name = !sampler.contains(':') || sampler == "patches:fine";
+        let is_ris = sampler.strip_prefix("ris:").is_some_and(|count| !count.contains(':'));
+        let (before, rest) = rest.split_once(':').map_or((rest, None), |(before, rest)| (before, Some(rest)));
+        let (grid, known) = before.split_once('@').map_or((before, None), |(grid, known)| (grid, Some(known)));
+        (is_name || is_ris).then_some(Self { sampler, grid, known, rest })
+    }
+
+    fn spec(self, whole: &str) -> Result<SamplerSpec> {
+        let wrong = |reason: &str| Error::argument(format!("sampler '{whole}'"), reason);
+        let Self { sampler, grid, known, rest } = self;
+        if known == Some("") || rest == Some("") {
+            return Err(wrong("name a file, as in patches+vis:FILE, direct+vis:FILE or direct+vis@LEARNED:FILE"));
+        }
+        let learning = |source, candidates, grid, known: Option<&str>| {
+            let known = known.map(PathBuf::from);
+            Ok(SamplerSpec::Learning { source, candidates, grid, known })
+        };
+        if let Some(count) = sampler.strip_prefix("ris:").filter(|_| grid.is_empty()) {
+            let source = rest.map_or(Ok(Source::Emitter), |source| source_of(source, whole))?;
+            return learning(source, Some(candidates_of(count, whole)?), LearnedVisibility::GRID, known);
+        }
+        let source = match (sampler, rest) {
+            ("patches" | "patches:fine", known_here) if grid.is_empty() && known.is_none() => {
+                return learning(source_of(sampler, whole)?, None, LearnedVisibility::GRID, known_here);
+            }
+            ("head+patches" | "direct" | "baked" | "direct+mis" | "baked+mis" | "head" | "head+mis", Some(file)) => {
+                source_of(&format!("{sampler}:{file}"), whole)?
+            }
+            ("head+patches" | "direct" | "baked" | "direct+mis" | "baked+mis" | "head" | "head+mis", None) => {
+                return Err(wrong(&format!("name a file, as in {sampler}+vis:FILE")));
+            }
+            _ => return Err(wrong(ONLY_THESE_LEARN)),
+        };
+        let of_table = matches!(source.path(), Some((FileKind::Direct | FileKind::Baked, _)));
+        let side = match grid {
+            "" => LearnedVisibility::GRID,
+            "8" | "16" | "32" if of_table => grid.parse().unwrap_or(LearnedVisibility::GRID),
+            _ => {
+                return Err(wrong(
+                    "the cells along a side of a table's weights are 8, 16 or 32, as in direct+vis8:FILE",
+                ));
+            }
+        };
+        learning(source, None, side, known)
     }
 }
 
@@ -384,7 +472,7 @@ fn rival_of(name: &str) -> Option<(RivalFamily, bool)> {
 fn source_of(text: &str, whole: &str) -> Result<Source> {
     const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, patches:fine, patches+vis, patches:fine+vis, \
                          patches+vis:FILE, head:FILE, head+patches:FILE, head+patches+vis:FILE, baked:FILE, direct:FILE, \
-                         head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, neusample:FILE, \
+                         direct+vis:FILE, direct+vis@LEARNED:FILE, ris:4+vis, ris:4+vis:direct:FILE, head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, ris:4:direct:FILE, neusample:FILE, \
                          neusample+emitter:FILE, reparam:FILE, reparam+emitter:FILE, oracle";
     let wrong = |reason: String| Error::argument(format!("sampler '{whole}'"), reason);
     let (name, file) = text.split_once(':').map_or((text, None), |(name, file)| (name, Some(file)));
@@ -430,11 +518,23 @@ impl fmt::Display for SamplerSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::One(source) => source.fmt(f),
-            Self::Learning(Source::File(FileKind::HeadOverPatches, file), None) => {
-                write!(f, "head+patches+vis:{}", file.display())
+            Self::Learning { source, candidates, grid, known } => {
+                let (name, known) = (source.to_string(), known.as_ref().map(|file| file.display().to_string()));
+                // What a source is read from stands last.
+                let (name, known, rest) = match (candidates, source) {
+                    (Some(count), Source::Emitter) => (format!("ris:{count}"), known, None),
+                    (Some(count), _) => (format!("ris:{count}"), known, Some(name)),
+                    (None, Source::Patches(_)) => (name, None, known),
+                    (None, _) => match name.split_once(':') {
+                        Some((kind, file)) => (kind.to_owned(), known, Some(file.to_owned())),
+                        None => (name, known, None),
+                    },
+                };
+                let grid = if *grid == LearnedVisibility::GRID { String::new() } else { grid.to_string() };
+                let known = known.map_or(String::new(), |file| format!("@{file}"));
+                let rest = rest.map_or(String::new(), |file| format!(":{file}"));
+                write!(f, "{name}+vis{grid}{known}{rest}")
             }
-            Self::Learning(source, None) => write!(f, "{source}+vis"),
-            Self::Learning(source, Some(file)) => write!(f, "{source}+vis:{}", file.display()),
             Self::Two(Source::Emitter) => f.write_str("mis2"),
             Self::Two(source) => write!(f, "mis2:{source}"),
             Self::Ris(candidates, Source::Emitter) => write!(f, "ris:{candidates}"),
@@ -501,6 +601,17 @@ mod tests {
             "head+patches:a/b:c",
             "head+patches:a+vis",
             "head+patches+vis:a/b:c",
+            "head+patches+vis@a:b:c",
+            "direct+vis:a:b",
+            "direct+vis8:a",
+            "direct+vis32@a/b:c:d",
+            "baked+mis+vis:a",
+            "direct:a+vis:b",
+            "ris:4+vis",
+            "ris:4+vis@a",
+            "ris:4+vis:direct:a",
+            "ris:4+vis@a:head:b",
+            "ris:2+vis:patches",
             "ris:4:head+patches:a",
             "mis2:head+patches:a",
             "ris:4:patches",
@@ -529,6 +640,19 @@ mod tests {
             "patches+mis",
             "patches+mis:fine",
             "mis+vis",
+            "direct+vis",
+            "direct+vis:",
+            "direct+vis@:a",
+            "direct+vis9:a",
+            "direct+vis@a",
+            "direct+visual:a",
+            "patches+vis8",
+            "patches+vis@a",
+            "patches+visual",
+            "ris:0+vis",
+            "ris:4+vis:",
+            "ris:4+vis8:patches",
+            "head+patches+vis8:a",
             "mis+vis:a",
             "patches+vis:",
             "head+patches",

@@ -60,7 +60,7 @@ pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, 
     let visibility = SceneVisibility::open(file, &scene, &environment)?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let patches = PatchSampler::new(light, Detail::Leaves)?;
-    let known = Known::new(&visibility, &patches.energies(), usize::MAX)?;
+    let known = Known::new(&visibility, &patches.division(), usize::MAX)?;
 
     let (width, height) = (arguments.camera.width as usize, arguments.camera.height as usize);
     let [x, y] = match arguments.pixel.as_deref() {

@@ -7,6 +7,7 @@ mod cell_points;
 mod direct;
 mod normal_grid;
 mod table;
+mod weighted_table;
 
 pub use cell_directions::CellDirections;
 pub use cell_grid::CellGrid;
@@ -14,3 +15,4 @@ pub use cell_points::CellPoints;
 pub use direct::direct_bake;
 pub use normal_grid::NormalGrid;
 pub use table::BakedTable;
+pub use weighted_table::{WeightedDensity, WeightedTable};

@@ -31,11 +31,11 @@ const FLOOR: f32 = 2e-3;
 #[derive(Clone, Debug)]
 pub struct BakedTable {
     normals: NormalGrid,
-    cells: CellGrid,
+    pub(super) cells: CellGrid,
     /// Masses, floor not included: `[nodes, rows, columns]`; what a file holds.
     masses: Vec<f32>,
     /// The same, floor included, as integers; what is drawn from and what the pdf is made of.
-    quantized: CellMasses,
+    pub(super) quantized: CellMasses,
 }
 
 impl BakedTable {
@@ -144,14 +144,14 @@ impl BakedTable {
 
 /// State of a shading point: the numbers of the four nodes around its normal (as bits), their weights times their scales, and the
 /// sum of weight times mass.
-const COLUMNS: usize = 9;
-const NODES: usize = 0;
-const WEIGHTS: usize = 4;
+pub(super) const COLUMNS: usize = 9;
+pub(super) const NODES: usize = 0;
+pub(super) const WEIGHTS: usize = 4;
 const TOTAL: usize = 8;
 
 vectorized! {
     /// One strip of normals.
-    fn prepare['a](_simd, table: &'a BakedTable, normals: &'a [Lanes; 3], state: &'a mut [Lanes]) {
+    pub(super) fn prepare['a](_simd, table: &'a BakedTable, normals: &'a [Lanes; 3], state: &'a mut [Lanes]) {
         let grid = &table.normals;
         let (mut azimuths, mut polars) = ([0.0; LANES], [0.0; LANES]);
         for k in 0..LANES {
@@ -189,7 +189,7 @@ vectorized! {
 
 /// The four tables of one lane.
 #[inline(always)]
-fn blend_of(state: &[Lanes], lane: usize) -> Blend {
+pub(super) fn blend_of(state: &[Lanes], lane: usize) -> Blend {
     let mut blend = Blend { nodes: [0; 4], weights: [0.0; 4] };
     for corner in 0..4 {
         blend.nodes[corner] = state[NODES + corner][lane].to_bits() as usize;
@@ -200,7 +200,7 @@ fn blend_of(state: &[Lanes], lane: usize) -> Blend {
 
 /// A position in a row or column of cells, below the next one even where the sum is rounded.
 #[inline(always)]
-fn inside(index: usize, position: f32) -> f32 {
+pub(super) fn inside(index: usize, position: f32) -> f32 {
     let (index, end) = (index as i32 as f32, (index + 1) as i32 as f32 * BELOW_ONE);
     if index + position < end { index + position } else { end }
 }

@@ -1,18 +1,20 @@
-//! Patches of sky with the visibility that a rendering learns.
+//! Samplers with the visibility that a rendering learns.
 
 use std::sync::Arc;
 
-use super::{Contributions, Estimator, Learner, Setting, single_sample::propose_one};
+use super::{Contributions, Estimator, Learner, Ris, Setting, single_sample::propose_one};
 use crate::{
+    bake::{BakedTable, WeightedTable},
     columns::Arena,
     environment::Environment,
     error::Result,
     patches::{Detail, PatchSampler},
     points::Points,
-    sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis},
+    sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis, ProductSampler, Sampler},
+    simd::Lanes,
     tail::TailKind,
     tile::Rows,
-    visibility::{CacheSize, Cells, Known, SceneVisibility, Unoccluded, VisibilityCache, Weighting},
+    visibility::{CacheSize, Cells, Division, Known, SceneVisibility, Unoccluded, VisibilityCache, Weighting},
 };
 
 /// Pixels that a cell is wide, at least.
@@ -20,26 +22,43 @@ const CELL_PIXELS: f32 = 8.0;
 /// Cells for a pixel if they are so wide, those of all levels.
 const CELLS_PER_PIXEL: f32 = 0.045;
 
-/// One direction from patches of sky, beside BRDF sampling where surfaces are glossy, with masses that know what is seen of the sky.
-#[derive(Clone, Debug)]
+/// An estimator that knows what is seen of the sky, and learns it from shadow rays: patches of sky, a table, or resampling, with masses or targets that
+/// are multiplied by weights of where a point is.
+#[derive(Clone)]
 pub struct LearnedVisibility {
-    sampler: Covering<PatchSampler>,
+    technique: Arc<Technique>,
+    /// The patches of sky that rays are counted by.
+    sky: PatchSampler,
+    division: Arc<Division>,
     environment: Arc<Environment>,
     memory: usize,
     known: Option<Arc<Known>>,
 }
 
+/// How directions are drawn.
+enum Technique {
+    /// By patches of sky, beside BRDF sampling where surfaces are glossy.
+    Patches(Covering<PatchSampler>),
+    /// By a table, perhaps in a mixture with BRDF sampling.
+    Table { light: EnvironmentLight, table: Box<WeightedTable>, mixed: bool },
+    /// By patches of sky, beside a head in the place of BRDF sampling.
+    Beside { patches: PatchSampler, head: Arc<dyn Sampler> },
+    /// Resampled from those of a sampler and BRDF sampling.
+    Resampled(Box<Ris<Arc<dyn Sampler>, BrdfSampler>>),
+}
+
 impl LearnedVisibility {
     /// The bytes that it learns with where nobody says otherwise.
     pub const MEMORY: usize = 64 << 20;
+    /// The cells along a side of Y that a table's weights have where nobody says otherwise.
+    pub const GRID: usize = 16;
 
     /// An estimator over the patches of a map's sky, in this detail, that learns with at most `memory` bytes.
     ///
     /// # Errors
     /// The map has no light, or is too large.
     pub fn new(environment: Arc<Environment>, detail: Detail, memory: usize) -> Result<Self> {
-        let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
-        Self::of_sampler(PatchSampler::new(light, detail)?, environment, memory)
+        Self::of_sampler(patches_of(&environment, detail)?, environment, memory)
     }
 
     /// The same over patches that are there already, perhaps below a head.
@@ -47,7 +66,60 @@ impl LearnedVisibility {
     /// # Errors
     /// The sampler leaves a part of the light out.
     pub fn of_sampler(sampler: PatchSampler, environment: Arc<Environment>, memory: usize) -> Result<Self> {
-        Ok(Self { sampler: Covering::new(sampler)?, environment, memory, known: None })
+        let (sky, division) = (sampler.clone(), sampler.division());
+        Ok(Self::with(Technique::Patches(Covering::new(sampler)?), sky, division, environment, memory))
+    }
+
+    /// A table over the square that a light's tail carries, perhaps in a mixture with BRDF sampling, with weights on a grid of `side x side` cells of Y.
+    ///
+    /// # Errors
+    /// The tail leaves a part of the light out, or `side` is not 8, 16 or 32.
+    pub fn of_table(
+        table: BakedTable,
+        light: EnvironmentLight,
+        (side, mixed): (usize, bool),
+        memory: usize,
+    ) -> Result<Self> {
+        let environment = light.environment().clone();
+        let (sky, table) = (patches_of(&environment, Detail::Leaves)?, WeightedTable::new(table, side)?);
+        Covering::new(ProductSampler::new(light.clone(), table.weighted(&Unoccluded)))?;
+        let division = sky.division().with_grid(table.patch_grid(light.tail(), |x| sky.patch_at(x)));
+        Ok(Self::with(Technique::Table { light, table: Box::new(table), mixed }, sky, division, environment, memory))
+    }
+
+    /// Patches of a map's sky beside a head that covers the integrand, with the share that BRDF sampling has otherwise: more where lobes are narrow against
+    /// patches, and none on diffuse surfaces, where patches alone do better.
+    ///
+    /// # Errors
+    /// The map has no light, or is too large.
+    pub fn beside_head(head: Covering<Arc<dyn Sampler>>, environment: Arc<Environment>, memory: usize) -> Result<Self> {
+        let sky = patches_of(&environment, Detail::Leaves)?;
+        let (patches, division) = (sky.clone(), sky.division());
+        Ok(Self::with(Technique::Beside { patches, head: head.into_inner() }, sky, division, environment, memory))
+    }
+
+    /// Resampling whose target knows what is seen.
+    ///
+    /// # Errors
+    /// The map has no light, or is too large.
+    pub fn of_ris(
+        ris: Ris<Arc<dyn Sampler>, BrdfSampler>,
+        environment: Arc<Environment>,
+        memory: usize,
+    ) -> Result<Self> {
+        let sky = patches_of(&environment, Detail::Leaves)?;
+        let division = sky.division();
+        Ok(Self::with(Technique::Resampled(Box::new(ris)), sky, division, environment, memory))
+    }
+
+    fn with(
+        technique: Technique,
+        sky: PatchSampler,
+        division: Division,
+        environment: Arc<Environment>,
+        memory: usize,
+    ) -> Self {
+        Self { technique: Arc::new(technique), sky, division: Arc::new(division), environment, memory, known: None }
     }
 
     /// The same with what was learned beforehand: it draws with that from the first sample on, and learns where nothing is known. The points of a
@@ -56,16 +128,17 @@ impl LearnedVisibility {
     /// # Errors
     /// It takes more memory than the estimator has.
     pub fn knowing(self, visibility: &SceneVisibility) -> Result<Self> {
-        let known = Known::new(visibility, &self.sampler.get().energies(), self.memory)?;
+        let known = Known::new(visibility, &self.division, self.memory)?;
         Ok(Self { known: Some(Arc::new(known)), ..self })
     }
 
     /// What learns in one rendering; the concrete type of [`Estimator::learner`].
     pub fn session(&self, setting: Setting) -> LearningSession<'_> {
         let cells = CELLS_PER_PIXEL * setting.pixels as f32;
-        let shortage = (cells * VisibilityCache::CELL_BYTES as f32 / self.memory as f32).max(1.0).sqrt();
+        let needed = cells * VisibilityCache::cell_bytes(&self.division) as f32;
+        let shortage = (needed / self.memory as f32).max(1.0).sqrt();
         let cells = Cells::new(setting.eye, CELL_PIXELS * shortage * setting.pixel);
-        let cache = VisibilityCache::new(cells, self.sampler.get().energies(), self.memory);
+        let cache = VisibilityCache::new(cells, self.division.clone(), self.memory);
         let cache = if let Some(known) = &self.known { cache.knowing(known.clone()) } else { cache };
         LearningSession { estimator: self, cache }
     }
@@ -78,9 +151,38 @@ impl LearnedVisibility {
         out: &mut Contributions,
         arena: &Arena,
     ) {
-        let sampler = OneSampleMis::new(self.sampler.get().weighted(weighting), BrdfSampler);
-        propose_one(&sampler, &self.environment, at, points, out, arena);
+        let environment = &self.environment;
+        match &*self.technique {
+            Technique::Patches(sampler) => {
+                let sampler = OneSampleMis::new(sampler.get().weighted(weighting), BrdfSampler);
+                propose_one(&sampler, environment, at, points, out, arena);
+            }
+            Technique::Table { light, table, mixed } => {
+                let sampler = ProductSampler::new(light.clone(), table.weighted(weighting));
+                if *mixed {
+                    propose_one(&OneSampleMis::new(sampler, BrdfSampler), environment, at, points, out, arena);
+                } else {
+                    propose_one(&sampler, environment, at, points, out, arena);
+                }
+            }
+            Technique::Beside { patches, head } => {
+                let sampler = OneSampleMis::new(patches.weighted(weighting), head.clone());
+                propose_one(&sampler, environment, at, points, out, arena);
+            }
+            Technique::Resampled(ris) => {
+                let mut indices = arena.columns::<1>(at.strips());
+                weighting.indices(at, indices.get_mut()[0]);
+                let weigh = |wi: [&[Lanes]; 3], target: &mut [Lanes]| {
+                    self.sky.weigh(weighting, (at.len(), indices.get()[0]), wi, target);
+                };
+                ris.propose_weighted(at, points, &weigh, out, arena);
+            }
+        }
     }
+}
+
+fn patches_of(environment: &Arc<Environment>, detail: Detail) -> Result<PatchSampler> {
+    PatchSampler::new(EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?, detail)
 }
 
 impl Estimator for LearnedVisibility {
@@ -94,7 +196,6 @@ impl Estimator for LearnedVisibility {
 }
 
 /// A [`LearnedVisibility`] in one rendering.
-#[derive(Debug)]
 pub struct LearningSession<'a> {
     estimator: &'a LearnedVisibility,
     cache: VisibilityCache,
@@ -122,7 +223,7 @@ impl Estimator for LearningSession<'_> {
 
 impl Learner for LearningSession<'_> {
     fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]) {
-        let patches = self.estimator.sampler.get().patches_of(contributions.wi());
+        let patches = self.estimator.sky.patches_of(contributions.wi());
         let rays = contributions.places().iter().zip(patches).zip(visible);
         self.cache.observe(at, rays.map(|((&place, patch), &visible)| (place, patch, visible)));
     }

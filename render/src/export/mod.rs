@@ -125,6 +125,9 @@ pub enum Intermediate {
     DirectBake(BakedTable),
 }
 
+/// Why compact emitters and visibility exclude each other.
+const NOTHING_LEARNED: &str = "are left to others, and of them no visibility is learned";
+
 /// An exported sampler in memory.
 #[derive(Clone, Debug)]
 pub struct ExportedSampler {
@@ -263,13 +266,25 @@ impl ExportedSampler {
             return Err(Error::argument("intermediate.kind", "the file holds no head over patches of sky"));
         };
         if self.compact_emitters {
-            return Err(Error::argument(
-                "compact_emitters",
-                "are left to others, and of them no visibility is learned",
-            ));
+            return Err(Error::argument("compact_emitters", NOTHING_LEARNED));
         }
         let light = EnvironmentLight::with_tail(environment.clone(), self.tail);
         PatchSampler::with_head(light, detail, head)
+    }
+
+    /// The table, and the light whose tail it is over.
+    ///
+    /// # Errors
+    /// The file holds no table, or leaves out compact emitters, whose share is not learned; as [`Self::sampler`].
+    pub fn table_and_light(self, environment: &Arc<Environment>) -> Result<(BakedTable, EnvironmentLight)> {
+        self.check_environment(environment)?;
+        let (Intermediate::Bake(table) | Intermediate::DirectBake(table)) = self.intermediate else {
+            return Err(Error::argument("intermediate.kind", "the file holds no table"));
+        };
+        if self.compact_emitters {
+            return Err(Error::argument("compact_emitters", NOTHING_LEARNED));
+        }
+        Ok((table, EnvironmentLight::with_tail(environment.clone(), self.tail)))
     }
 
     /// Checks that the sampler was made for this very map: under another one it would be biased.

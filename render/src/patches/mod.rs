@@ -26,7 +26,7 @@ use std::{collections::HashMap, sync::Arc};
 
 use choice::Choice;
 use draw::{COLUMNS, LOBES, SHARE};
-use glam::Vec3A;
+use glam::{Vec2, Vec3A};
 use lookup::Lookup;
 use mass::{Block, Patch};
 use moments::MomentMap;
@@ -43,7 +43,7 @@ use crate::{
     simd::{LANES, Lanes},
     tail::{Hierarchical, Node, Tail, TailWarp},
     tile::Rows,
-    visibility::{CLUSTERS, PATCHES, Unoccluded, Weighting},
+    visibility::{CLUSTERS, Division, PATCHES, Unoccluded, Weighting},
 };
 
 /// Most leaves of a cluster, and most twigs of a leaf: as many as there are lanes, as a point looks at all of them at once.
@@ -237,22 +237,43 @@ impl PatchSampler {
         WeightedPatches { light: &self.light, patches: &self.patches, head: self.head.as_deref(), weighting }
     }
 
-    /// What all patches that weights are given for are drawn by but for the surface: their light, less of small lights; 0 of those that there are not.
-    pub fn energies(&self) -> Vec<f32> {
+    /// The patches that weights are given for, with what they are drawn by but for the surface: their light, less of small lights; 0 of those that there are not.
+    pub fn division(&self) -> Division {
         let mut energies: Vec<f32> = self.patches.leaves.blocks.iter().flat_map(|block| block[0]).collect();
         energies.resize(PATCHES, 0.0);
-        energies
+        Division::new(energies)
     }
 
-    /// The patches that directions belong to: numbers of [`Self::energies`].
+    /// The patches of [`Self::division`] that directions belong to.
     pub fn patches_of(&self, wi: &[Vec3A]) -> Vec<u16> {
-        let grid = self.light.tail().light();
-        wi.iter()
-            .map(|&wi| {
-                let (column, row, _) = grid.cell(latlong::square(wi));
-                (self.patches.lookup.patch(column as u32, row as u32) / PARTS as u32) as u16
-            })
-            .collect()
+        wi.iter().map(|&wi| self.patch_at(latlong::square(wi))).collect()
+    }
+
+    /// The patch of [`Self::division`] that a point of X belongs to.
+    pub fn patch_at(&self, x: Vec2) -> u16 {
+        let (column, row, _) = self.light.tail().light().cell(x);
+        (self.patches.lookup.patch(column as u32, row as u32) / PARTS as u32) as u16
+    }
+
+    /// Multiplies numbers, one for a direction of each of so many rows, by the weights of the directions' patches where the rows are: `indices` are the numbers of
+    /// their weights.
+    pub fn weigh<W: Weighting>(
+        &self,
+        weighting: &W,
+        (count, indices): (usize, &[Lanes]),
+        wi: [&[Lanes]; 3],
+        out: &mut [Lanes],
+    ) {
+        let [x, y, z] = wi.map(<[Lanes]>::as_flattened);
+        for (k, out) in out.as_flattened_mut()[..count].iter_mut().enumerate() {
+            // Most that is drawn counts; what does not may have any direction.
+            if *out > 0.0
+                && let Some(weights) = weighting.at(indices.as_flattened()[k])
+            {
+                let patch = self.patch_at(latlong::square(Vec3A::new(x[k], y[k], z[k])));
+                *out *= weights.of_patch(usize::from(patch));
+            }
+        }
     }
 }
 

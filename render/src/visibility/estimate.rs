@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::{
     cells::CellKey,
     counts::Counts,
+    division::Division,
     weights::{CLUSTERS, PATCHES, Weights},
 };
 use crate::simd::LANES;
@@ -55,15 +56,23 @@ impl Visibility {
         own
     }
 
-    /// What a sampler weighs the patches with, whose shares of light are `energies`.
-    pub fn weights(&self, energies: &[f32]) -> Weights {
-        let root = |patch: usize| (self.patches[patch] / SEEN).min(1.0).sqrt();
+    /// What samplers weigh the patches of a division with, and the cells of its grid.
+    pub fn weights(&self, division: &Division) -> Weights {
+        let (energies, root) = (division.energies(), |visibility: f32| (visibility / SEEN).min(1.0).sqrt());
         let (mut sum, mut all) = (0.0, f32::MIN_POSITIVE);
-        for (patch, energy) in energies.iter().enumerate() {
-            sum += energy * root(patch);
+        for (&visibility, energy) in self.patches.iter().zip(energies) {
+            sum += energy * root(visibility);
             all += energy;
         }
-        Weights::new(|patch| root(patch).max(LEAST * sum / all), energies)
+        let weight = |visibility: f32| root(visibility).max(LEAST * sum / all);
+        let weights = Weights::new(|patch| weight(self.patches[patch]), energies);
+        match division.grid() {
+            Some(grid) => {
+                let cells = grid.visibility(self);
+                weights.with_grid(grid.layout(), |cell| weight(cells[cell]))
+            }
+            None => weights,
+        }
     }
 }
 
@@ -143,8 +152,8 @@ mod tests {
         let rays = (0..8000).map(|k| (key(0.01), if k % 2 == 0 { 3 } else { 20 }, k % 32 == 0));
         counts.add(rays.chain((0..10).map(|_| (key(0.13), 3, false))));
         counts.settle(1000);
-        let energies = vec![1.0; PATCHES];
-        let weights = estimate(&counts, |_| None, |visibility| visibility.weights(&energies));
+        let division = Division::new(vec![1.0; PATCHES]);
+        let weights = estimate(&counts, |_| None, |visibility| visibility.weights(&division));
         let at = |x: f32, patch| weights[counts.find(key(x)).unwrap().0 as usize].of_patch(patch);
         // The root of (1/16) / 0.2, in steps of 1/255; 64 rays of the prior, which is as good as the same, change little.
         assert!((at(0.01, 3) - (0.0625_f32 / SEEN).sqrt()).abs() < 0.015, "{}", at(0.01, 3));

@@ -7,6 +7,7 @@ use glam::Vec3A;
 use super::{
     cells::{CellKey, Cells},
     counts::Counts,
+    division::Division,
     estimate::{self, Visibility},
     places::Places,
     weights::{PATCHES, Weights},
@@ -62,29 +63,29 @@ pub struct Known {
     cells: Cells,
     places: Places,
     found: Vec<(Visibility, Weights)>,
+    cell_bytes: usize,
 }
 
 impl Known {
-    /// Bytes of a cell.
-    const CELL_BYTES: usize = PATCHES * 4 + size_of::<(Visibility, Weights)>() + 24;
-
-    /// The visibility for patches with these shares of light, in at most `bytes` bytes.
+    /// The visibility for a division of the sky, in at most `bytes` bytes.
     ///
     /// # Errors
     /// It takes more.
-    pub fn new(visibility: &SceneVisibility, energies: &[f32], bytes: usize) -> Result<Self> {
+    pub fn new(visibility: &SceneVisibility, division: &Division, bytes: usize) -> Result<Self> {
         let cells = visibility.cells();
-        if cells > bytes / Self::CELL_BYTES {
+        let cell_bytes = PATCHES * 4 + size_of::<(Visibility, Weights)>() + division.grid_bytes() + 24;
+        if cells > bytes / cell_bytes {
             let megabytes = |bytes: usize| bytes.div_ceil(1 << 20);
-            let (needed, allowed) = (megabytes(cells * Self::CELL_BYTES), megabytes(bytes));
+            let (needed, allowed) = (megabytes(cells * cell_bytes), megabytes(bytes));
             return Err(Error::argument("visibility", format!("takes {needed} MB, and {allowed} MB are allowed")));
         }
         let counts = &visibility.counts;
-        let found = estimate::estimate(counts, |_| None, |own| (own.weights(energies), own));
+        let found = estimate::estimate(counts, |_| None, |own| (own.weights(division), own));
         Ok(Self {
             cells: visibility.cells,
             places: (0..cells).map(|cell| (counts.key(cell), cell as u32)).collect(),
             found: found.into_iter().map(|(weights, own)| (own, weights)).collect(),
+            cell_bytes,
         })
     }
 
@@ -95,7 +96,7 @@ impl Known {
 
     /// Bytes that it takes.
     pub fn bytes(&self) -> usize {
-        self.found.len() * Self::CELL_BYTES
+        self.found.len() * self.cell_bytes
     }
 
     /// How many cells.

@@ -11,6 +11,7 @@
 
 mod cells;
 mod counts;
+mod division;
 mod estimate;
 mod file;
 mod known;
@@ -18,6 +19,7 @@ mod places;
 mod weights;
 
 pub use cells::Cells;
+pub use division::{Division, GridLayout, PatchGrid};
 pub use known::{Known, SceneVisibility};
 pub use weights::{CLUSTERS, PATCHES, Unoccluded, Weighting, Weights};
 
@@ -42,8 +44,7 @@ pub struct VisibilityCache {
     weights: Vec<Weights>,
     /// What was learned before. Nothing is counted in its cells.
     known: Option<Arc<Known>>,
-    /// The shares of light of the patches.
-    energies: Vec<f32>,
+    division: Arc<Division>,
     most_cells: usize,
     /// Points that were drawn for since the last update: all, and those without a cell.
     asked: [AtomicU64; 2],
@@ -65,25 +66,21 @@ const IS_KNOWN: u32 = 1 << 31;
 
 impl VisibilityCache {
     /// Bytes of a cell: its counts, its weights, and its place in the lists of cells.
-    pub const CELL_BYTES: usize = PATCHES * 8 + size_of::<Weights>() + 40;
+    pub fn cell_bytes(division: &Division) -> usize {
+        PATCHES * 8 + size_of::<Weights>() + division.grid_bytes() + 40
+    }
 
     /// A cache that knows nothing yet, of at most `bytes` bytes.
-    ///
-    /// `energies` are the shares of light of [`PATCHES`] patches, in their order; those that do not exist have 0.
-    ///
-    /// # Panics
-    /// If there are not as many energies as patches.
-    pub fn new(cells: Cells, energies: Vec<f32>, bytes: usize) -> Self {
-        assert_eq!(energies.len(), PATCHES, "a share of light for each patch");
-        let (counts, weights, most_cells) = (Counts::default(), vec![Weights::UNKNOWN], bytes / Self::CELL_BYTES);
-        let asked = Default::default();
-        Self { cells, counts, weights, known: None, energies, most_cells, asked }
+    pub fn new(cells: Cells, division: Arc<Division>, bytes: usize) -> Self {
+        let (counts, weights) = (Counts::default(), vec![Weights::unknown()]);
+        let most_cells = bytes / Self::cell_bytes(&division);
+        Self { cells, counts, weights, known: None, division, most_cells, asked: Default::default() }
     }
 
     /// The same with what was learned before, in whose cells it learns on: what is known keeps, the rest is learned.
     #[must_use]
     pub fn knowing(self, known: Arc<Known>) -> Self {
-        let most_cells = self.most_cells.saturating_sub(known.bytes() / Self::CELL_BYTES);
+        let most_cells = self.most_cells.saturating_sub(known.bytes() / Self::cell_bytes(&self.division));
         Self { cells: known.cells(), known: Some(known), most_cells, ..self }
     }
 
@@ -144,8 +141,8 @@ impl VisibilityCache {
 
     fn estimate(&mut self) {
         let known = |key| self.known.as_ref().and_then(|known| known.visibility(key));
-        let weights = estimate::estimate(&self.counts, known, |visibility| visibility.weights(&self.energies));
-        self.weights = std::iter::once(Weights::UNKNOWN).chain(weights).collect();
+        let weights = estimate::estimate(&self.counts, known, |visibility| visibility.weights(&self.division));
+        self.weights = std::iter::once(Weights::unknown()).chain(weights).collect();
     }
 
     /// The number of the weights at a key: those of the finest cell that is known.
@@ -160,7 +157,8 @@ impl VisibilityCache {
     /// How large it is.
     pub fn size(&self) -> CacheSize {
         let (cells, bytes) = self.known.as_ref().map_or((0, 0), |known| (known.count(), known.bytes()));
-        let (cells, bytes) = (cells + self.counts.cells(), bytes + self.counts.cells() * Self::CELL_BYTES);
+        let (cells, bytes) =
+            (cells + self.counts.cells(), bytes + self.counts.cells() * Self::cell_bytes(&self.division));
         let [all, unknown] = self.asked.each_ref().map(|count| count.load(Relaxed) as f64);
         CacheSize { cells, bytes, unknown: unknown / all.max(1.0) }
     }

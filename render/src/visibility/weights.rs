@@ -1,5 +1,6 @@
 //! What a sampler multiplies its product with, for each patch of sky.
 
+use super::division::GridLayout;
 use crate::{
     simd::{LANES, Lanes},
     tile::Rows,
@@ -15,15 +16,19 @@ pub const PATCHES: usize = CLUSTERS * LANES;
 pub struct Weights {
     clusters: [u8; CLUSTERS],
     patches: [[u8; LANES]; CLUSTERS],
+    /// Those of the cells of a grid over Y, as [`GridLayout`](super::GridLayout) has them; empty where there is no grid or nothing is known.
+    grid: Box<[u8]>,
 }
 
 impl Weights {
     /// Nothing is known: all patches count as seen.
-    pub const UNKNOWN: Self = Self { clusters: [255; CLUSTERS], patches: [[255; LANES]; CLUSTERS] };
+    pub fn unknown() -> Self {
+        Self { clusters: [255; CLUSTERS], patches: [[255; LANES]; CLUSTERS], grid: Box::default() }
+    }
 
     /// The weights of patches, and of clusters as their means by shares of light.
     pub fn new(weights: impl Fn(usize) -> f32, energies: &[f32]) -> Self {
-        let mut out = Self::UNKNOWN;
+        let mut out = Self::unknown();
         for (cluster, own) in out.patches.iter_mut().enumerate() {
             let (mut sum, mut all) = (0.0, 0.0);
             for (k, byte) in own.iter_mut().enumerate() {
@@ -37,7 +42,21 @@ impl Weights {
         out
     }
 
+    /// The same with those of the cells of a grid.
+    #[must_use]
+    pub fn with_grid(self, layout: GridLayout, of_cell: impl Fn(usize) -> f32) -> Self {
+        let grid = layout.lay_out(|row, column| quantized(of_cell(row * layout.columns + column)));
+        Self { grid, ..self }
+    }
+
+    /// Weights of the cells of a grid, if there are any.
+    #[inline(always)]
+    pub fn grid(&self) -> Option<&[u8]> {
+        if self.grid.is_empty() { None } else { Some(&self.grid) }
+    }
+
     /// The weight of a patch.
+    #[inline(always)]
     pub fn of_patch(&self, patch: usize) -> f32 {
         f32::from(self.patches[patch / LANES][patch % LANES]) / 255.0
     }

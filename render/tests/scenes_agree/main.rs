@@ -19,7 +19,7 @@ use headtail_render::{
     brdf::neural::write_networks,
     color::luminance,
     environment::{Environment, built_in},
-    estimator::Estimator,
+    estimator::{Estimator, LearnedVisibility},
     export::{ExportedSampler, Intermediate, TrainingSummary},
     head::{Condition, Head, Linear, Mode},
     image::Image,
@@ -141,9 +141,15 @@ fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
     let over = ExportedSampler::new(over, Hierarchical, environment, None).unwrap().over_patches(Detail::Leaves);
     over.write(&path("over-patches")).unwrap();
     let source = Source::File(FileKind::of(&over), path("over-patches"));
+    let learning =
+        |text: &str, name: &str| -> SamplerSpec { format!("{text}:{}", path(name).display()).parse().unwrap() };
     vec![
+        learning("head+vis", "coupled"),
+        learning("direct+vis8", "direct"),
+        learning("baked+mis+vis", "baked"),
+        learning("ris:4+vis:direct", "direct"),
         SamplerSpec::One(source.clone()),
-        SamplerSpec::Learning(source, None),
+        SamplerSpec::Learning { source, candidates: None, grid: LearnedVisibility::GRID, known: None },
         write("coupled", Intermediate::Head(coupled), Hierarchical, Some(summary.clone())),
         write("autoregressive", Intermediate::Head(autoregressive), RowColumn, Some(summary.clone())),
         write("baked", Intermediate::Bake(table), RowColumn, Some(summary)),

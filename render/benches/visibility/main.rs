@@ -1,0 +1,177 @@
+//! What knowing visibility gains, as CSV: `cargo bench -p headtail-render --bench visibility -- SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES]]]`,
+//! the first five but the material with commas between; MEGABYTES bound what is learned.
+//!
+//! In the names of samplers, `TABLE` is a direct bake of the map and `LEARNEDn` what n samples per pixel of the view teach, for example
+//! `direct:TABLE,direct+vis@LEARNED64:TABLE`; `mis` comes first. `cache:N` is a cache of N maps of visibility over X (`map_cache.rs`). Rows have the mean square error, the reference's own noise taken off, that of `mis` over it, and the processor
+//! seconds of a sample of all pixels on one thread, learning before the picture included.
+
+mod map_cache;
+
+use std::{error::Error, path::Path, sync::Arc, sync::atomic::AtomicBool, time::Duration};
+
+use headtail_render::{
+    bake::{CellGrid, NormalGrid, direct_bake},
+    environment::Environment,
+    estimator::{Estimator, LearnedVisibility, SingleSample},
+    export::{ExportedSampler, Intermediate},
+    image::Image,
+    integrator::{Budget, View, learn_visibility, render},
+    patches::Detail,
+    points::{PointSet, Points},
+    sampler::{BrdfSampler, Covering, OneSampleMis},
+    scene::{Camera, MaterialSpec, Scene},
+    spec::{Place, SamplerSpec},
+    tail::{Tail, TailKind},
+    visibility::SceneVisibility,
+};
+use map_cache::MapCache;
+
+/// Samples per pixel of either half of a reference.
+const REFERENCE: u32 = 512;
+/// Pictures of different seeds that an error is the mean of.
+const SEEDS: u64 = 2;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    // `cargo bench` adds a flag.
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
+    let ([scenes, maps, material, samplers, budgets], size) = match arguments.as_slice() {
+        [a, b, c, d, e] => ([a, b, c, d, e], "160x120"),
+        [a, b, c, d, e, size, ..] => ([a, b, c, d, e], &**size),
+        _ => {
+            println!("usage: SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES]]]");
+            return Ok(());
+        }
+    };
+    let points = arguments.get(6).map_or(Ok(PointSet::Sobol), |points| points.parse())?;
+    let memory = arguments.get(7).map_or(Ok(64), |megabytes| megabytes.parse::<usize>())? << 20;
+    let (width, height) = size.split_once('x').ok_or("the size is WIDTHxHEIGHT")?;
+    let size = (width.parse()?, height.parse()?);
+    let budgets = budgets.split(',').map(str::parse).collect::<Result<Vec<u32>, _>>()?;
+    // One thread, whose time is all there is.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let folder = tempfile::tempdir()?;
+    println!("scene,map,sampler,spp,mse,over_mis,cpu_seconds_per_sample");
+    for map in maps.split(',') {
+        let environment = Arc::new(Environment::open(map)?);
+        let table = folder.path().join("table");
+        table_of(&environment)?.write(&table)?;
+        for name in scenes.split(',') {
+            let mut scene = Scene::open(name)?;
+            if name.contains('.') {
+                scene.add_ground();
+            }
+            let bounds = scene.bounds();
+            let scene = material.parse::<MaterialSpec>()?.dress(scene, &bounds)?;
+            let camera = scene.camera();
+            let environment = environment.clone();
+            let bench = Bench { scene, camera, environment, size, points, memory, folder: folder.path() };
+            pool.install(|| bench.compare((name, map), samplers, &budgets).map_err(|error| error.to_string()))?;
+        }
+    }
+    Ok(())
+}
+
+/// The direct bake of a map, as the program makes it.
+fn table_of(environment: &Arc<Environment>) -> Result<ExportedSampler, Box<dyn Error>> {
+    let tail = Tail::of_environment(TailKind::Hierarchical, environment)?;
+    let table = direct_bake(&tail, NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
+    Ok(ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, environment, None)?)
+}
+
+struct Bench<'a> {
+    scene: Scene,
+    environment: Arc<Environment>,
+    camera: Camera,
+    size: (usize, usize),
+    points: PointSet,
+    memory: usize,
+    folder: &'a Path,
+}
+
+impl Bench<'_> {
+    fn compare(&self, (scene, map): (&str, &str), samplers: &str, budgets: &[u32]) -> Result<(), Box<dyn Error>> {
+        let patches = SamplerSpec::patches().build(&self.environment)?;
+        let [a, b] = [1001, 1002].map(|seed| self.render(&*patches, REFERENCE, Points::new(PointSet::Sobol, seed)).0);
+        let reference: Vec<f32> = samples(&a).zip(samples(&b)).map(|(a, b)| 0.5 * (a + b)).collect();
+        // The variance of the mean of two is a quarter of the square of their difference.
+        let noise = mean(samples(&a).zip(samples(&b)).map(|(a, b)| f64::from(a - b).powi(2) / 4.0));
+        for &spp in budgets {
+            let mut mis = None;
+            for name in samplers.split(',') {
+                let estimator = self.estimator(name)?;
+                let (mut error, mut seconds) = (0.0, 0.0);
+                for seed in 0..SEEDS {
+                    let (image, time) = self.render(&*estimator, spp, Points::new(self.points, seed));
+                    let squares = samples(&image).zip(&reference).map(|(a, b)| f64::from(a - b).powi(2));
+                    error += (mean(squares) - noise) / SEEDS as f64;
+                    seconds += time.as_secs_f64() / (SEEDS * u64::from(spp)) as f64;
+                }
+                let over_mis = *mis.get_or_insert(error) / error;
+                println!("{},{},{name},{spp},{error:.4e},{over_mis:.3},{seconds:.5}", stem(scene), stem(map));
+            }
+        }
+        Ok(())
+    }
+
+    fn view(&self) -> View<'_> {
+        let (scene, environment, (width, height)) = (&self.scene, &self.environment, self.size);
+        View { scene, camera: &self.camera, environment, width, height, unshadowed: false, depth: 1 }
+    }
+
+    /// A picture, and the processor time that it took.
+    fn render(&self, estimator: &dyn Estimator, spp: u32, points: Points) -> (Image, Duration) {
+        let before = thread_time();
+        let rendering = render(self.view(), estimator, Budget::Spp(spp), points, &AtomicBool::new(false), &|_| {});
+        (rendering.surfaces, thread_time() - before)
+    }
+
+    /// The estimator of a name.
+    fn estimator(&self, name: &str) -> Result<Box<dyn Estimator>, Box<dyn Error>> {
+        if let Some(entries) = name.strip_prefix("cache:") {
+            let cache = MapCache::new(&self.view(), entries.parse()?);
+            let sampler = Covering::new(OneSampleMis::new(cache, BrdfSampler))?;
+            return Ok(Box::new(SingleSample::new(sampler, self.environment.clone())));
+        }
+        let mut name = name.replace("TABLE", &self.folder.join("table").display().to_string());
+        if let Some(at) = name.find("LEARNED") {
+            let digits: String = name[at + 7..].chars().take_while(char::is_ascii_digit).collect();
+            let file = self.folder.join("learned");
+            self.learn(digits.parse()?)?.write(&file)?;
+            name = name.replace(&format!("LEARNED{digits}"), &file.display().to_string());
+        }
+        let place = Place { scene: Some(&self.scene), memory: self.memory };
+        Ok(name.parse::<SamplerSpec>()?.build_in(&self.environment, place)?)
+    }
+}
+
+impl Bench<'_> {
+    /// What so many samples per pixel of the view teach.
+    fn learn(&self, samples: u32) -> Result<SceneVisibility, Box<dyn Error>> {
+        let estimator = LearnedVisibility::new(self.environment.clone(), Detail::Leaves, self.memory)?;
+        Ok(learn_visibility(self.view(), &estimator, None, (samples, 77), &AtomicBool::new(false), &|_| {}))
+    }
+}
+
+fn samples(image: &Image) -> impl Iterator<Item = f32> {
+    image.pixels.iter().flatten().copied()
+}
+
+fn mean(numbers: impl Iterator<Item = f64>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for number in numbers {
+        sum += number;
+        count += 1.0;
+    }
+    sum / count
+}
+
+/// The processor time of this thread.
+fn thread_time() -> Duration {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    Duration::from_nanos(text.split_whitespace().next().and_then(|number| number.parse().ok()).unwrap_or(0))
+}
+
+/// The name of a file without folders and endings.
+fn stem(name: &str) -> &str {
+    Path::new(name).file_stem().and_then(|stem| stem.to_str()).unwrap_or(name)
+}
