@@ -16,7 +16,7 @@ pub const PATCHES: usize = CLUSTERS * LANES;
 pub struct Weights {
     clusters: [u8; CLUSTERS],
     patches: [[u8; LANES]; CLUSTERS],
-    /// Those of the cells of a grid over Y, as [`GridLayout`](super::GridLayout) has them; empty where there is no grid or nothing is known.
+    /// Those of the cells of a grid over Y, as [`GridLayout`] has them; empty where there is no grid or nothing is known.
     grid: Box<[u8]>,
 }
 
