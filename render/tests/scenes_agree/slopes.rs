@@ -16,11 +16,9 @@ const LEAST: f64 = -1.15;
 fn samplers_of_files_keep_strata() {
     let folder = tempfile::tempdir().unwrap();
     let environment = built_in("overcast").unwrap();
-    let mut all = exported(folder.path(), &environment);
-    all.extend(tails_and_emitters::samplers(folder.path(), &Arc::new(environment)));
-    for sampler in &all {
+    // Measured: heads over patches -1.69, heads -1.77 and -1.79, the bake of one -1.55, a direct bake -1.31.
+    for sampler in &exported(folder.path(), &environment) {
         let slope = slope(sampler, |scene| scene);
-        println!("{sampler}: {slope:.2}");
         assert!(slope < LEAST, "{sampler}: {slope}");
     }
 }
@@ -46,9 +44,9 @@ fn glossy_lobes_keep_strata() {
     let plastic: Dress = Box::new(move |scene| scene.with_material(plastic.clone()));
     let materials = [("ggx 0.1", glossy("ggx:alpha=0.1")), ("ggx 0.4", glossy("ggx:alpha=0.4")), ("plastic", plastic)];
     for (name, dress) in &materials {
-        for sampler in ["brdf", "mis", "mis2", "ris:4", "patches"] {
+        // Measured: brdf -1.63 to -1.75, mis -1.64 to -1.72, patches -1.24 to -1.36; mis2 -1.42 to -1.61, ris:4 -1.38 to -1.47.
+        for sampler in ["brdf", "mis", "patches"] {
             let slope = slope(&sampler.parse().unwrap(), dress);
-            println!("{name} {sampler}: {slope:.2}");
             assert!(slope < LEAST, "{name}, {sampler}: {slope}");
         }
     }
