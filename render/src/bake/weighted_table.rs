@@ -567,6 +567,53 @@ mod tests {
         }
     }
 
+    /// Pearson's statistic over the table's cells, those that expect fewer than ten draws together as one, and as a normal deviate (Wilson and Hilferty
+    /// 1931). Five of those are 3e-7 for each of some fifty tests.
+    #[test]
+    fn draws_are_as_many_as_the_density_says() {
+        const DRAWS: usize = 1 << 17;
+        for (number, table) in tables().enumerate() {
+            let weights = One(Weights::new(|_| 1.0, &[1.0; PATCHES]).with_grid(table.layout(), weight));
+            let density = table.weighted(&weights);
+            let work =
+                |rows: &Rows<'_>, state: &[Lanes], z: [&[Lanes]; 2], [u, v, q]: [&mut [Lanes]; 3], arena: &Arena| {
+                    density.sample(rows, state, z, [u, v], q, arena);
+                };
+            let (rows, columns) = table.table.cells().shape();
+            for (k, normal) in normals().enumerate() {
+                let mut random = Stream::new(9, Purpose::Test, (number * 100 + k) as u64);
+                let z: Vec<Vec2> = (0..DRAWS).map(|_| random.uniform2()).collect();
+                let mut counts = vec![0.0; rows * columns];
+                for (y, _) in at(&density, normal, &z, work) {
+                    let (row, column) = table.table.cells().cell(y);
+                    counts[row * columns + column] += 1.0;
+                }
+                let (mut statistic, mut cells, mut rest) = (0.0, 0, (0.0, 0.0));
+                for (count, q) in counts.iter().zip(densities(&density, normal, &centres(&table))) {
+                    let expected = q * DRAWS as f64 / (rows * columns) as f64;
+                    if expected < 10.0 {
+                        rest = (rest.0 + count, rest.1 + expected);
+                    } else {
+                        statistic += (count - expected).powi(2) / expected;
+                        cells += 1;
+                    }
+                }
+                if rest.1 >= 10.0 {
+                    statistic += (rest.0 - rest.1).powi(2) / rest.1;
+                    cells += 1;
+                } else {
+                    assert!(rest.0 < rest.1 + 40.0, "{} draws where {} are expected", rest.0, rest.1);
+                }
+                let freedom = f64::from(cells - 1);
+                if freedom > 0.0 {
+                    let spread = 2.0 / (9.0 * freedom);
+                    let deviate = ((statistic / freedom).cbrt() - (1.0 - spread)) / spread.sqrt();
+                    assert!(deviate < 5.0, "{rows} x {columns}, {normal}: {statistic} over {cells} cells");
+                }
+            }
+        }
+    }
+
     #[test]
     fn only_three_sizes_are_taken() {
         let table = || tables().next().unwrap().table;
