@@ -1,4 +1,4 @@
-"""Geometric means over the comparisons in a folder, by material and budget: python3 geometric_means.py OUT.
+"""Geometric means over the comparisons in a folder, by material and budget: python3 geometric_means.py OUT [TIMES].
 
 Each folder is called MATERIAL-SCENE-MAP and holds the results.csv of `headtail compare`. Prints a Markdown table: the mean squared error of
 `mis`, of the best form of MIS (of mis, mis2, mis-comp those that are there) and of `patches`, over that of the sampler, its least value, and the time over that of `mis`.
@@ -6,6 +6,9 @@ Each folder is called MATERIAL-SCENE-MAP and holds the results.csv of `headtail 
 Budgets in seconds are met to some percent only, and other work on a machine disturbs a run. So a sample's time is the median over all such runs of a
 sampler in a view, and its error is the one at as many samples as fit into the budget, between (or a little beyond) the budgets that were run: errors
 fall as a power of the number of samples.
+
+TIMES is another such folder of the same views, of runs on an idle machine. Rows "N of mis" then compare what the samplers of OUT, whose budgets are samples,
+have after as much time as N samples of `mis` take, with the times of a sample from there.
 """
 
 import collections
@@ -39,20 +42,31 @@ def runs_of(path):
     return runs
 
 
+def seconds_of_samples(folder):
+    """{(material and view, sampler): seconds of a sample}, medians over runs."""
+    seconds = {}
+    for path in pathlib.Path(folder).glob("*/results.csv"):
+        for sampler, budgets in runs_of(path).items():
+            each = [seconds / samples for runs in budgets.values() for samples, seconds, _ in runs]
+            seconds[path.parent.name, sampler] = statistics.median(each)
+    return seconds
+
+
+def at_samples(budgets, samples):
+    """The error of one sampler at a number of samples, between or a little beyond those that were run."""
+    points = sorted((math.log(runs[0][0]), math.log(mean([mse for _, _, mse in runs]))) for runs in budgets.values())
+    (x0, y0), (x1, y1) = nearest_pair(points, math.log(samples))
+    slope = (y1 - y0) / (x1 - x0) if x1 > x0 else -1.0
+    return math.exp(y0 + slope * (math.log(samples) - x0))
+
+
 def at_equal_time(budgets):
     """{budget: (mse, seconds of a sample)} for the budgets of one sampler that are seconds."""
     timed = {budget: runs for budget, runs in budgets.items() if budget.endswith("s")}
     if not timed:
         return {}
     seconds = statistics.median(seconds / samples for runs in timed.values() for samples, seconds, _ in runs)
-    points = sorted((math.log(runs[0][0]), math.log(mean([mse for _, _, mse in runs]))) for runs in timed.values())
-    figures = {}
-    for budget in timed:
-        samples = math.log(float(budget[:-1]) / seconds)
-        (x0, y0), (x1, y1) = nearest_pair(points, samples)
-        slope = (y1 - y0) / (x1 - x0) if x1 > x0 else -1.0
-        figures[budget] = (math.exp(y0 + slope * (samples - x0)), seconds)
-    return figures
+    return {budget: (at_samples(timed, float(budget[:-1]) / seconds), seconds) for budget in timed}
 
 
 def nearest_pair(points, x):
@@ -62,12 +76,19 @@ def nearest_pair(points, x):
     return points[max(after - 1, 0)], points[after]
 
 
-def read(folder):
+def read(folder, times=None):
     """{(material, budget): {view: {sampler: (mse, seconds)}}} with means over runs."""
+    seconds_of = seconds_of_samples(times) if times else {}
     figures = collections.defaultdict(lambda: collections.defaultdict(dict))
     for path in sorted(pathlib.Path(folder).glob("*/results.csv")):
         material, view = path.parent.name.split("-", 1)
-        for sampler, budgets in runs_of(path).items():
+        of_view = runs_of(path)
+        for sampler, budgets in of_view.items():
+            own, of_mis = (seconds_of.get((path.parent.name, name)) for name in (sampler, "mis"))
+            for budget in of_view["mis"] if own and of_mis else ():
+                samples = of_view["mis"][budget][0][0]
+                label = f"{samples:.0f} of mis"
+                figures[material, label][view][sampler] = (at_samples(budgets, samples * of_mis / own), own)
             at_time = at_equal_time(budgets)
             for budget, runs in budgets.items():
                 _, seconds, mse = (mean(column) for column in zip(*runs))
@@ -75,10 +96,10 @@ def read(folder):
     return figures
 
 
-def main(folder):
+def main(*folders):
     print("| material | budget | views | sampler | over mis | least | over the best MIS | least | below 1 | over patches | least | time over mis |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |")
-    for (material, budget), views in sorted(read(folder).items()):
+    for (material, budget), views in sorted(read(*folders).items()):
         for sampler in next(iter(views.values())):
             if sampler == "mis" or not all(sampler in view for view in views.values()):
                 continue
@@ -94,4 +115,4 @@ def main(folder):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])
