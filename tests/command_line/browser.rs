@@ -1,19 +1,42 @@
-//! The pages in a real browser: the slider moves, the charts show, nothing is reported to the console.
+//! The pages in a real browser: the slider moves, the charts show, nothing is reported to the console, and pages fit narrow screens.
 //!
 //! Needs `chromium`; says so where there is none. A browser that the variable HEADTAIL_CHROMIUM names must be there.
 
-use std::{fs, path::Path, process::Command};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 use super::{SMALL, folder, succeed, text};
 
 /// Uses the page as a reader would, and writes what came of it into the body's `data-probe`.
 const PROBE: &str = include_str!("probe.js");
 
-/// What the probe wrote; panics if the page wrote to the console.
+/// Looks at a page in a frame of some width.
+const NARROW: &str = include_str!("narrow.js");
+
+/// What the probe wrote; panics if the page wrote to the console. The page also has to fit the screen of a telephone.
 fn probe(browser: &str, page: &Path, dark: bool) -> String {
     let html = fs::read_to_string(page).unwrap();
     let copy = page.with_extension("probe.html");
     fs::write(&copy, html.replace("</body>", &format!("<script>{PROBE}</script></body>"))).unwrap();
+    for width in [360, 480] {
+        assert_eq!(open(browser, &framed(page, width), dark), "fits", "{} in {width} pixels", page.display());
+    }
+    open(browser, &copy, dark)
+}
+
+/// A page that shows another one in a frame, since windows cannot be as narrow as that.
+fn framed(page: &Path, width: u32) -> PathBuf {
+    let (name, file) = (page.file_name().unwrap().to_str().unwrap(), page.with_extension("narrow.html"));
+    let frame = format!("<iframe src=\"{name}\" style=\"width: {width}px; height: 2000px; border: 0\"></iframe>");
+    fs::write(&file, format!("<!doctype html><body>{frame}<script>{NARROW}</script></body>")).unwrap();
+    file
+}
+
+/// Opens a page that writes into its body's `data-probe`, and takes that.
+fn open(browser: &str, page: &Path, dark: bool) -> String {
     let profile = folder();
     let mut command = Command::new(browser);
     command.args(
@@ -26,8 +49,10 @@ fn probe(browser: &str, page: &Path, dark: bool) -> String {
     if dark {
         command.arg("--force-dark-mode");
     }
+    // A page may look into the frame that it shows.
+    command.arg("--allow-file-access-from-files");
     command.arg(format!("--user-data-dir={}", profile.path().display()));
-    let output = command.args(["--window-size=1400,3000", "--dump-dom"]).arg(&copy).output().unwrap();
+    let output = command.args(["--window-size=1400,3000", "--dump-dom"]).arg(page).output().unwrap();
     let (dom, log) = (text(&output.stdout), String::from_utf8_lossy(&output.stderr).into_owned());
     let console: Vec<&str> = log.lines().filter(|line| line.contains("CONSOLE")).collect();
     assert!(console.is_empty(), "{}: {console:?}", page.display());
