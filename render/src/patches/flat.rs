@@ -3,10 +3,10 @@
 use super::{PARTS, Patches, mass::Block};
 use crate::{flat::FlatArray, simd::LANES};
 
-/// Numbers of a patch in a list: the 14 that its mass is computed from, in the order of [`Block`], one over its energy, and 0.
+/// Numbers of a patch in a list: the 14 that its mass is computed from, in the order of [`Block`], one over its share of light, and 0.
 const NUMBERS: usize = 16;
 
-/// The patches of blocks one after the other, with one over their energies.
+/// The patches of blocks one after the other, with one over their shares of light.
 fn records(blocks: &[Block], inverse_energy: impl Fn(usize) -> f32) -> Vec<f32> {
     let mut records = Vec::with_capacity(blocks.len() * LANES * NUMBERS);
     for (number, block) in blocks.iter().enumerate() {
@@ -21,8 +21,9 @@ fn records(blocks: &[Block], inverse_energy: impl Fn(usize) -> f32) -> Vec<f32> 
 impl Patches {
     /// All that a draw and a pdf read.
     ///
-    /// - `patches.clusters` `[32, 16]`, `patches.leaves` `[32 * 16, 16]`, `patches.twigs` `[512 * 16, 16]`: energy; centroid; three times the
-    ///   covariance xx, yy, zz, and twice that xy, xz, yz; reach, mahalanobis, cell, variance; one over the energy; 0. What is not there is 0.
+    /// - `patches.clusters` `[32, 16]`, `patches.leaves` `[32 * 16, 16]`, `patches.twigs` `[512 * 16, 16]`: the energy that masses are computed from,
+    ///   of clusters and leaves less of small lights (see [`Patches::alone`]); centroid; three times the covariance xx, yy, zz, and twice that xy, xz, yz;
+    ///   reach, mahalanobis, cell, variance; one over the share of the map's light; 0. What is not there is 0.
     /// - `patches.leaf_rectangles` `[512, 4]`, `patches.twig_rectangles` `[8192, 4]`: left, right, top, bottom in Y.
     /// - `patches.forest` `[splits]`: trees of splits; bits 0 to 6 are the place of the first patch of the second half, bit 7 says that columns are cut, bits
     ///   8 to 15 and 16 to 23 are the halves from the root on, bit 24 says that it is a single patch.
