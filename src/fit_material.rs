@@ -12,7 +12,7 @@ use headtail_render::{brdf::NeuralTexture, fabric::SourceKind};
 use headtail_train::neural_texture::{Decibels, Fit, Settings, State, error_over};
 
 use crate::{
-    output::OutputFile,
+    output::{self, OutputFile},
     progress,
     terminal::{out, say},
 };
@@ -101,9 +101,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let Decibels { psnr, noise, snr } = error_over(&*source, &material, QUESTIONS, PATHS, seed);
     material.set_psnr(psnr);
     material.write(&arguments.out)?;
-    if kept.exists() {
-        std::fs::remove_file(&kept).with_context(|| kept.display().to_string())?;
-    }
+    output::remove_kept(&kept)?;
     let seconds = Duration::as_secs_f64(&start.elapsed());
     out!(
         "{}: {psnr:.1} dB against its source (over the mean square {snr:.1} dB), whose own noise is at {noise:.1} dB",

@@ -1,7 +1,7 @@
 //! `headtail fit-rival`: train a sampler of others for a neural material, to compare with.
 
 use std::{
-    path::{Path, PathBuf},
+    path::PathBuf,
     sync::atomic::{AtomicBool, Ordering},
     time::Instant,
 };
@@ -12,7 +12,7 @@ use headtail_render::rival::{Rival, RivalFile, RivalKind};
 use headtail_train::rival::{RivalFit, RivalMaterial, RivalQuality, RivalSettings, RivalState};
 
 use crate::{
-    output::OutputFile,
+    output::{self, OutputFile},
     progress,
     terminal::{out, say},
 };
@@ -79,7 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         rivals.push((material.name.clone(), material.identity, training.train(material, &stop)?));
     }
     RivalFile { kind, rivals }.write(&arguments.out)?;
-    training.remove()?;
+    output::remove_kept(&training.kept)?;
     say!("{} written after {:.0} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())
 }
@@ -132,15 +132,6 @@ impl<'a> Training<'a> {
     fn save(&self, current: &RivalState) -> Result<()> {
         let states: Vec<&RivalState> = self.done.iter().chain([current]).chain(self.left.as_slice()).collect();
         Ok(RivalState::write_all(&self.kept, &self.settings, self.materials, &states)?)
-    }
-
-    /// The file is there: nothing is left to go on with.
-    fn remove(&self) -> Result<()> {
-        let kept: &Path = &self.kept;
-        if kept.exists() {
-            std::fs::remove_file(kept).with_context(|| kept.display().to_string())?;
-        }
-        Ok(())
     }
 }
 

@@ -23,6 +23,17 @@ pub const REQUEST: &str = "headtail.request";
 
 static FORCE: AtomicBool = AtomicBool::new(false);
 
+/// Removes what was kept to go on with, if it is there: the results are.
+///
+/// # Errors
+/// It cannot be removed.
+pub fn remove_kept(file: &Path) -> Result<()> {
+    if file.exists() {
+        fs::remove_file(file).with_context(|| file.display().to_string())?;
+    }
+    Ok(())
+}
+
 /// Lets results of other commands be replaced.
 pub fn force(force: bool) {
     FORCE.store(force, Ordering::Relaxed);

@@ -226,18 +226,14 @@ impl SamplerSpec {
     /// # Errors
     /// A file cannot be read, is of another kind, or was made for another map or another scene.
     pub fn build_in(&self, environment: &Arc<Environment>, place: Place<'_>) -> Result<Box<dyn Estimator>> {
-        if let Self::Learning { source, candidates, grid, known } = self {
-            let estimator = learning(source, (*candidates, *grid), environment, place)?;
-            return Ok(Box::new(knowing(estimator, known.as_deref(), environment, place)?));
-        }
-        let source = self.source().build_in(environment, place)?;
-        let environment = environment.clone();
+        let sampler = |source: &Source| source.build_in(environment, place);
         Ok(match self {
-            Self::One(_) | Self::Learning { .. } => Box::new(SingleSample::new(Covering::new(source)?, environment)),
-            Self::Two(_) => Box::new(TwoSampleMis::new(source, BrdfSampler, environment)?),
-            Self::Ris(candidates, _) => {
-                let brdf = Covering::new(BrdfSampler)?;
-                Box::new(Ris::new(Covering::new(source)?, brdf, *candidates, environment)?)
+            Self::One(source) => Box::new(SingleSample::new(Covering::new(sampler(source)?)?, environment.clone())),
+            Self::Two(source) => Box::new(TwoSampleMis::new(sampler(source)?, BrdfSampler, environment.clone())?),
+            Self::Ris(candidates, source) => Box::new(resampling(source, *candidates, environment, place)?),
+            Self::Learning { source, candidates, grid, known } => {
+                let estimator = learning(source, (*candidates, *grid), environment, place)?;
+                Box::new(knowing(estimator, known.as_deref(), environment, place)?)
             }
         })
     }
@@ -297,6 +293,17 @@ impl Source {
     }
 }
 
+/// Resampling of candidates, half of them from a source and half from BRDF sampling.
+fn resampling(
+    source: &Source,
+    candidates: u32,
+    environment: &Arc<Environment>,
+    place: Place<'_>,
+) -> Result<Ris<Arc<dyn Sampler>, BrdfSampler>> {
+    let source = Covering::new(source.build_in(environment, place)?)?;
+    Ris::new(source, Covering::new(BrdfSampler)?, candidates, environment.clone())
+}
+
 /// An estimator that learns what is visible.
 fn learning(
     source: &Source,
@@ -305,8 +312,7 @@ fn learning(
     place: Place<'_>,
 ) -> Result<LearnedVisibility> {
     if let Some(candidates) = candidates {
-        let source = Covering::new(source.build_in(environment, place)?)?;
-        let ris = Ris::new(source, Covering::new(BrdfSampler)?, candidates, environment.clone())?;
+        let ris = resampling(source, candidates, environment, place)?;
         return LearnedVisibility::of_ris(ris, environment.clone(), place.memory);
     }
     let (kind, file, mixed) = match source {

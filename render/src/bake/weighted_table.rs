@@ -365,11 +365,10 @@ vectorized! {
                 let at = [usize::from(table.coarse[0][row]), usize::from(table.coarse[1][column])];
                 let weights = table.weights(weighting, state[INDEX][k]);
                 let sums = &table.column_sums(state, k, weights, at[0])[..table.layout.columns];
-                let own = |before: f32, sum: f32, whole: f32| share(before, sum, whole);
                 let above = if at[0] == 0 { 0.0 } else { state[SUMS + at[0] - 1][k] };
                 let left = if at[1] == 0 { 0.0 } else { sums[at[1] - 1] };
-                let of_row = own(above, state[SUMS + at[0]][k], state[SUMS + table.layout.rows - 1][k]);
-                let of_column = own(left, sums[at[1]], sums[sums.len() - 1]);
+                let of_row = share(above, state[SUMS + at[0]][k], state[SUMS + table.layout.rows - 1][k]);
+                let of_column = share(left, sums[at[1]], sums[sums.len() - 1]);
                 let of_cell = [&table.fine[0][at[0]], &table.fine[1][at[1]]];
                 let fine = Fine::new(&table.table.quantized, &blend_of(state, k), of_cell);
                 let place = [row - of_cell[0].start, column - of_cell[1].start];
@@ -493,6 +492,13 @@ mod tests {
         at(density, normal, y, work).into_iter().map(|(_, q)| f64::from(q)).collect()
     }
 
+    fn draws(density: &impl IntermediateDensity, normal: Vec3A, z: &[Vec2]) -> Vec<(Vec2, f32)> {
+        let work = |rows: &Rows<'_>, state: &[Lanes], z: [&[Lanes]; 2], [u, v, q]: [&mut [Lanes]; 3], arena: &Arena| {
+            density.sample(rows, state, z, [u, v], q, arena);
+        };
+        at(density, normal, z, work)
+    }
+
     fn normals() -> impl Iterator<Item = Vec3A> {
         let mut random = Stream::new(4, Purpose::Test, 0);
         (0..8).map(move |_| random.direction()).chain([Vec3A::Y, -Vec3A::Y])
@@ -544,14 +550,10 @@ mod tests {
         for table in tables() {
             let weights = One(Weights::new(|_| 1.0, &[1.0; PATCHES]).with_grid(table.layout(), weight));
             let density = table.weighted(&weights);
-            let work =
-                |rows: &Rows<'_>, state: &[Lanes], z: [&[Lanes]; 2], [u, v, q]: [&mut [Lanes]; 3], arena: &Arena| {
-                    density.sample(rows, state, z, [u, v], q, arena);
-                };
             for normal in normals() {
                 let down: Vec<Vec2> = (0..STEPS).map(|k| Vec2::new(0.3, share(k))).collect();
                 let along: Vec<Vec2> = (0..STEPS).map(|k| Vec2::new(share(k), 0.7)).collect();
-                let (down, along) = (at(&density, normal, &down, work), at(&density, normal, &along, work));
+                let (down, along) = (draws(&density, normal, &down), draws(&density, normal, &along));
                 // Within a coarse row, what a column holds decides where it is divided: the order of rows is kept from one coarse row to the next.
                 let row = |y: Vec2| table.coarse[0][table.table.cells().cell(y).0];
                 assert!(down.windows(2).all(|pair| row(pair[0].0) <= row(pair[1].0)));
@@ -575,16 +577,12 @@ mod tests {
         for (number, table) in tables().enumerate() {
             let weights = One(Weights::new(|_| 1.0, &[1.0; PATCHES]).with_grid(table.layout(), weight));
             let density = table.weighted(&weights);
-            let work =
-                |rows: &Rows<'_>, state: &[Lanes], z: [&[Lanes]; 2], [u, v, q]: [&mut [Lanes]; 3], arena: &Arena| {
-                    density.sample(rows, state, z, [u, v], q, arena);
-                };
             let (rows, columns) = table.table.cells().shape();
             for (k, normal) in normals().enumerate() {
                 let mut random = Stream::new(9, Purpose::Test, (number * 100 + k) as u64);
                 let z: Vec<Vec2> = (0..DRAWS).map(|_| random.uniform2()).collect();
                 let mut counts = vec![0.0; rows * columns];
-                for (y, _) in at(&density, normal, &z, work) {
+                for (y, _) in draws(&density, normal, &z) {
                     let (row, column) = table.table.cells().cell(y);
                     counts[row * columns + column] += 1.0;
                 }

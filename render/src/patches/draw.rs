@@ -214,10 +214,16 @@ fn share_beside_brdf(at: &Reflection, sum: f32, squared: f32) -> f32 {
     let by_width = by_width(at.alpha);
     let of_lobe = if of_lobe < by_width { of_lobe } else { by_width };
     let of_lobe = if of_lobe > least { of_lobe } else { least };
+    share_beside_lobe(of_lobe, at.diffuse, at.specular, at.f0)
+}
+
+/// The share beside BRDF sampling of a surface, from the share of the latter for its glossy lobe alone.
+#[inline(always)]
+fn share_beside_lobe(of_lobe: f32, diffuse: f32, specular: f32, f0: f32) -> f32 {
     // A diffuse lobe needs no BRDF sampling; of a dielectric, a third is reflected at grazing angles.
-    let reflected = at.specular * if at.f0 > LEAST_REFLECTED { at.f0 } else { LEAST_REFLECTED };
-    let share = 1.0 - of_lobe * reflected / (reflected + at.diffuse);
-    if at.specular > 0.0 { share } else { 1.0 }
+    let reflected = specular * if f0 > LEAST_REFLECTED { f0 } else { LEAST_REFLECTED };
+    let share = 1.0 - of_lobe * reflected / (reflected + diffuse);
+    if specular > 0.0 { share } else { 1.0 }
 }
 
 vectorized! {
@@ -227,11 +233,7 @@ vectorized! {
             let [diffuse, specular, f0, alpha] = [lobes[0][strip], lobes[1][strip], lobes[2][strip], lobes[3][strip]];
             let mut shares = [0.0; LANES];
             for k in 0..LANES {
-                let of_lobe = by_width(alpha[k]);
-                // A diffuse lobe needs no BRDF sampling; of a dielectric, a third is reflected at grazing angles.
-                let reflected = specular[k] * if f0[k] > LEAST_REFLECTED { f0[k] } else { LEAST_REFLECTED };
-                let share = 1.0 - of_lobe * reflected / (reflected + diffuse[k]);
-                shares[k] = if specular[k] > 0.0 { share } else { 1.0 };
+                shares[k] = share_beside_lobe(by_width(alpha[k]), diffuse[k], specular[k], f0[k]);
             }
             out[strip] = shares;
         }
