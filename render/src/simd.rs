@@ -3,8 +3,8 @@
 //! The functions have no branch and no table: in a loop over an array of fixed length they become a few vector instructions on
 //! every processor. They are made of additions, multiplications, divisions and comparisons, each rounded on its own, so their results are
 //! the same to the bit on every processor and with every instruction set. Fused multiply-adds are the only thing that differs: the matrix
-//! products and the scaling of spline bins in heads ([`Simd::mul_add_e_f32s`]) are fused with `avx2`, `avx512` and `neon`, and are rounded
-//! twice with `portable`.
+//! products and the scaling of spline bins in heads ([`Simd::mul_add_e_f32s`]), and the masses of patches of sky ([`fused`]), are fused
+//! with `avx2`, `avx512` and `neon`, and are rounded twice with `portable`.
 //!
 //! Code that uses them is run through [`dispatch`]. It must be made of plain loops and `#[inline(always)]` functions: closures are not
 //! compiled for the processor that is found.
@@ -102,6 +102,13 @@ pub fn dispatch(work: impl Vectorized) {
 #[inline(always)]
 pub fn call<S: Simd>(simd: S, work: impl Vectorized) {
     simd.vectorize(Op(work));
+}
+
+/// `a * b + c`, rounded once where the instruction set has an instruction for it, else twice.
+#[inline(always)]
+pub fn fused<S: Simd>(_simd: S, a: f32, b: f32, c: f32) -> f32 {
+    // Without the instruction, rounding once is a function call.
+    if S::F32_LANES > 1 { a.mul_add(b, c) } else { a * b + c }
 }
 
 /// `e^x` with a relative error below 2e-7 for `x` in `[-87, 88]`; arguments beyond are moved there.

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     columns::vectorized,
     environment::BilinearDensity,
-    simd::{self, LANES, Lanes},
+    simd::{self, LANES, Lanes, Simd},
     tile::Rows,
     visibility::Weighting,
 };
@@ -62,7 +62,7 @@ fn reflection(n: &[Lanes; 3], wo: &[Lanes; 3], lobes: &[Lanes], lane: usize) -> 
 
 vectorized! {
     /// The running sums of the clusters' masses, and the shares beside BRDF sampling; the lobes are there.
-    pub(super) fn prepare['a, W: Weighting](_simd, patches: &'a Patches, weighting: &'a W, at: &'a Rows<'a>, state: &'a mut [Lanes]) {
+    pub(super) fn prepare['a, W: Weighting](simd, patches: &'a Patches, weighting: &'a W, at: &'a Rows<'a>, state: &'a mut [Lanes]) {
         for (strip, state) in state.chunks_exact_mut(COLUMNS).enumerate() {
             let (n, wo) = (at.normals(strip), at.views(strip));
             let (lobes, sums) = state.split_at_mut(SUMS);
@@ -78,7 +78,7 @@ vectorized! {
                     // Points of a strip are neighbours: a patch is often below the horizon of all.
                     let (mut mean, mut half_width, mut bound) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
                     for k in 0..LANES {
-                        let cosines = patch.cosines(Vec3::new(n[0][k], n[1][k], n[2][k]));
+                        let cosines = patch.cosines(simd, Vec3::new(n[0][k], n[1][k], n[2][k]));
                         (mean[k], half_width[k], bound[k]) = (cosines.mean, cosines.half_width, cosines.bound);
                     }
                     let mut highest = bound[0];
@@ -88,14 +88,14 @@ vectorized! {
                     if highest > 0.0 {
                         for k in 0..LANES {
                             let cosines = Cosines { mean: mean[k], half_width: half_width[k], bound: bound[k] };
-                            let mass = weights[k] * patch.mass_of::<false>(&reflection(&n, &wo, lobes, k), &cosines);
+                            let mass = weights[k] * patch.mass_of::<_, false>(simd, &reflection(&n, &wo, lobes, k), &cosines);
                             sum[k] += mass;
                             squared[k] += mass * brightness;
                         }
                     }
                 } else {
                     for k in 0..LANES {
-                        sum[k] += weights[k] * patch.diffuse_mass::<false>(Vec3::new(n[0][k], n[1][k], n[2][k]));
+                        sum[k] += weights[k] * patch.diffuse_mass::<_, false>(simd, Vec3::new(n[0][k], n[1][k], n[2][k]));
                     }
                 }
                 *out = sum;
@@ -116,15 +116,15 @@ vectorized! {
 
 /// The running sums of the weighted masses of the parts of a patch for one shading point.
 #[inline(always)]
-fn part_sums(block: &Block, at: &Reflection, weights: &Lanes) -> Lanes {
+fn part_sums<S: Simd>(simd: S, block: &Block, at: &Reflection, weights: &Lanes) -> Lanes {
     let mut masses = [0.0; LANES];
     if at.specular > 0.0 {
         for k in 0..LANES {
-            masses[k] = Patch::load(block, k).mass::<true>(at);
+            masses[k] = Patch::load(block, k).mass::<_, true>(simd, at);
         }
     } else {
         for k in 0..LANES {
-            masses[k] = Patch::load(block, k).diffuse_mass::<true>(at.n);
+            masses[k] = Patch::load(block, k).diffuse_mass::<_, true>(simd, at.n);
         }
     }
     let mut sum = 0.0;
@@ -151,7 +151,8 @@ fn goes_on(patches: &Patches, lobes: &[Lanes], lane: usize) -> bool {
 
 /// One level down for the lanes that go on.
 #[inline(always)]
-fn step<A: Aim>(
+fn step<S: Simd, A: Aim>(
+    simd: S,
     patches: &Patches,
     level: &Level,
     goes_on: &[bool; LANES],
@@ -164,7 +165,7 @@ fn step<A: Aim>(
     for k in 0..LANES {
         if goes_on[k] {
             let number = path.number[k] as usize;
-            sums[k] = part_sums(&level.blocks[number], &at[k], &weights(k, number));
+            sums[k] = part_sums(simd, &level.blocks[number], &at[k], &weights(k, number));
             totals[k] = sums[k][PARTS - 1];
             roots[k] = level.roots[number];
         }
@@ -249,7 +250,8 @@ fn share(mass: f32, all: f32) -> f32 {
 
 /// Goes down the levels to what `aims` at them say, with the state of one strip.
 #[inline(always)]
-fn walk<A: Aim, W: Weighting>(
+fn walk<S: Simd, A: Aim, W: Weighting>(
+    simd: S,
     patches: &Patches,
     weighting: &W,
     (at, strip): (&Rows<'_>, usize),
@@ -272,9 +274,9 @@ fn walk<A: Aim, W: Weighting>(
         any |= narrow[k];
     }
     let weights = |lane: usize, cluster| weighting.of_parts(lobes[WEIGHTS][lane], cluster);
-    step(patches, &patches.leaves, &[true; LANES], &points, weights, aims[1], &mut path);
+    step(simd, patches, &patches.leaves, &[true; LANES], &points, weights, aims[1], &mut path);
     if any {
-        step(patches, &patches.twigs, &narrow, &points, |_, _| [1.0; LANES], aims[2], &mut path);
+        step(simd, patches, &patches.twigs, &narrow, &points, |_, _| [1.0; LANES], aims[2], &mut path);
     }
     (path, narrow)
 }
@@ -296,13 +298,13 @@ fn rectangles(patches: &Patches, path: &Path, narrow: &[bool; LANES]) -> [Lanes;
 vectorized! {
     /// Carries uniform points `z` to points of Y, with their densities over Y: 0 where there is nothing to draw.
     pub(super) fn sample['a, W: Weighting](
-        _simd, patches: &'a Patches, weighting: &'a W, at: &'a Rows<'a>, state: &'a [Lanes],
+        simd, patches: &'a Patches, weighting: &'a W, at: &'a Rows<'a>, state: &'a [Lanes],
         z: [&'a [Lanes]; 2], y: [&'a mut [Lanes]; 2], q: &'a mut [Lanes],
     ) {
         let [y_u, y_v] = y;
         for strip in 0..q.len() {
             let aim = Points([z[0][strip], z[1][strip]]);
-            let (path, narrow) = walk(patches, weighting, (at, strip), state, [&aim; 3]);
+            let (path, narrow) = walk(simd, patches, weighting, (at, strip), state, [&aim; 3]);
             let inside = path.cuts.inside(&aim.0[0], &aim.0[1]);
             let [left, right, top, bottom, inverse_energy] = &rectangles(patches, &path, &narrow);
             for k in 0..LANES {
@@ -318,7 +320,7 @@ vectorized! {
     /// The inverse of [`sample`]: points of Y with their images `x` in X, which say what patch they are of, to the points `z` that are carried
     /// to them, and the densities over Y. Where that is 0, no point is.
     pub(super) fn invert['a, W: Weighting](
-        _simd, patches: &'a Patches, weighting: &'a W, grid: &'a BilinearDensity, at: &'a Rows<'a>, state: &'a [Lanes],
+        simd, patches: &'a Patches, weighting: &'a W, grid: &'a BilinearDensity, at: &'a Rows<'a>, state: &'a [Lanes],
         x: [&'a [Lanes]; 2], y: [&'a [Lanes]; 2], z: [&'a mut [Lanes]; 2], q: &'a mut [Lanes],
     ) {
         let [z_u, z_v] = z;
@@ -331,7 +333,7 @@ vectorized! {
                 (clusters[k], leaves[k], twigs[k]) = (twig / parts / parts, twig / parts % parts, twig % parts);
             }
             let aims = [&Places(clusters), &Places(leaves), &Places(twigs)];
-            let (path, narrow) = walk(patches, weighting, (at, strip), state, aims);
+            let (path, narrow) = walk(simd, patches, weighting, (at, strip), state, aims);
             let [left, right, top, bottom, inverse_energy] = rectangles(patches, &path, &narrow);
             let rectangle = Cuts { left, right, top, bottom };
             let inside = rectangle.inside(&y[0][strip], &y[1][strip]);
@@ -353,7 +355,7 @@ fn within(from: f32, to: f32, inside: f32) -> f32 {
 vectorized! {
     /// The density over Y at the points of Y that are carried to points `x` of X.
     pub(super) fn density['a, W: Weighting](
-        _simd, patches: &'a Patches, weighting: &'a W, grid: &'a BilinearDensity, at: &'a Rows<'a>, state: &'a [Lanes],
+        simd, patches: &'a Patches, weighting: &'a W, grid: &'a BilinearDensity, at: &'a Rows<'a>, state: &'a [Lanes],
         x: [&'a [Lanes]; 2], q: &'a mut [Lanes],
     ) {
         for strip in 0..q.len() {
@@ -371,10 +373,10 @@ vectorized! {
                 let own = sums[cluster][k] - if cluster == 0 { 0.0 } else { sums[cluster - 1][k] };
                 let mut probability = share(own, sums[CLUSTERS - 1][k]);
                 let weights = weighting.of_parts(lobes[WEIGHTS][k], cluster);
-                probability *= share_of(&part_sums(&patches.leaves.blocks[cluster], &point, &weights), leaf % PARTS);
+                probability *= share_of(&part_sums(simd, &patches.leaves.blocks[cluster], &point, &weights), leaf % PARTS);
                 let mut inverse_energy = patches.leaves.rectangles[leaf][4];
                 if goes_on(patches, lobes, k) {
-                    probability *= share_of(&part_sums(&patches.twigs.blocks[leaf], &point, &[1.0; LANES]), twig % PARTS);
+                    probability *= share_of(&part_sums(simd, &patches.twigs.blocks[leaf], &point, &[1.0; LANES]), twig % PARTS);
                     inverse_energy = patches.twigs.rectangles[twig][4];
                 }
                 q[strip][k] = probability * inverse_energy;

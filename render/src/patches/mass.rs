@@ -5,7 +5,10 @@ use std::f32::consts::FRAC_1_PI;
 use glam::{DMat3, Vec3};
 
 use super::moments::MomentMap;
-use crate::{simd::Lanes, tail::Node};
+use crate::{
+    simd::{Lanes, Simd, fused},
+    tail::Node,
+};
 
 /// What a mass is computed from.
 #[derive(Clone, Copy, Debug)]
@@ -124,79 +127,92 @@ impl Patch {
 
     /// Three times the variance of `t . w` over the patch.
     #[inline(always)]
-    fn spread(&self, t: Vec3) -> f32 {
-        let squares = t.x * t.x * self.squares.x + t.y * t.y * self.squares.y + t.z * t.z * self.squares.z;
-        let mixed = t.x * t.y * self.mixed.x + t.x * t.z * self.mixed.y + t.y * t.z * self.mixed.z;
-        larger(squares + mixed, 0.0)
+    fn spread<S: Simd>(&self, simd: S, t: Vec3) -> f32 {
+        // Each component times what it meets in its row of the symmetric matrix.
+        let first = fused(simd, t.y, self.mixed.x, fused(simd, t.z, self.mixed.y, t.x * self.squares.x));
+        let second = fused(simd, t.z, self.mixed.z, t.y * self.squares.y);
+        let third = t.z * self.squares.z;
+        larger(fused(simd, t.x, first, fused(simd, t.y, second, t.z * third)), 0.0)
     }
 
     /// The interval of cosines over the patch, as if they were uniform on it.
     #[inline(always)]
-    pub fn cosines(&self, n: Vec3) -> Cosines {
-        let mean = n.dot(self.centroid);
-        let half_width = (self.spread(n) + LEAST_VARIANCE).sqrt();
+    pub fn cosines<S: Simd>(&self, simd: S, n: Vec3) -> Cosines {
+        let mean = dot(simd, n, self.centroid);
+        let half_width = (self.spread(simd, n) + LEAST_VARIANCE).sqrt();
         // By the Cauchy-Schwarz inequality no direction is farther than that along n.
-        let reach = smaller(self.mahalanobis * half_width + self.cell, self.reach);
+        let reach = smaller(fused(simd, self.mahalanobis, half_width, self.cell), self.reach);
         Cosines { mean, half_width, bound: mean + reach }
     }
 
     /// The mass for a diffuse surface.
     #[inline(always)]
-    pub fn diffuse_mass<const LEAF: bool>(&self, n: Vec3) -> f32 {
-        self.energy * self.cosines(n).clamped::<LEAF>()
+    pub fn diffuse_mass<S: Simd, const LEAF: bool>(&self, simd: S, n: Vec3) -> f32 {
+        self.energy * self.cosines(simd, n).clamped::<LEAF>()
     }
 
     /// The mass for any surface; that of a surface without a lobe is [`Self::diffuse_mass`].
     #[inline(always)]
-    pub fn mass<const LEAF: bool>(&self, at: &Reflection) -> f32 {
-        self.mass_of::<LEAF>(at, &self.cosines(at.n))
+    pub fn mass<S: Simd, const LEAF: bool>(&self, simd: S, at: &Reflection) -> f32 {
+        self.mass_of::<S, LEAF>(simd, at, &self.cosines(simd, at.n))
     }
 
     /// [`Self::mass`] with the cosines to the normal.
     #[inline(always)]
-    pub fn mass_of<const LEAF: bool>(&self, at: &Reflection, cosines: &Cosines) -> f32 {
+    pub fn mass_of<S: Simd, const LEAF: bool>(&self, simd: S, at: &Reflection, cosines: &Cosines) -> f32 {
         let diffuse = cosines.clamped::<LEAF>();
-        let glossy = self.glossy::<LEAF>(at, cosines);
+        let glossy = self.glossy::<S, LEAF>(simd, at, cosines);
         let glossy = if cosines.bound > 0.0 { glossy } else { 0.0 };
-        let both = at.diffuse * FRAC_1_PI * diffuse + at.specular * glossy;
+        let both = fused(simd, at.specular, glossy, at.diffuse * FRAC_1_PI * diffuse);
         self.energy * if at.specular > 0.0 { both } else { diffuse }
     }
 
     /// The Trowbridge-Reitz lobe times cosine in the middle of the part of the patch that is above the horizon, widened by the spread
     /// of half vectors over the patch.
     #[inline(always)]
-    fn glossy<const LEAF: bool>(&self, at: &Reflection, cosines: &Cosines) -> f32 {
+    fn glossy<S: Simd, const LEAF: bool>(&self, simd: S, at: &Reflection, cosines: &Cosines) -> f32 {
         let (visible, cos_i) = cosines.visible();
-        let w = self.centroid + at.n * (cos_i - cosines.mean);
-        let w = w * (1.0 / larger(w.dot(w), 1e-6).sqrt());
-        let cos_o = larger(at.n.dot(at.wo), 1e-4);
-        let cos_i = smaller(larger(at.n.dot(w), 1e-4), 1.0);
-        let cos = smaller(at.wo.dot(w), 1.0 - 1e-6);
+        let raised = cos_i - cosines.mean;
+        let w = Vec3::new(
+            fused(simd, at.n.x, raised, self.centroid.x),
+            fused(simd, at.n.y, raised, self.centroid.y),
+            fused(simd, at.n.z, raised, self.centroid.z),
+        );
+        let scale = 1.0 / larger(dot(simd, w, w), 1e-6).sqrt();
+        let w = w * scale;
+        let cos_o = larger(dot(simd, at.n, at.wo), 1e-4);
+        let cos_i = smaller(larger(cos_i * scale, 1e-4), 1.0);
+        let cos = smaller(dot(simd, at.wo, w), 1.0 - 1e-6);
         // The squared cosine of half of the angle between both directions; one over it, and over the squared sine of the whole.
-        let squared_half = larger(0.5 * (1.0 + cos), 1e-3);
-        let both = 1.0 / (squared_half * (1.0 - cos));
-        let (per_half, per_squared_sine) = ((1.0 - cos) * both, 0.5 * both);
+        let squared_half = larger(fused(simd, 0.5, cos, 0.5), 1e-3);
+        let away = 1.0 - cos;
+        let both = 1.0 / (squared_half * away);
+        let (per_half, per_squared_sine) = (away * both, 0.5 * both);
         let squared_cos_h = smaller((cos_i + cos_o) * (cos_i + cos_o) * (0.25 * per_half), 1.0);
         // Half vectors spread by half of what directions do in the plane of incidence, across it by more.
-        let across = at.wo.cross(w);
-        let variance_across = self.spread(across) * (1.0 / 3.0) * per_squared_sine;
+        let across = Vec3::new(
+            fused(simd, at.wo.y, w.z, -(at.wo.z * w.y)),
+            fused(simd, at.wo.z, w.x, -(at.wo.x * w.z)),
+            fused(simd, at.wo.x, w.y, -(at.wo.y * w.x)),
+        );
+        let variance_across = self.spread(simd, across) * (1.0 / 3.0) * per_squared_sine;
         let variance_along = larger(self.variance - variance_across, 0.0);
         let own = at.alpha * at.alpha;
-        let along = smaller(own + 0.5 * variance_along, 1.0);
-        let over = smaller(own + 0.5 * variance_across * per_half, 1.0);
-        let tilt_across = at.n.dot(across);
+        let along = smaller(fused(simd, 0.5, variance_along, own), 1.0);
+        let over = smaller(fused(simd, 0.5 * variance_across, per_half, own), 1.0);
+        let tilt_across = dot(simd, at.n, across);
         let tilt_across = tilt_across * tilt_across * per_squared_sine;
         let tilt_along = larger(1.0 - squared_cos_h - tilt_across, 0.0);
         // D = 1 / (pi a b (cos^2 + x^2 / a^2 + y^2 / b^2)^2), with along = a^2 and over = b^2, over a common denominator.
         let product = along * over;
-        let scaled = squared_cos_h * product + tilt_along * over + tilt_across * along;
+        let scaled = fused(simd, squared_cos_h, product, fused(simd, tilt_along, over, tilt_across * along));
         // Smith's shadowing as Hammon (2017) has it without roots: G2 / (4 n.wi n.wo) = 1 / (2 mix(2 n.wi n.wo, n.wi + n.wo, alpha)).
         let (smooth, rough) = (2.0 * cos_i * cos_o, cos_i + cos_o);
-        let shadowing = 2.0 * (smooth + at.alpha * (rough - smooth));
+        let shadowing = 2.0 * fused(simd, at.alpha, rough - smooth, smooth);
         // (1 - cos)^5 is near to (1 - cos^2)^12.
         let x = 1.0 - squared_half;
         let fourth = (x * x) * (x * x);
-        let fresnel = at.f0 + (1.0 - at.f0) * (fourth * fourth * fourth);
+        let fresnel = fused(simd, 1.0 - at.f0, fourth * fourth * fourth, at.f0);
         let share = if LEAF { visible.sqrt() } else { visible };
         let lobe = FRAC_1_PI * product * product.sqrt() * cos_i / (scaled * scaled * shadowing);
         share * fresnel * lobe
@@ -242,6 +258,12 @@ impl Cosines {
     }
 }
 
+/// The scalar product.
+#[inline(always)]
+fn dot<S: Simd>(simd: S, a: Vec3, b: Vec3) -> f32 {
+    fused(simd, a.x, b.x, fused(simd, a.y, b.y, a.z * b.z))
+}
+
 /// The larger of two numbers, of which the first may be none.
 #[inline(always)]
 fn larger(a: f32, b: f32) -> f32 {
@@ -256,6 +278,8 @@ fn smaller(a: f32, b: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use pulp::Scalar;
+
     use super::*;
     use crate::{
         environment::BilinearDensity,
@@ -280,8 +304,8 @@ mod tests {
             let patch = Patch::new(&map, node);
             for _ in 0..8 {
                 let n = Vec3::from(random.direction());
-                let bound = patch.cosines(n).bound;
-                let mass = patch.diffuse_mass::<true>(n) / patch.energy;
+                let bound = patch.cosines(Scalar, n).bound;
+                let mass = patch.diffuse_mass::<_, true>(Scalar, n) / patch.energy;
                 for (_, w) in map.directions(node) {
                     let cosine = n.dot(w.as_vec3());
                     assert!(cosine <= bound + 1e-6, "{node:?} {n}: {cosine} {bound}");
@@ -310,7 +334,7 @@ mod tests {
                 }
                 let at = Reflection { n, wo, diffuse: 0.0, specular: 1.0, f0: 1.0, alpha: 0.7 };
                 let expected = crate::brdf::Ggx::new(0.7, Vec3::ONE).lobe_cosine(n, wo, w);
-                let ratio = patch.mass::<true>(&at) / patch.energy / expected;
+                let ratio = patch.mass::<_, true>(Scalar, &at) / patch.energy / expected;
                 // Shadowing is Hammon's, within 10 %; widening by the cell's spread some 5 %.
                 assert!((0.8..1.25).contains(&ratio), "{node:?} {n} {wo}: {ratio}");
             }
