@@ -1,0 +1,100 @@
+//! The grammar, both ways.
+
+use super::*;
+
+#[test]
+fn specifications_print_as_they_parse() {
+    for text in [
+        "brdf",
+        "cosine",
+        "emitter",
+        "mis",
+        "mis2",
+        "mis-comp",
+        "ris:4",
+        "head:a/b.safetensors",
+        "baked:x:y",
+        "head+mis:a",
+        "direct+mis:b:c",
+        "ris:4:head:a",
+        "ris:16:direct:b:c",
+        "oracle",
+        "oracle+mis",
+        "patches",
+        "patches:fine",
+        "patches+vis",
+        "patches:fine+vis",
+        "patches+vis:a/b:c",
+        "patches:fine+vis:a",
+        "head:a+vis:b",
+        "head:a+vis",
+        "head+patches:a/b:c",
+        "head+patches:a+vis",
+        "head+patches+vis:a/b:c",
+        "head+patches+vis@a:b:c",
+        "direct+vis:a:b",
+        "direct+vis8:a",
+        "direct+vis32@a/b:c:d",
+        "baked+mis+vis:a",
+        "direct:a+vis:b",
+        "ris:4+vis",
+        "ris:4+vis@a",
+        "ris:4+vis:direct:a",
+        "ris:4+vis@a:head:b",
+        "ris:2+vis:patches",
+        "ris:4:head+patches:a",
+        "mis2:head+patches:a",
+        "ris:4:patches",
+        "mis2:direct:a",
+        "ris:4:head+mis:a",
+        "ris:4:mis",
+    ] {
+        assert_eq!(text.parse::<SamplerSpec>().unwrap().to_string(), text);
+    }
+}
+
+#[test]
+fn mistakes_are_named() {
+    for text in [
+        "",
+        "ris",
+        "ris:0",
+        "ris:x",
+        "head",
+        "head:",
+        "mis:4",
+        "brdf:1",
+        "best",
+        "mis+mis:a",
+        "patches:coarse",
+        "patches+mis",
+        "patches+mis:fine",
+        "mis+vis",
+        "direct+vis",
+        "direct+vis:",
+        "direct+vis@:a",
+        "direct+vis9:a",
+        "direct+vis@a",
+        "direct+visual:a",
+        "patches+vis8",
+        "patches+vis@a",
+        "patches+visual",
+        "ris:0+vis",
+        "ris:4+vis:",
+        "ris:4+vis8:patches",
+        "head+patches+vis8:a",
+        "mis+vis:a",
+        "patches+vis:",
+        "head+patches",
+        "head+patches+vis",
+        "head+patches+vis:",
+        "head+patches+mis:a",
+        "ris:4:patches+vis",
+        "head+mis",
+        "ris:4:head",
+        "ris:4:mis:x",
+    ] {
+        let error = text.parse::<SamplerSpec>().unwrap_err().to_string();
+        assert!(error.contains(&format!("'{text}'")), "{error}");
+    }
+}
