@@ -6,7 +6,7 @@ use super::{FileKind, ONLY_THESE_LEARN, SamplerSpec, Source};
 use crate::{
     environment::Environment,
     error::{Error, Result},
-    estimator::{Estimator, LearnedVisibility, Ris, SingleSample, TwoSampleMis},
+    estimator::{Estimator, LearnedVisibility, Ris, SingleSample, Split, TwoSampleMis},
     export::ExportedSampler,
     patches::PatchSampler,
     rival::RivalSampler,
@@ -50,6 +50,9 @@ impl SamplerSpec {
         Ok(match self {
             Self::One(source) => Box::new(SingleSample::new(Covering::new(sampler(source)?)?, environment.clone())),
             Self::Two(source) => Box::new(TwoSampleMis::new(sampler(source)?, BrdfSampler, environment.clone())?),
+            Self::Split(directions, source) => {
+                Box::new(Split::new(Covering::new(sampler(source)?)?, *directions, environment.clone())?)
+            }
             Self::Ris(candidates, source) => Box::new(resampling(source, *candidates, environment, place)?),
             Self::Learning { source, candidates, grid, known } => {
                 let estimator = learning(source, (*candidates, *grid), environment, place)?;

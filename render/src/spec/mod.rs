@@ -1,7 +1,7 @@
 //! Sampler specifications: `brdf`, `mis`, `ris:4`, `head+mis:FILE`, ... and the estimators that they name.
 //!
 //! A SPEC is a *source* of directions (`brdf`, `emitter`, `patches`, `oracle`, `KIND:FILE`, or a source in a mixture with BRDF sampling), used alone,
-//! in two-sample MIS (`mis2`) or in resampling (`ris:M`).
+//! several times (`split:N`), in two-sample MIS (`mis2`) or in resampling (`ris:M`).
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -43,6 +43,8 @@ pub enum SamplerSpec {
         /// What was learned beforehand.
         known: Option<PathBuf>,
     },
+    /// The mean of this many directions.
+    Split(u32, Source),
     /// Resampled importance sampling with this many candidates, half of them from the source, half from BRDF sampling.
     Ris(u32, Source),
 }
@@ -192,7 +194,11 @@ impl SamplerSpec {
     /// Where the directions come from.
     pub fn source(&self) -> &Source {
         match self {
-            Self::One(source) | Self::Two(source) | Self::Learning { source, .. } | Self::Ris(_, source) => source,
+            Self::One(source)
+            | Self::Two(source)
+            | Self::Split(_, source)
+            | Self::Learning { source, .. }
+            | Self::Ris(_, source) => source,
         }
     }
 

@@ -6,13 +6,15 @@ use super::{FileKind, ONLY_THESE_LEARN, RivalFamily, SamplerSpec, Source};
 use crate::{
     bake::WeightedTable,
     error::{Error, Result},
-    estimator::LearnedVisibility,
+    estimator::{LearnedVisibility, Split},
     patches::Detail,
+    points::MAX_CANDIDATES,
+    sampler::BrdfSampler,
 };
 
 /// All forms that there are, in the words of a mistake.
 const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, patches:fine, \
-                     patches+vis, patches:fine+vis, patches+vis:FILE, head:FILE, head+patches:FILE, \
+                     patches+vis, patches:fine+vis, split:2:patches, patches+vis:FILE, head:FILE, head+patches:FILE, \
                      head+patches+vis:FILE, baked:FILE, direct:FILE, direct+vis:FILE, direct+vis@LEARNED:FILE, \
                      ris:4+vis, ris:4+vis:direct:FILE, head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, \
                      ris:4:direct:FILE, neusample:FILE, neusample+emitter:FILE, reparam:FILE, reparam+emitter:FILE, \
@@ -27,6 +29,13 @@ impl FromStr for SamplerSpec {
         }
         if let Some(source) = text.strip_prefix("mis2:") {
             return Ok(Self::Two(source_of(source, text)?));
+        }
+        if let Some(rest) = text.strip_prefix("split:") {
+            let (count, source) = rest.split_once(':').ok_or_else(|| {
+                Error::argument(format!("sampler '{text}'"), "name directions and a source, as in split:2:patches")
+            })?;
+            let directions = count_of(count, Split::<BrdfSampler>::MOST, text, "directions, as in split:2:patches")?;
+            return Ok(Self::Split(directions, source_of(source, text)?));
         }
         if let Some(learning) = Learning::of(text) {
             return learning.spec(text);
@@ -45,8 +54,13 @@ impl FromStr for SamplerSpec {
 
 /// The candidates of resampling in a SPEC, which `whole` is.
 fn candidates_of(count: &str, whole: &str) -> Result<u32> {
-    let candidates = count.parse().ok().filter(|count| (1..=4096).contains(count));
-    candidates.ok_or_else(|| Error::argument(format!("sampler '{whole}'"), "name 1 to 4096 candidates, as in ris:4"))
+    count_of(count, MAX_CANDIDATES, whole, "candidates, as in ris:4")
+}
+
+/// A number from 1 to `most` in a SPEC, which `whole` is.
+fn count_of(count: &str, most: u32, whole: &str, what: &str) -> Result<u32> {
+    let count = count.parse().ok().filter(|count| (1..=most).contains(count));
+    count.ok_or_else(|| Error::argument(format!("sampler '{whole}'"), format!("name 1 to {most} {what}")))
 }
 
 /// The parts of the SPEC of a sampler that learns: `SAMPLER+vis[GRID][@KNOWN][:REST]`.

@@ -28,6 +28,7 @@ impl fmt::Display for SamplerSpec {
             }
             Self::Two(Source::Emitter) => f.write_str("mis2"),
             Self::Two(source) => write!(f, "mis2:{source}"),
+            Self::Split(directions, source) => write!(f, "split:{directions}:{source}"),
             Self::Ris(candidates, Source::Emitter) => write!(f, "ris:{candidates}"),
             Self::Ris(candidates, source) => write!(f, "ris:{candidates}:{source}"),
         }

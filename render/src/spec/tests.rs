@@ -46,6 +46,9 @@ fn specifications_print_as_they_parse() {
         "mis2:head+patches:a",
         "ris:4:patches",
         "mis2:direct:a",
+        "split:2:patches",
+        "split:64:head+mis:a:b",
+        "split:4:mis-comp",
         "ris:4:head+mis:a",
         "ris:4:mis",
     ] {
@@ -93,6 +96,13 @@ fn mistakes_are_named() {
         "head+mis",
         "ris:4:head",
         "ris:4:mis:x",
+        "split",
+        "split:2",
+        "split:0:mis",
+        "split:65:mis",
+        "split:2:",
+        "split:2:patches+vis",
+        "split:2:split:2:mis",
     ] {
         let error = text.parse::<SamplerSpec>().unwrap_err().to_string();
         assert!(error.contains(&format!("'{text}'")), "{error}");
