@@ -43,7 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 let scene = dressed(scene_name, material)?;
                 let points = shading_points(&scene, points);
                 let means = each(&points, &scene, |k, tile| {
-                    let weights = weights(&*patches, tile(8 * draws), Points::new(PointSet::Sobol, k));
+                    let weights = weights(&*patches, &tile(8 * draws), Points::new(PointSet::Sobol, k));
                     weights.iter().sum::<f64>() / weights.len() as f64
                 });
                 for sampler in samplers.split(',') {
@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                     let place = Place { scene: Some(&scene), ..Place::default() };
                     let estimator = spec.build_in(&environment, place)?;
                     let found = each(&points, &scene, |k, tile| {
-                        let weights = weights(&*estimator, tile(draws), Points::new(PointSet::Independent, k));
+                        let weights = weights(&*estimator, &tile(draws), Points::new(PointSet::Independent, k));
                         Found::of(&weights, means[k as usize])
                     });
                     let all = found.into_iter().fold(Found::default(), Found::joined);
@@ -102,7 +102,7 @@ fn each<T: Send>(
 }
 
 /// The estimates of all rows of a tile, without shadows.
-fn weights(estimator: &dyn Estimator, tile: Tile, points: Points) -> Vec<f64> {
+fn weights(estimator: &dyn Estimator, tile: &Tile, points: Points) -> Vec<f64> {
     let (arena, mut drawn) = (Arena::default(), Contributions::default());
     estimator.propose(&tile.rows(), &points, &mut drawn, &arena);
     let mut weights = vec![0.0; tile.len()];

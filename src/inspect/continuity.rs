@@ -90,7 +90,7 @@ mod tests {
     fn a_map_without_light_and_shade_is_not_torn() {
         for kind in [TailKind::RowColumn, TailKind::Hierarchical] {
             let found = tears(kind, |_, _| 1.0);
-            assert!(found.length == 0.0 && found.mean == 0.0, "{kind}: {} sides", found.length);
+            assert!(found.length == 0.0 && found.mean == 0.0, "{}: {} sides", kind.name(), found.length);
             assert_eq!(found.colors()[0], [0; 3]);
         }
     }
