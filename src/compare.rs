@@ -43,7 +43,7 @@ done. Ctrl-C ends it after the picture that is being rendered, with exit status 
 pub struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
-    /// Samplers, separated by commas: brdf (or cosine), emitter, mis, mis2, mis-comp, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE,
+    /// Samplers, separated by commas: brdf (or cosine), emitter, mis, mis2, mis-comp, split:N:SOURCE, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE,
     /// ris:M:head:FILE, ris:M:direct:FILE, oracle (the exact product of light, BRDF and cosine, without visibility; slow).
     #[arg(long, value_name = "SPEC,...", value_delimiter = ',', required = true)]
     samplers: Vec<SamplerSpec>,

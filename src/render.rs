@@ -39,7 +39,7 @@ Ctrl-C writes what there is.")]
 pub struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
-    /// brdf (or cosine), emitter, mis, mis2, mis-comp, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE, ris:M:direct:FILE or oracle (the
+    /// brdf (or cosine), emitter, mis, mis2, mis-comp, split:N:SOURCE, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE, ris:M:direct:FILE or oracle (the
     /// exact product of light, BRDF and cosine, without visibility; slow); fit says which one its file is.
     #[arg(long, value_name = "SPEC")]
     sampler: SamplerSpec,

@@ -2,7 +2,8 @@
 
     python benches/mitsuba/equal_time.py --meshes temple spot.glb --maps room.hdr --materials diffuse glossy --out out/mitsuba
 
-Each pair of integrators renders in turns, and the ratio of times is that of the medians; MSE is against a reference by headtail's integrator at many
+Each pair of integrators renders in turns, and the ratio of times is that of the medians (`--clock processor`: processor time of all threads, which others
+on the machine disturb less; best with `--threads 1`, as waiting threads count too); MSE is against a reference by headtail's integrator at many
 samples per pixel, over the pixels that surfaces cover. Prints a row for each pair: the ratio of MSE x time (above 1: headtail's is better).
 """
 
@@ -64,23 +65,26 @@ def scene_of(mesh, camera, texels, integrator, sampler, size):
     )
 
 
-def render(scene, spp, seed):
+CLOCKS = {"wall": time.perf_counter, "processor": time.process_time}
+
+
+def render(scene, spp, seed, clock=time.perf_counter):
     """(picture, seconds)"""
-    start = time.perf_counter()
+    start = clock()
     picture = mi.render(scene, spp=spp, seed=seed)
     dr.eval(picture)
     dr.sync_thread()
-    return np.array(picture), time.perf_counter() - start
+    return np.array(picture), clock() - start
 
 
-def compare(own, other, spp, runs, reference, covered):
+def compare(own, other, spp, runs, reference, covered, clock):
     """{name: (MSE, seconds)} of both scenes, rendered in turns."""
     results = {"headtail": [], "mitsuba": []}
     for name, scene in (("headtail", own), ("mitsuba", other)):
         render(scene, spp, 1)
     for run in range(runs):
         for name, scene in (("headtail", own), ("mitsuba", other)):
-            picture, seconds = render(scene, spp, 100 + run)
+            picture, seconds = render(scene, spp, 100 + run, clock)
             results[name].append((np.mean((picture - reference)[covered] ** 2), seconds))
     return {name: (np.mean([mse for mse, _ in rows]), np.median([seconds for _, seconds in rows])) for name, rows in results.items()}
 
@@ -98,9 +102,13 @@ def main():
     parser.add_argument("--runs", type=int, default=6)
     parser.add_argument("--reference-spp", type=int, default=4096)
     parser.add_argument("--size", type=int, nargs=2, default=[320, 240])
+    parser.add_argument("--clock", default="wall", choices=CLOCKS)
+    parser.add_argument("--threads", type=int)
     parser.add_argument("--out", type=pathlib.Path)
     arguments = parser.parse_args()
     mi.set_variant(arguments.variant)
+    if arguments.threads:
+        dr.set_thread_count(arguments.threads)
     import headtail
     import headtail.mitsuba
 
@@ -119,7 +127,7 @@ def main():
                     reference = sum(render(long, min(256, arguments.reference_spp), 10_000 + k)[0] for k in range(count)) / count
                     covered = coverage(long, arguments.size)
                     for sampler in arguments.samplers:
-                        results = compare(scene(own, sampler), scene({"type": kind, **settings}, sampler), arguments.spp, arguments.runs, reference, covered)
+                        results = compare(scene(own, sampler), scene({"type": kind, **settings}, sampler), arguments.spp, arguments.runs, reference, covered, CLOCKS[arguments.clock])
                         (mse, seconds), (other_mse, other_seconds) = results["headtail"], results["mitsuba"]
                         row = {
                             "mesh": pathlib.Path(mesh_name).stem,

@@ -59,7 +59,7 @@ impl Sampler {
             let spec: SamplerSpec = spec.parse()?;
             let sampler = match &spec {
                 SamplerSpec::One(source) => Some(Covering::new(source.build(&map)?)?.into_inner()),
-                SamplerSpec::Two(_) | SamplerSpec::Ris(..) | SamplerSpec::Learning { .. } => {
+                SamplerSpec::Two(_) | SamplerSpec::Split(..) | SamplerSpec::Ris(..) | SamplerSpec::Learning { .. } => {
                     spec.build(&map)?;
                     None
                 }

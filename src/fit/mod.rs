@@ -2,7 +2,10 @@
 
 mod arguments;
 
-use std::{sync::atomic::AtomicBool, time::Instant};
+use std::{
+    sync::{Arc, OnceLock, atomic::AtomicBool},
+    time::Instant,
+};
 
 use anyhow::{Context, Result};
 use headtail_train::{FitConfig, Fitted, Progress, TrainingLight, Viewpoints, build_target, config::Over, fit};
@@ -56,7 +59,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         watch: &mut bar.watcher(),
     };
     let finished = run::perform(&described, around)?;
-    bar.0.finish_and_clear();
+    bar.finish_and_clear();
     let (summary, before, after) = (&finished.summary, finished.summary.initial, finished.summary.divergence);
     let untrained = match described.fit.over {
         Over::Patches | Over::FinePatches => "patches alone",
@@ -92,24 +95,34 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// A progress bar of a training.
-struct TrainingBar(progress::Bar);
+/// A progress bar of a training. It begins with the first step, so that what comes before, the fit of a flow tail perhaps, is not taken for the time of steps.
+struct TrainingBar {
+    steps: usize,
+    bar: Arc<OnceLock<progress::Bar>>,
+}
 
 impl TrainingBar {
     fn new(steps: usize) -> Self {
-        Self(progress::bar(steps as u64, "training"))
+        Self { steps, bar: Arc::default() }
     }
 
     /// What shows each step.
     fn watcher(&self) -> impl FnMut(&Progress) + use<> {
-        let bar = self.0.clone();
+        let (steps, bar) = (self.steps, self.bar.clone());
         let mut kl = f64::NAN;
         move |progress| {
+            let bar = bar.get_or_init(|| progress::bar(steps as u64, "training"));
             kl = progress.divergence.map_or(kl, |divergence| divergence.kl);
             let known = if kl.is_nan() { String::new() } else { format!(", KL {kl:.4} nats") };
             let speed = progress.samples_per_second / 1e6;
             bar.set_message(format!("loss {:.4}{known}, {speed:.2} M samples/s", progress.loss));
             bar.set_position(progress.step as u64);
+        }
+    }
+
+    fn finish_and_clear(&self) {
+        if let Some(bar) = self.bar.get() {
+            bar.finish_and_clear();
         }
     }
 }
@@ -119,6 +132,6 @@ pub fn train(light: &TrainingLight, config: &FitConfig, stop: &AtomicBool) -> Re
     let target = build_target(config, &light.tail, Viewpoints::Sphere);
     let bar = TrainingBar::new(config.steps);
     let fitted = fit(config, &*target, &mut bar.watcher(), stop)?;
-    bar.0.finish_and_clear();
+    bar.finish_and_clear();
     Ok(fitted)
 }

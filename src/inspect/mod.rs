@@ -1,6 +1,7 @@
 //! `headtail inspect`: the densities of an exported sampler as a picture.
 
 mod cloth;
+mod continuity;
 mod tails;
 mod visibility;
 

@@ -11,6 +11,7 @@ use headtail_render::{
     tail::{Tail, TailKind, TailWarp},
 };
 
+use super::continuity::{self, Tears};
 use crate::report::{
     chart::{Panel, Sides, densities},
     vector::Chart,
@@ -35,8 +36,8 @@ struct Figures {
     /// Largest ratio of the Jacobians of neighbouring points, and the ratio that one pair in a hundred passes.
     jump: f64,
     jump_99: f64,
-    /// Share of neighbouring points of Y that land more than 1/8 of the map apart.
-    torn: f64,
+    /// Where neighbours land apart.
+    tears: Tears,
     /// Energy of the fullest of 64 x 64 cells of Y, as a share of all.
     worst_cell: f64,
     /// Nanoseconds for y -> x and x -> y.
@@ -67,16 +68,18 @@ pub fn inspect(environment: &Environment, file: Option<&ExportedSampler>) -> Res
         }
     }
     let figures: Vec<Figures> = tails.iter().map(Figures::of).collect();
-    let mut table =
-        String::from("tail           KL (nats)  largest jump  99 % jump  torn pairs  worst cell  y -> x   x -> y\n");
+    let mut table = String::from(
+        "tail           KL (nats)  largest jump  99 % jump  tears  mean tear  worst cell  y -> x   x -> y\n",
+    );
     for f in &figures {
         table += &format!(
-            "{:<13} {:>10.4} {:>13.3e} {:>10.2} {:>9.3} % {:>9.4} % {:>5.0} ns {:>5.0} ns\n",
+            "{:<13} {:>10.4} {:>13.3e} {:>10.2} {:>6.2} {:>8.2} % {:>9.4} % {:>5.0} ns {:>5.0} ns\n",
             f.kind.name(),
             f.kl,
             f.jump,
             f.jump_99,
-            100.0 * f.torn,
+            f.tears.length,
+            100.0 * f.tears.mean,
             100.0 * f.worst_cell,
             f.nanoseconds[0],
             f.nanoseconds[1]
@@ -88,7 +91,8 @@ pub fn inspect(environment: &Environment, file: Option<&ExportedSampler>) -> Res
             "kl": f.kl,
             "largest_jump": f.jump,
             "jump_99": f.jump_99,
-            "torn_share": f.torn,
+            "tear_sides": f.tears.length,
+            "mean_tear": f.tears.mean,
             "worst_cell_share": f.worst_cell,
             "ns_y_to_x": f.nanoseconds[0],
             "ns_x_to_y": f.nanoseconds[1],
@@ -107,32 +111,29 @@ impl Figures {
         let logs = light.inverse_points(&x).into_iter().zip(tail.inverse_points(&x));
         let logs = logs.map(|((_, p), (_, q))| f64::from(p).ln() - f64::from(q).ln());
         let kl = logs.sum::<f64>() / POINTS as f64;
-        let (jump, jump_99, torn) = neighbours(tail);
+        let (jump, jump_99) = neighbours(tail);
         let nanoseconds = [false, true].map(|back| lookup_time(tail, back));
-        Self { kind: tail.kind(), kl, jump, jump_99, torn, worst_cell: worst_cell(tail), nanoseconds }
+        Self { kind: tail.kind(), kl, jump, jump_99, tears: Tears::of(tail), worst_cell: worst_cell(tail), nanoseconds }
     }
 }
 
-/// Ratios of Jacobians, and tears, between neighbours of a grid over Y.
-fn neighbours(tail: &Tail) -> (f64, f64, f64) {
+/// The largest ratio of Jacobians between neighbours of a grid over Y, and the ratio that one pair in a hundred passes.
+fn neighbours(tail: &Tail) -> (f64, f64) {
     let at = |k: usize| Vec2::new((k % SIDE) as f32 + 0.5, (k / SIDE) as f32 + 0.5) / SIDE as f32;
     let points: Vec<(Vec2, f32)> = tail.forward_points(&(0..SIDE * SIDE).map(at).collect::<Vec<_>>());
-    let (mut jumps, mut torn) = (Vec::new(), 0_usize);
-    for (k, (x, jacobian)) in points.iter().enumerate() {
+    let mut jumps = Vec::new();
+    for (k, (_, jacobian)) in points.iter().enumerate() {
         let (column, row) = (k % SIDE, k / SIDE);
         let right = row * SIDE + (column + 1) % SIDE;
         let below = (row + 1 < SIDE).then_some(k + SIDE);
         for other in [Some(right), below].into_iter().flatten() {
-            let (other_x, other_jacobian) = points[other];
-            jumps.push(f64::from(jacobian / other_jacobian).ln().abs());
-            let across = (x.x - other_x.x).abs();
-            torn += usize::from(across.min(1.0 - across).max((x.y - other_x.y).abs()) > 0.125);
+            jumps.push(f64::from(jacobian / points[other].1).ln().abs());
         }
     }
     jumps.retain(|jump| jump.is_finite());
     jumps.sort_by(f64::total_cmp);
     let pick = |share: f64| jumps.get(((jumps.len() - 1) as f64 * share) as usize).map_or(f64::NAN, |jump| jump.exp());
-    (pick(1.0), pick(0.99), torn as f64 / jumps.len() as f64)
+    (pick(1.0), pick(0.99))
 }
 
 /// The share of the light in the fullest cell of Y; one in all cells for an exact tail.
@@ -177,7 +178,7 @@ fn rgb_of_hsl(hue: f32, saturation: f32, lightness: f32) -> [u8; 3] {
     })
 }
 
-/// The square itself, then its image under each tail.
+/// The square itself, its image under each tail, then where each tears it.
 fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
     let pixel = |k: usize| {
         Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
@@ -192,6 +193,15 @@ fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
         let images: Vec<Vec2> = tail.inverse_points(&points).into_iter().map(|(y, _)| y).collect();
         let title = format!("{}: KL {:.4} nats", figures.kind.name(), figures.kl);
         panels.push(panel(title, &images, Sides::Sphere)?);
+    }
+    for figures in figures {
+        let Tears { length, mean, .. } = figures.tears;
+        let title = format!(
+            "{}: tears of Y, {length:.1} sides long, {:.1} % of the map wide",
+            figures.kind.name(),
+            100.0 * mean
+        );
+        panels.push(Panel::plain(title, (&figures.tears.colors(), continuity::SIDE), Sides::Square)?);
     }
     densities("tails", &[format!("What tails of '{map}' make of the square")], &panels, 2)
 }

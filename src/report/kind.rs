@@ -94,6 +94,7 @@ impl Kind {
             "head" => Self::Head,
             "mis" => Self::Mis,
             "mis2" => Self::TwoSampleMis,
+            "split" => name.splitn(3, ':').nth(2).map_or(Self::Other, Self::of),
             "mis-comp" => Self::CompensatedMis,
             "brdf" | "cosine" => Self::Brdf,
             "emitter" => Self::Emitter,
@@ -202,6 +203,8 @@ mod tests {
         for (name, kind) in [
             ("mis", Kind::Mis),
             ("mis2", Kind::TwoSampleMis),
+            ("split:4:mis-comp", Kind::CompensatedMis),
+            ("split:2:patches:fine", Kind::Patches),
             ("cosine", Kind::Brdf),
             ("ris:4", Kind::Ris),
             ("ris:4:direct:a/b.safetensors", Kind::RisOfProduct),

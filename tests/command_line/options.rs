@@ -148,7 +148,7 @@ fn data_is_json_and_nothing_else() {
     assert!(json("inspect f/sampler.safetensors --json --out f.svg")["kl"].is_f64());
     assert_eq!(json("info f/sampler.safetensors --json")["tail"], "hierarchical");
     let tails = json("inspect --tail --env overcast --json --out tails.pdf");
-    assert!(tails[1]["tail"] == "hierarchical" && tails[1]["torn_share"].is_f64(), "{tails}");
+    assert!(tails[1]["tail"] == "hierarchical" && tails[1]["tear_sides"].is_f64(), "{tails}");
 }
 
 #[test]

@@ -51,12 +51,15 @@ pub struct WeightedTable {
 }
 
 impl WeightedTable {
+    /// The cells along a side that weights may have.
+    pub const SIDES: [usize; 3] = [8, 16, MOST_COARSE];
+
     /// A table with weights on a grid of `side x side` cells, or as many as it has itself if those are less.
     ///
     /// # Errors
-    /// `side` is not 8, 16 or 32.
+    /// `side` is not one of [`Self::SIDES`].
     pub fn new(table: BakedTable, side: usize) -> Result<Self> {
-        if ![8, 16, MOST_COARSE].contains(&side) {
+        if !Self::SIDES.contains(&side) {
             return Err(Error::argument("visibility grid", format!("{side} cells along a side: choose 8, 16 or 32")));
         }
         let (rows, columns) = table.cells.shape();

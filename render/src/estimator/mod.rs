@@ -5,11 +5,13 @@
 mod learned_visibility;
 mod ris;
 mod single_sample;
+mod split;
 mod two_sample_mis;
 
 pub use learned_visibility::{LearnedVisibility, LearningSession};
 pub use ris::Ris;
 pub use single_sample::SingleSample;
+pub use split::Split;
 pub use two_sample_mis::TwoSampleMis;
 
 use glam::Vec3A;

@@ -5,7 +5,7 @@ use headtail_render::{
     color::luminance,
     columns::Arena,
     environment::Environment,
-    estimator::{Contributions, Estimator, Ris, TwoSampleMis},
+    estimator::{Contributions, Estimator, Ris, Split, TwoSampleMis},
     latlong,
     one_point::OnePoint,
     points::{PointSet, Points},
@@ -220,6 +220,11 @@ pub fn estimates(estimator: &dyn Estimator, at: &ShadingPoint, samples: usize, s
 pub fn ris(sampler: impl Sampler + 'static, candidates: u32, world: &World) -> Box<dyn Estimator> {
     let (first, second) = (Covering::new(sampler).unwrap(), Covering::new(BrdfSampler).unwrap());
     Box::new(Ris::new(first, second, candidates, world.environment().clone()).unwrap())
+}
+
+/// Several directions of a sampler.
+pub fn split(sampler: impl Sampler + 'static, directions: u32, world: &World) -> Box<dyn Estimator> {
+    Box::new(Split::new(Covering::new(sampler).unwrap(), directions, world.environment().clone()).unwrap())
 }
 
 /// Two-sample MIS of a sampler and BRDF sampling.

@@ -113,7 +113,7 @@ fn all_samplers_estimate_the_same_light() {
 }
 
 #[test]
-fn resampling_and_two_sample_mis_estimate_it_too() {
+fn resampling_two_sample_mis_and_several_directions_estimate_it_too() {
     let tasks: Vec<_> =
         WORLDS.iter().flat_map(|world| (0..11).step_by(4).map(move |k| (world, world.normals()[k]))).collect();
     let failures: Vec<String> = tasks
@@ -129,11 +129,12 @@ fn resampling_and_two_sample_mis_estimate_it_too() {
                 ("ris:16", ris(emitter(), 16, world)),
                 ("ris:5 of a table", ris(table.clone(), 5, world)),
                 ("mis2", mis2(emitter(), world)),
+                ("split:3", split(emitter(), 3, world)),
                 ("mis2 of a table", mis2(table, world)),
             ];
             let at = shading_point(*normal);
             let truth = world.quadrature.reflected(*normal);
-            let tests = 6 * tasks.len();
+            let tests = 7 * tasks.len();
             estimators.into_iter().filter_map(move |(name, estimator)| {
                 let verdict = mean_is(truth, &estimates(&*estimator, &at, 20_000, 8), tests);
                 verdict.err().map(|reason| format!("{} / {name}, normal {}: {reason}", world.name, at.ns))

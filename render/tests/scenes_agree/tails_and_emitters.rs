@@ -89,7 +89,7 @@ fn table(tail: &Tail) -> BakedTable {
 }
 
 /// Writes heads and tables over a flow tail, and over the light without its compact emitters, and names them in every form.
-fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
+pub(super) fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
     let write = |name: &str, intermediate: Intermediate, tail: &Arc<Tail>, luminance: &[f32]| {
         let path = folder.join(format!("{}-{name}.safetensors", environment.name()));
         let training = (!matches!(intermediate, Intermediate::DirectBake(_))).then(untrained);

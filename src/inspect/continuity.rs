@@ -1,0 +1,106 @@
+//! Where a tail tears the square: points of Y that land apart on the map, however near they are to each other.
+
+use glam::Vec2;
+use headtail_render::tail::{Tail, TailWarp};
+
+/// Points along a side of Y; tears are looked for between neighbours.
+pub const SIDE: usize = 256;
+/// How often the distance of two neighbours is halved, always towards the half that lands further apart: to 2^-20 of a side.
+const HALVINGS: usize = 12;
+/// The least jump that counts, as a share of the map's side: what lands so far apart is torn, or stretched more than a thousand times.
+const LEAST: f32 = 1.0 / 1024.0;
+
+/// The tears of a tail.
+pub struct Tears {
+    /// Their length in sides of Y, along both axes.
+    pub length: f64,
+    /// The mean jump across them, as a share of the map's width or height, whichever is more; 0 without tears.
+    pub mean: f64,
+    /// The largest jump to the right and downwards of each of `SIDE x SIDE` points.
+    pub jumps: Vec<f32>,
+}
+
+impl Tears {
+    /// Follows every pair of neighbours to where it is torn.
+    pub fn of(tail: &Tail) -> Self {
+        let mut pairs: Vec<[Vec2; 2]> = (0..SIDE * SIDE).flat_map(neighbours).collect();
+        for _ in 0..HALVINGS {
+            let middles: Vec<Vec2> = pairs.iter().map(|[a, b]| 0.5 * (a + b)).collect();
+            let ends = [0, 1].map(|end| pairs.iter().map(|pair| pair[end]).collect::<Vec<_>>());
+            let [from, to] = ends.each_ref().map(|points| images(tail, points));
+            let between = images(tail, &middles);
+            for (k, pair) in pairs.iter_mut().enumerate() {
+                let is_first = apart(from[k], between[k]) > apart(between[k], to[k]);
+                pair[usize::from(is_first)] = middles[k];
+            }
+        }
+        let [from, to] = [0, 1].map(|end| images(tail, &pairs.iter().map(|pair| pair[end]).collect::<Vec<_>>()));
+        let gaps: Vec<f32> = from.into_iter().zip(to).map(|(a, b)| apart(a, b)).collect();
+        let torn: Vec<f64> = gaps.iter().filter(|&&gap| gap > LEAST).map(|&gap| f64::from(gap)).collect();
+        Self {
+            length: torn.len() as f64 / SIDE as f64,
+            mean: if torn.is_empty() { 0.0 } else { torn.iter().sum::<f64>() / torn.len() as f64 },
+            jumps: gaps.chunks_exact(2).map(|gaps| gaps[0].max(gaps[1])).collect(),
+        }
+    }
+
+    /// The square, black where it is whole, and brighter the further apart its points land.
+    pub fn colors(&self) -> Vec<[u8; 3]> {
+        let bright = |jump: &f32| {
+            // From a thousandth to half of the map.
+            let level = (jump / LEAST).max(1.0).log2() / (0.5 / LEAST).log2();
+            [1.0, 0.75, 0.4].map(|tint| (255.0 * level.min(1.0) * tint).round() as u8)
+        };
+        self.jumps.iter().map(bright).collect()
+    }
+}
+
+/// A point of the grid with its neighbours to the right, across the seam too, and below; the last row has none below.
+fn neighbours(k: usize) -> [[Vec2; 2]; 2] {
+    let at = |column: usize, row: usize| Vec2::new(column as f32 + 0.5, row as f32 + 0.5) / SIDE as f32;
+    let (column, row) = (k % SIDE, k / SIDE);
+    let point = at(column, row);
+    [[point, at(column + 1, row)], [point, at(column, (row + 1).min(SIDE - 1))]]
+}
+
+/// Where points land; their first coordinate may be a turn too far.
+fn images(tail: &Tail, points: &[Vec2]) -> Vec<Vec2> {
+    let points: Vec<Vec2> = points.iter().map(|y| Vec2::new(y.x.fract(), y.y)).collect();
+    tail.forward_points(&points).into_iter().map(|(x, _)| x).collect()
+}
+
+/// How far two points of the map are apart: u is a circle.
+fn apart(a: Vec2, b: Vec2) -> f32 {
+    let across = (a.x - b.x).abs();
+    across.min(1.0 - across).max((a.y - b.y).abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use headtail_render::tail::TailKind;
+
+    use super::*;
+
+    fn tears(kind: TailKind, luminance: impl Fn(usize, usize) -> f32) -> Tears {
+        let texels: Vec<f32> = (0..64 * 32).map(|k| luminance(k % 64, k / 64)).collect();
+        Tears::of(&Tail::new(kind, 64, 32, &texels).unwrap())
+    }
+
+    #[test]
+    fn a_map_without_light_and_shade_is_not_torn() {
+        for kind in [TailKind::RowColumn, TailKind::Hierarchical] {
+            let found = tears(kind, |_, _| 1.0);
+            assert!(found.length == 0.0 && found.mean == 0.0, "{}: {} sides", kind.name(), found.length);
+            assert_eq!(found.colors()[0], [0; 3]);
+        }
+    }
+
+    /// Two halves that are bright at opposite ends: their rows do not meet. A quarter of a side of the map lies between the middles of their light.
+    #[test]
+    fn rows_that_do_not_meet_are_tears() {
+        let found = tears(TailKind::Hierarchical, |column, row| if (column < 32) == (row < 16) { 1.0 } else { 0.1 });
+        // The halves meet twice on the circle, each time along the whole height of Y.
+        assert!((1.5..4.0).contains(&found.length), "{} sides", found.length);
+        assert!(found.mean > 0.1, "{}", found.mean);
+    }
+}
