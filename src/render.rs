@@ -129,8 +129,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(learned) = rendering.learned {
         let (megabytes, unknown) = (learned.bytes as f64 / 1e6, 100.0 * learned.unknown);
         say!(
-            "visibility: {} cells, {megabytes:.1} MB, {unknown:.1} % of samples where nothing was known",
-            learned.cells
+            "visibility: {} cells, {megabytes:.1} MB, {}",
+            learned.cells,
+            if learned.pays {
+                format!("{unknown:.1} % of samples where nothing was known")
+            } else {
+                "not drawn with: too little is in shadow for what that takes".to_owned()
+            }
         );
     }
     if arguments.timings {

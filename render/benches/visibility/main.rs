@@ -1,8 +1,8 @@
-//! What knowing visibility gains, as CSV: `cargo bench -p headtail-render --bench visibility -- SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES]]]`,
-//! the first five but the material with commas between; MEGABYTES bound what is learned.
+//! What knowing visibility gains, as CSV: `cargo bench -p headtail-render --bench visibility -- SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES [REFERENCE]]]]`,
+//! the first five but the material with commas between; MEGABYTES bound what is learned, the reference has two halves of REFERENCE samples.
 //!
 //! In the names of samplers, `TABLE` is a direct bake of the map and `LEARNEDn` what n samples per pixel of the view teach, for example
-//! `direct:TABLE,direct+vis@LEARNED64:TABLE`; `mis` comes first. `cache:N` is a cache of N maps of visibility over X (`map_cache.rs`). Rows have the mean square error, the reference's own noise taken off, that of `mis` over it, and the processor
+//! `direct:TABLE,direct+vis@LEARNED64:TABLE`; `mis` comes first. `cache:N[:ROWS[:DEGREES[:FLOOR]]]` is a cache of N maps of visibility over X (`map_cache.rs`). Rows have the mean square error, the reference's own noise taken off, that of `mis` over it, and the processor
 //! seconds of a sample of all pixels on one thread, learning before the picture included.
 
 mod map_cache;
@@ -26,8 +26,6 @@ use headtail_render::{
 };
 use map_cache::MapCache;
 
-/// Samples per pixel of either half of a reference.
-const REFERENCE: u32 = 512;
 /// Pictures of different seeds that an error is the mean of.
 const SEEDS: u64 = 2;
 
@@ -38,12 +36,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         [a, b, c, d, e] => ([a, b, c, d, e], "160x120"),
         [a, b, c, d, e, size, ..] => ([a, b, c, d, e], &**size),
         _ => {
-            println!("usage: SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES]]]");
+            println!("usage: SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES [REFERENCE]]]]");
             return Ok(());
         }
     };
     let points = arguments.get(6).map_or(Ok(PointSet::Sobol), |points| points.parse())?;
     let memory = arguments.get(7).map_or(Ok(64), |megabytes| megabytes.parse::<usize>())? << 20;
+    let reference = arguments.get(8).map_or(Ok(512), |samples| samples.parse())?;
     let (width, height) = size.split_once('x').ok_or("the size is WIDTHxHEIGHT")?;
     let size = (width.parse()?, height.parse()?);
     let budgets = budgets.split(',').map(str::parse).collect::<Result<Vec<u32>, _>>()?;
@@ -64,7 +63,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let scene = material.parse::<MaterialSpec>()?.dress(scene, &bounds)?;
             let camera = scene.camera();
             let environment = environment.clone();
-            let bench = Bench { scene, camera, environment, size, points, memory, folder: folder.path() };
+            let bench = Bench { scene, camera, environment, size, points, memory, reference, folder: folder.path() };
             pool.install(|| bench.compare((name, map), samplers, &budgets).map_err(|error| error.to_string()))?;
         }
     }
@@ -85,13 +84,16 @@ struct Bench<'a> {
     size: (usize, usize),
     points: PointSet,
     memory: usize,
+    /// Samples per pixel of either half of a reference.
+    reference: u32,
     folder: &'a Path,
 }
 
 impl Bench<'_> {
     fn compare(&self, (scene, map): (&str, &str), samplers: &str, budgets: &[u32]) -> Result<(), Box<dyn Error>> {
         let patches = SamplerSpec::patches().build(&self.environment)?;
-        let [a, b] = [1001, 1002].map(|seed| self.render(&*patches, REFERENCE, Points::new(PointSet::Sobol, seed)).0);
+        let [a, b] =
+            [1001, 1002].map(|seed| self.render(&*patches, self.reference, Points::new(PointSet::Sobol, seed)).0);
         let reference: Vec<f32> = samples(&a).zip(samples(&b)).map(|(a, b)| 0.5 * (a + b)).collect();
         // The variance of the mean of two is a quarter of the square of their difference.
         let noise = mean(samples(&a).zip(samples(&b)).map(|(a, b)| f64::from(a - b).powi(2) / 4.0));
@@ -127,8 +129,9 @@ impl Bench<'_> {
 
     /// The estimator of a name.
     fn estimator(&self, name: &str) -> Result<Box<dyn Estimator>, Box<dyn Error>> {
-        if let Some(entries) = name.strip_prefix("cache:") {
-            let cache = MapCache::new(&self.view(), entries.parse()?);
+        if let Some(parameters) = name.strip_prefix("cache:") {
+            let cache = MapCache::new(&self.view(), parameters.parse()?);
+            eprintln!("{name}: {:.1} MB", cache.bytes() as f64 / 1e6);
             let sampler = Covering::new(OneSampleMis::new(cache, BrdfSampler))?;
             return Ok(Box::new(SingleSample::new(sampler, self.environment.clone())));
         }

@@ -1,8 +1,10 @@
 //! A rival: maps of visibility over X at points of a scene, as renderers keep them to sample light through windows.
 //!
 //! Points are spread over what the camera sees, no two with like normals nearer than a radius. Each sends shadow rays to all tiles of the map; a shading
-//! point takes the nearest point's tiles within the radius and 25 degrees, and draws one in proportion to its light times mean visibility, then a texel by its
+//! point takes the nearest point's tiles within the radius and an angle of normals, and draws one in proportion to its light times mean visibility, then a texel by its
 //! light. Neither BRDF nor cosine is in the product: a mixture with BRDF sampling has these, and covers what the floor leaves to chance.
+
+use std::{error::Error, str::FromStr};
 
 use glam::{Vec2, Vec3A};
 use headtail_render::{
@@ -16,20 +18,49 @@ use headtail_render::{
     tile::Rows,
 };
 
-/// Tiles of the map.
-const ROWS: usize = 16;
-const COLUMNS: usize = 32;
 /// Shadow rays to each tile from each point.
 const RAYS: usize = 4;
-/// What a tile counts for that no ray reached, over one that is seen.
-const FLOOR: f32 = 0.1;
-/// The cosine of 25 degrees.
-const LIKE: f32 = 0.906_307_8;
+
+/// What a cache is set by.
+#[derive(Clone, Copy, Debug)]
+pub struct Parameters {
+    /// Points, about.
+    pub points: usize,
+    /// Rows of tiles; there are twice as many columns.
+    pub rows: usize,
+    /// Normals are alike within this angle, in degrees.
+    pub degrees: f32,
+    /// What a tile counts for that no ray reached, over one that is seen.
+    pub floor: f32,
+}
+
+impl FromStr for Parameters {
+    type Err = Box<dyn Error>;
+
+    /// `POINTS[:ROWS[:DEGREES[:FLOOR]]]`.
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let mut parts = text.split(':');
+        let mut next = |default: &'static str| parts.next().unwrap_or(default).to_owned();
+        let out = Self {
+            points: next("2000").parse()?,
+            rows: next("16").parse()?,
+            degrees: next("25").parse()?,
+            floor: next("0.1").parse()?,
+        };
+        if out.rows == 0 || parts.next().is_some() {
+            Err("a cache is POINTS:ROWS:DEGREES:FLOOR".into())
+        } else {
+            Ok(out)
+        }
+    }
+}
 
 /// The cache.
 pub struct MapCache {
     texels: Texels,
     radius: f32,
+    /// The cosine of the angle within which normals are alike.
+    like: f32,
     points: Vec<(Vec3A, Vec3A)>,
     /// For each point, after that of nothing known, the running sums of the tiles' masses.
     sums: Vec<Vec<f32>>,
@@ -39,6 +70,8 @@ pub struct MapCache {
 struct Texels {
     width: usize,
     height: usize,
+    /// Rows and columns of tiles.
+    shape: (usize, usize),
     /// Masses `[height, width]`, none where its neighbours have light.
     masses: Vec<f32>,
     /// The masses of the tiles.
@@ -46,7 +79,7 @@ struct Texels {
 }
 
 impl Texels {
-    fn new(width: usize, rows: usize, luminance: &[f32]) -> Self {
+    fn new((width, rows): (usize, usize), luminance: &[f32], shape: (usize, usize)) -> Self {
         let height = rows - 1;
         let mass = |k: usize| {
             let (column, row) = (k % width, k / width);
@@ -55,8 +88,8 @@ impl Texels {
             let light = reach.into_iter().flat_map(|column| [row, row + 1].map(|row| luminance[row * width + column]));
             light.sum::<f32>() * latlong::sin_theta((row as f32 + 0.5) / height as f32)
         };
-        let mut out =
-            Self { width, height, masses: (0..width * height).map(mass).collect(), tiles: vec![0.0; ROWS * COLUMNS] };
+        let masses = (0..width * height).map(mass).collect();
+        let mut out = Self { width, height, shape, masses, tiles: vec![0.0; shape.0 * shape.1] };
         for k in 0..out.masses.len() {
             let tile = out.tile(k % width, k / width);
             out.tiles[tile] += out.masses[k];
@@ -65,15 +98,16 @@ impl Texels {
     }
 
     fn tile(&self, column: usize, row: usize) -> usize {
-        row * ROWS / self.height * COLUMNS + column * COLUMNS / self.width
+        row * self.shape.0 / self.height * self.shape.1 + column * self.shape.1 / self.width
     }
 
     /// The texels of a tile.
     fn of_tile(&self, tile: usize) -> impl Iterator<Item = usize> + '_ {
         let bounds =
             |k: usize, tiles: usize, texels: usize| (k * texels).div_ceil(tiles)..((k + 1) * texels).div_ceil(tiles);
-        let columns = bounds(tile % COLUMNS, COLUMNS, self.width);
-        bounds(tile / COLUMNS, ROWS, self.height)
+        let (rows, across) = self.shape;
+        let columns = bounds(tile % across, across, self.width);
+        bounds(tile / across, rows, self.height)
             .flat_map(move |row| columns.clone().map(move |column| row * self.width + column))
     }
 
@@ -102,23 +136,24 @@ impl Texels {
 }
 
 impl MapCache {
-    /// A cache of about so many points of what a view shows.
-    pub fn new(view: &View<'_>, count: usize) -> Self {
+    /// A cache of what a view shows.
+    pub fn new(view: &View<'_>, Parameters { points: count, rows, degrees, floor }: Parameters) -> Self {
         let map = view.environment;
-        let texels = Texels::new(map.width(), map.height(), &map.luminance());
+        let (columns, like) = (2 * rows, degrees.to_radians().cos());
+        let texels = Texels::new((map.width(), map.height()), &map.luminance(), (rows, columns));
         let (mut radius, mut points) = (0.5 * view.scene.bounds().extent().length(), Vec::new());
         while points.len() < count && radius > 1e-4 {
             radius *= 0.85;
-            points = spread(view, radius);
+            points = spread(view, radius, like);
         }
         let mut random = Stream::new(7, Purpose::Test, 0);
         let mut sums = vec![running(&texels.tiles)];
         for &(p, n) in &points {
             let ray = |tile: usize| {
-                let at = Vec2::new((tile % COLUMNS) as f32, (tile / COLUMNS) as f32) + random.uniform2();
-                latlong::direction(at / Vec2::new(COLUMNS as f32, ROWS as f32))
+                let at = Vec2::new((tile % columns) as f32, (tile / columns) as f32) + random.uniform2();
+                latlong::direction(at / Vec2::new(columns as f32, rows as f32))
             };
-            let directions: Vec<Vec3A> = (0..ROWS * COLUMNS * RAYS).map(|k| k / RAYS).map(ray).collect();
+            let directions: Vec<Vec3A> = (0..rows * columns * RAYS).map(|k| k / RAYS).map(ray).collect();
             // What is below the surface is not seen.
             let above = |wi: &Vec3A| n.dot(*wi) > 0.0;
             let rays: Vec<Ray> =
@@ -129,10 +164,15 @@ impl MapCache {
             let seen: Vec<bool> = directions.iter().map(|wi| above(wi) && visible.next() == Some(true)).collect();
             let mean = |seen: &[bool]| seen.iter().filter(|&&seen| seen).count() as f32 / RAYS as f32;
             let masses: Vec<f32> =
-                seen.chunks_exact(RAYS).zip(&texels.tiles).map(|(seen, light)| light * mean(seen).max(FLOOR)).collect();
+                seen.chunks_exact(RAYS).zip(&texels.tiles).map(|(seen, light)| light * mean(seen).max(floor)).collect();
             sums.push(running(&masses));
         }
-        Self { texels, radius, points, sums }
+        Self { texels, radius, like, points, sums }
+    }
+
+    /// Bytes of its points and running sums.
+    pub fn bytes(&self) -> usize {
+        self.points.len() * size_of::<(Vec3A, Vec3A)>() + self.sums.iter().map(|sums| 4 * sums.len()).sum::<usize>()
     }
 
     /// The tiles that a point takes: those of nothing known where no other is near.
@@ -140,7 +180,7 @@ impl MapCache {
         let (mut found, mut least) = (0, self.radius * self.radius);
         for (k, (other, normal)) in self.points.iter().enumerate() {
             let distance = (*other - p).length_squared();
-            if distance < least && normal.dot(n) > LIKE {
+            if distance < least && normal.dot(n) > self.like {
                 (found, least) = (k + 1, distance);
             }
         }
@@ -149,12 +189,12 @@ impl MapCache {
 }
 
 /// Points that a camera sees, so far from each other.
-fn spread(view: &View<'_>, radius: f32) -> Vec<(Vec3A, Vec3A)> {
+fn spread(view: &View<'_>, radius: f32, like: f32) -> Vec<(Vec3A, Vec3A)> {
     let mut points: Vec<(Vec3A, Vec3A)> = Vec::new();
     for pixel in 0..view.width * view.height {
         let (x, y) = ((pixel % view.width) as f32 + 0.5, (pixel / view.width) as f32 + 0.5);
         if let Some(hit) = view.scene.intersect(&view.camera.ray(x, y, view.width, view.height)) {
-            let near = |(p, n): &(Vec3A, Vec3A)| (*p - hit.p).length() < radius && n.dot(hit.ng) > LIKE;
+            let near = |(p, n): &(Vec3A, Vec3A)| (*p - hit.p).length() < radius && n.dot(hit.ng) > like;
             if !points.iter().any(near) {
                 points.push((hit.p, hit.ng));
             }

@@ -26,7 +26,7 @@ const PASS: u32 = 8;
 /// Sums up all samples, or those of the passes until `stop` is set (at least one pass). `progress` is called after every pass with the share that is
 /// done. The same settings give the same film on any number of threads.
 ///
-/// An estimator that learns does so before, from one part in 32 of as many samples, whose points no film has: what it draws with does not depend on
+/// An estimator that learns does so before, from one point in 64 of as many samples, whose points no film has: what it draws with does not depend on
 /// the samples that are weighed, and the mask stays unbiased.
 ///
 /// # Panics

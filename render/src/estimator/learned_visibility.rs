@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{Contributions, Estimator, Learner, Ris, Setting, single_sample::propose_one};
+use super::{Contributions, Estimator, Learner, Ris, Setting, exploration::explore, single_sample::propose_one};
 use crate::{
     bake::{BakedTable, WeightedTable},
     columns::Arena,
@@ -21,6 +21,9 @@ use crate::{
 const CELL_PIXELS: f32 = 8.0;
 /// Cells for a pixel if they are so wide, those of all levels.
 const CELLS_PER_PIXEL: f32 = 0.045;
+
+/// Shadow rays from each point that is learned from.
+const RAYS: u32 = 8;
 
 /// An estimator that knows what is seen of the sky, and learns it from shadow rays: patches of sky, a table, or resampling, with masses or targets that
 /// are multiplied by weights of where a point is.
@@ -73,7 +76,7 @@ impl LearnedVisibility {
     /// A table over the square that a light's tail carries, perhaps in a mixture with BRDF sampling, with weights on a grid of `side x side` cells of Y.
     ///
     /// # Errors
-    /// The tail leaves a part of the light out, or `side` is not 8, 16 or 32.
+    /// The tail leaves a part of the light out, or `side` is none of [`WeightedTable::SIDES`].
     pub fn of_table(
         table: BakedTable,
         light: EnvironmentLight,
@@ -140,7 +143,7 @@ impl LearnedVisibility {
         let cells = Cells::new(setting.eye, CELL_PIXELS * shortage * setting.pixel);
         let cache = VisibilityCache::new(cells, self.division.clone(), self.memory);
         let cache = if let Some(known) = &self.known { cache.knowing(known.clone()) } else { cache };
-        LearningSession { estimator: self, cache }
+        LearningSession { estimator: self, cache, explores: false }
     }
 
     fn propose_with<W: Weighting>(
@@ -199,6 +202,7 @@ impl Estimator for LearnedVisibility {
 pub struct LearningSession<'a> {
     estimator: &'a LearnedVisibility,
     cache: VisibilityCache,
+    explores: bool,
 }
 
 impl LearningSession<'_> {
@@ -217,7 +221,13 @@ impl LearningSession<'_> {
 
 impl Estimator for LearningSession<'_> {
     fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena) {
-        self.estimator.propose_with(&self.cache, at, points, out, arena);
+        if self.explores {
+            explore(&self.estimator.sky, at, points, RAYS, out, arena);
+        } else if self.cache.pays() {
+            self.estimator.propose_with(&self.cache, at, points, out, arena);
+        } else {
+            self.estimator.propose_with(&Unoccluded, at, points, out, arena);
+        }
     }
 }
 
@@ -230,6 +240,10 @@ impl Learner for LearningSession<'_> {
 
     fn learn(&mut self) {
         self.cache.learn();
+    }
+
+    fn explore(&mut self, explores: bool) {
+        self.explores = explores;
     }
 
     fn size(&self) -> CacheSize {

@@ -2,6 +2,7 @@
 //!
 //! An estimator proposes contributions; whoever owns the scene finds out which of them are visible and tells the estimator.
 
+mod exploration;
 mod learned_visibility;
 mod ris;
 mod single_sample;
@@ -48,6 +49,9 @@ pub trait Learner: Estimator {
 
     /// Lets what was observed be used from now on.
     fn learn(&mut self);
+
+    /// Whether what it proposes is for learning alone from now on: what such contributions add to an estimate is of no account.
+    fn explore(&mut self, explores: bool);
 
     /// What there is to be told about it.
     fn size(&self) -> CacheSize;

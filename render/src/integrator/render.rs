@@ -92,7 +92,7 @@ impl Rendering {
 ///
 /// `progress` is called after every pass with the share of the budget that is spent. Same `points` (their kind and seed) and same number of
 /// samples: same bytes, on any number of threads and whatever the budget was given in. An estimator that learns does so first, from other points, in
-/// a thirty-second of the budget: its pictures depend on how much that was, too, which for a budget in time is not always the same.
+/// a small part of the budget: its pictures depend on how much that was, too, which for a budget in time is not always the same.
 ///
 /// # Panics
 /// If a side is longer than [`MAX_SIDE`].

@@ -38,6 +38,12 @@ impl Visibility {
         &self.patches
     }
 
+    /// Sets the visibility of the first patches.
+    #[cfg(test)]
+    pub fn set(&mut self, patches: &[f32]) {
+        self.patches[..patches.len()].copy_from_slice(patches);
+    }
+
     /// The visibility that rays speak for, after that of a larger cell.
     fn of(rays: &[[f32; 2]], above: &Self) -> Self {
         let mut own = above.clone();
@@ -76,12 +82,12 @@ impl Visibility {
     }
 }
 
-/// What `of` makes of the visibility of each cell. It is that of the larger one that the cell lies in until it has rays of its own; where `known` has something
+/// What `of` makes of each cell's number and visibility. The latter is that of the larger one that the cell lies in until it has rays of its own; where `known` has something
 /// of the cell, that takes the larger one's place.
 pub fn estimate<'a, T: Send>(
     counts: &Counts,
     known: impl Fn(CellKey) -> Option<&'a Visibility> + Sync,
-    of: impl Fn(Visibility) -> T + Sync,
+    of: impl Fn(usize, Visibility) -> T + Sync,
 ) -> Vec<T> {
     let by_size = counts.by_size();
     let mut inside = vec![Vec::new(); counts.cells()];
@@ -120,7 +126,8 @@ pub fn estimate<'a, T: Send>(
             found[cell] = Some(visibility);
         }
     }
-    let of_cell = |cell: usize| of(found[cell].clone().unwrap_or_else(|| before(&found, cell, &rays_of(counts, cell))));
+    let of_cell =
+        |cell: usize| of(cell, found[cell].clone().unwrap_or_else(|| before(&found, cell, &rays_of(counts, cell))));
     (0..counts.cells()).into_par_iter().map(of_cell).collect()
 }
 
@@ -153,7 +160,7 @@ mod tests {
         counts.add(rays.chain((0..10).map(|_| (key(0.13), 3, false))));
         counts.settle(1000);
         let division = Division::new(vec![1.0; PATCHES]);
-        let weights = estimate(&counts, |_| None, |visibility| visibility.weights(&division));
+        let weights = estimate(&counts, |_| None, |_, visibility| visibility.weights(&division));
         let at = |x: f32, patch| weights[counts.find(key(x)).unwrap().0 as usize].of_patch(patch);
         // The root of (1/16) / 0.2, in steps of 1/255; 64 rays of the prior, which is as good as the same, change little.
         assert!((at(0.01, 3) - (0.0625_f32 / SEEN).sqrt()).abs() < 0.015, "{}", at(0.01, 3));

@@ -80,7 +80,7 @@ impl Known {
             return Err(Error::argument("visibility", format!("takes {needed} MB, and {allowed} MB are allowed")));
         }
         let counts = &visibility.counts;
-        let found = estimate::estimate(counts, |_| None, |own| (own.weights(division), own));
+        let found = estimate::estimate(counts, |_| None, |_, own| (own.weights(division), own));
         Ok(Self {
             cells: visibility.cells,
             places: (0..cells).map(|cell| (counts.key(cell), cell as u32)).collect(),

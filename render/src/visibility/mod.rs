@@ -17,6 +17,7 @@ mod file;
 mod known;
 mod places;
 mod weights;
+mod worth;
 
 pub use cells::Cells;
 pub use division::{Division, GridLayout, PatchGrid};
@@ -30,6 +31,7 @@ use std::sync::{
 
 use cells::CellKey;
 use counts::Counts;
+use worth::Worth;
 
 use crate::{
     simd::{LANES, Lanes},
@@ -42,6 +44,8 @@ pub struct VisibilityCache {
     cells: Cells,
     counts: Counts,
     weights: Vec<Weights>,
+    /// Whether weights are drawn with.
+    pays: bool,
     /// What was learned before. Nothing is counted in its cells.
     known: Option<Arc<Known>>,
     division: Arc<Division>,
@@ -59,6 +63,8 @@ pub struct CacheSize {
     pub bytes: usize,
     /// The share of the points that were last drawn for of which nothing was known, as they lie in no cell.
     pub unknown: f64,
+    /// Whether it is drawn with: where little is in shadow, it would gain less than it takes.
+    pub pays: bool,
 }
 
 /// Marks numbers of weights that were known before; the others count those of this rendering, after those of no cell.
@@ -74,14 +80,14 @@ impl VisibilityCache {
     pub fn new(cells: Cells, division: Arc<Division>, bytes: usize) -> Self {
         let (counts, weights) = (Counts::default(), vec![Weights::unknown()]);
         let most_cells = bytes / Self::cell_bytes(&division);
-        Self { cells, counts, weights, known: None, division, most_cells, asked: Default::default() }
+        Self { cells, counts, weights, pays: false, known: None, division, most_cells, asked: Default::default() }
     }
 
     /// The same with what was learned before, in whose cells it learns on: what is known keeps, the rest is learned.
     #[must_use]
     pub fn knowing(self, known: Arc<Known>) -> Self {
         let most_cells = self.most_cells.saturating_sub(known.bytes() / Self::cell_bytes(&self.division));
-        Self { cells: known.cells(), known: Some(known), most_cells, ..self }
+        Self { cells: known.cells(), known: Some(known), pays: true, most_cells, ..self }
     }
 
     /// The same that goes on learning everywhere where others have begun.
@@ -141,8 +147,15 @@ impl VisibilityCache {
 
     fn estimate(&mut self) {
         let known = |key| self.known.as_ref().and_then(|known| known.visibility(key));
-        let weights = estimate::estimate(&self.counts, known, |visibility| visibility.weights(&self.division));
-        self.weights = std::iter::once(Weights::unknown()).chain(weights).collect();
+        let found = estimate::estimate(&self.counts, known, |cell, visibility| {
+            let weights = visibility.weights(&self.division);
+            (Worth::of(self.counts.rays(cell), &visibility, &weights), weights)
+        });
+        let worth = found.iter().fold(Worth::default(), |sum, (own, _)| sum.with(*own));
+        // What was learned beforehand is there because somebody asked for it.
+        self.pays = self.known.is_some() || worth.pays();
+        self.weights =
+            std::iter::once(Weights::unknown()).chain(found.into_iter().map(|(_, weights)| weights)).collect();
     }
 
     /// The number of the weights at a key: those of the finest cell that is known.
@@ -154,13 +167,18 @@ impl VisibilityCache {
         }
     }
 
+    /// Whether what was learned gains more than it takes to draw with it.
+    pub fn pays(&self) -> bool {
+        self.pays
+    }
+
     /// How large it is.
     pub fn size(&self) -> CacheSize {
         let (cells, bytes) = self.known.as_ref().map_or((0, 0), |known| (known.count(), known.bytes()));
         let (cells, bytes) =
             (cells + self.counts.cells(), bytes + self.counts.cells() * Self::cell_bytes(&self.division));
         let [all, unknown] = self.asked.each_ref().map(|count| count.load(Relaxed) as f64);
-        CacheSize { cells, bytes, unknown: unknown / all.max(1.0) }
+        CacheSize { cells, bytes, unknown: unknown / all.max(1.0), pays: self.pays }
     }
 }
 

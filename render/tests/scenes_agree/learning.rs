@@ -22,9 +22,23 @@ fn what_is_learned_depends_on_no_thread() {
             let (one, three) = (with(1), with(3));
             assert_eq!(bits(&one.surfaces), bits(&three.surfaces), "{points}, depth {depth}");
             assert_eq!(one.learned, three.learned);
-            assert!(one.learned.is_some_and(|size| size.cells > 10 && size.unknown < 0.2), "{:?}", one.learned);
+            assert!(
+                one.learned.is_some_and(|size| size.cells > 10 && size.unknown < 0.2 && size.pays),
+                "{:?}",
+                one.learned
+            );
         }
     }
+}
+
+#[test]
+fn where_nothing_is_in_shadow_pictures_are_those_without_learning() {
+    let environment = Arc::new(built_in("window").unwrap());
+    let scene = Scene::built_in("plane").unwrap();
+    let setting = Setting { scene, environment, unshadowed: false, depth: 1, points: PointSet::Sobol };
+    let [plain, learning] = ["patches", "patches+vis"].map(|spec| setting.render(&spec.parse().unwrap(), 16, 3));
+    assert!(bits(&plain.surfaces) == bits(&learning.surfaces));
+    assert!(learning.learned.is_some_and(|size| size.cells > 10 && !size.pays), "{:?}", learning.learned);
 }
 
 #[test]
