@@ -52,6 +52,9 @@ pub fn stop_flag() -> Result<Arc<AtomicBool>> {
     Ok(INTERRUPTION.get_or_init(|| Interruption { stop, status }).stop.clone())
 }
 
+/// Exit status after SIGUSR1.
+const USER_SIGNAL_STATUS: usize = 138;
+
 /// Lets SIGUSR1 set the same flag: a batch system's "the time is almost up".
 ///
 /// # Errors
@@ -61,10 +64,15 @@ pub fn stop_at_user_signal() -> Result<()> {
     use signal_hook::consts::SIGUSR1;
     stop_flag()?;
     if let Some(known) = INTERRUPTION.get() {
-        flag::register_usize(SIGUSR1, known.status.clone(), 138).context("signal handler")?;
+        flag::register_usize(SIGUSR1, known.status.clone(), USER_SIGNAL_STATUS).context("signal handler")?;
         flag::register(SIGUSR1, known.stop.clone()).context("signal handler")?;
     }
     Ok(())
+}
+
+/// Whether it was SIGUSR1 that came.
+pub fn is_user_signal() -> bool {
+    INTERRUPTION.get().is_some_and(|known| known.status.load(Ordering::Relaxed) == USER_SIGNAL_STATUS)
 }
 
 /// There is no such signal on this system.

@@ -11,7 +11,7 @@ use headtail_render::{
 };
 use headtail_train::{
     CheckpointFolder, ConfigBuilder, FitConfig, Fitted, Material, Preset, Progress, Run, TrainingLight, Viewpoints,
-    build_target, check_exportable, exported_sampler, fit_with,
+    build_target, exported_sampler, fit_with,
 };
 use pyo3::{prelude::*, types::PyDict};
 
@@ -59,7 +59,6 @@ pub fn fit(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Sampler> {
     let config = configuration(material, preset, &assignments)?;
-    check_exportable(&config).map_err(of_train)?;
     let map = environment.0.clone();
     let checkpoints = checkpoints.map(|(folder, every, resume)| CheckpointFolder {
         folder,

@@ -27,7 +27,7 @@ use super::{
 use crate::{
     arguments::{OpenedView, ViewArguments, make_folder},
     render::quietly,
-    terminal::detail,
+    terminal::{detail, note},
 };
 
 /// A candidate that was made ready and measured.
@@ -65,6 +65,8 @@ pub struct Contest<'a> {
     pub entries: Vec<Entry>,
     /// Why heads were not trained, if they were not.
     pub(super) untrained: Option<String>,
+    /// Heads whose training came to nothing, and why, in a sentence.
+    pub left_out: Vec<(Recipe, String)>,
 }
 
 /// Samples per pixel of every trial picture: a power of two, which is what low-discrepancy points are best at. With as many as fit into some time, errors would
@@ -100,8 +102,8 @@ impl<'a> Contest<'a> {
         let covered: Vec<bool> = rendering.coverage.iter().map(|&share| share == 1.0).collect();
         anyhow::ensure!(covered.contains(&true), "no pixel is covered by a surface");
         let yardstick = Yardstick::new(opened, mis, SAMPLES / 4);
-        let (entries, untrained) = (Vec::new(), None);
-        Ok(Self { arguments, view, opened, material, covered, yardstick, entries, untrained })
+        let (entries, untrained, left_out) = (Vec::new(), None, Vec::new());
+        Ok(Self { arguments, view, opened, material, covered, yardstick, entries, untrained, left_out })
     }
 
     /// Measures everything as far as it takes to decide.
@@ -141,7 +143,7 @@ impl<'a> Contest<'a> {
             if stop.load(atomic::Ordering::Relaxed) {
                 return Ok(());
             }
-            let index = self.enter(candidate, stop)?;
+            let Some(index) = self.enter(candidate, stop)? else { continue };
             self.measure(index);
             if self.is_hopeless(index, TABLES_DIFFER) {
                 break;
@@ -171,15 +173,23 @@ impl<'a> Contest<'a> {
         !self.arguments.exhaustive && mean(&self.scores(index)) > differ * mean(&self.scores(best))
     }
 
-    /// Makes a candidate ready.
+    /// Makes a candidate ready. `None` for a head whose training comes to nothing under this map: it is left out, and said to be.
     ///
     /// # Errors
-    /// If that fails.
-    pub fn enter(&mut self, candidate: Candidate, stop: &AtomicBool) -> Result<usize> {
+    /// If something else fails.
+    pub fn enter(&mut self, candidate: Candidate, stop: &AtomicBool) -> Result<Option<usize>> {
         let folder = self.arguments.out.join("candidates");
         make_folder(&folder)?;
-        let mut ready = ready(&candidate, &self.view.env, self.opened, self.material, &folder, stop)
-            .with_context(|| candidate.name.clone())?;
+        let ready = ready(&candidate, &self.view.env, self.opened, self.material, &folder, stop);
+        let mut ready = match ready {
+            Err(error) if comes_to_nothing(&error) => {
+                let sentence = format!("{} is left out: {error:#}", candidate.name);
+                note!("{sentence}");
+                self.left_out.push((candidate.recipe, sentence));
+                return Ok(None);
+            }
+            ready => ready.with_context(|| candidate.name.clone())?,
+        };
         let Candidate { name, recipe } = candidate;
         if let Recipe::Baked(shape, steps) = recipe {
             // A table of a head takes the training, too.
@@ -189,7 +199,7 @@ impl<'a> Contest<'a> {
         let is_allowed = ready.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
         let measurement = Measurement::new(SAMPLES);
         self.entries.push(Entry { name, recipe, ready, measurement, is_in: is_allowed, is_allowed });
-        Ok(self.entries.len() - 1)
+        Ok(Some(self.entries.len() - 1))
     }
 
     /// Rounds of more and more pictures; after each, those that are out are dropped. Ends early once nobody can be much better than the best.
@@ -315,7 +325,9 @@ impl<'a> Contest<'a> {
         file::replace(&folder.join("autosize.json"), (serde_json::to_string_pretty(&records)? + "\n").as_bytes())?;
         let title = format!("{} under {}", self.opened.scene_name(), self.opened.environment.name());
         let times = (self.arguments.prepare_seconds, self.arguments.render_seconds, seconds);
-        file::replace(&folder.join("autosize.html"), page::page(&title, times, &records, &self.why_not()).as_bytes())?;
+        let notes: Vec<String> = self.left_out.iter().map(|(_, sentence)| sentence.clone()).collect();
+        let page = page::page(&title, times, &records, &notes, &self.why_not());
+        file::replace(&folder.join("autosize.html"), page.as_bytes())?;
         Ok(records)
     }
 
@@ -333,6 +345,12 @@ impl<'a> Contest<'a> {
     pub fn spec(&self, index: usize) -> String {
         self.entries[index].ready.spec.to_string()
     }
+}
+
+/// Whether it is the training that came to nothing, and not a file or a setting that is wrong.
+fn comes_to_nothing(error: &anyhow::Error) -> bool {
+    use headtail_train::Error::{Diverged, NoTable};
+    matches!(error.downcast_ref(), Some(Diverged { .. } | NoTable { .. }))
 }
 
 /// The mean; infinite of none.

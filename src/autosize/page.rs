@@ -79,8 +79,14 @@ pub fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
     records
 }
 
-/// The page; times are those for preparation and rendering, and what the choice took.
-pub fn page(title: &str, (prepare, render, took): (f64, f64, f64), records: &[Record], why_not: &str) -> String {
+/// The page; times are those for preparation and rendering, and what the choice took; notes are sentences on candidates that were left out.
+pub fn page(
+    title: &str,
+    (prepare, render, took): (f64, f64, f64),
+    records: &[Record],
+    notes: &[String],
+    why_not: &str,
+) -> String {
     let name = |record: &Record| match (record.winner, record.cheapest) {
         (true, _) => format!("best: {}", record.name),
         (_, true) => format!("cheap: {}", record.name),
@@ -114,6 +120,7 @@ pub fn page(title: &str, (prepare, render, took): (f64, f64, f64), records: &[Re
     let titles = ["seconds of a sample of every pixel", "mean squared error of a sample"];
     let main = html! {
         @if no_preparation { p.incomplete { "No preparation pays within " (render) " s of rendering: " (why_not) "." } }
+        @for note in notes { p.note { (note) "." } }
         section {
             h2 { "Error against time" }
             figure {

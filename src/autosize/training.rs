@@ -95,15 +95,17 @@ impl Contest<'_> {
             if stop.load(atomic::Ordering::Relaxed) {
                 return Ok(None);
             }
-            let has_flow = |entry: &Entry| matches!(entry.recipe, Recipe::Head(known, _) if known.is_flow);
-            if shape.is_flow && self.entries.iter().any(|entry| has_flow(entry) && !entry.is_in) {
-                // The fit of the flow alone took too long, or did not pay.
+            let has_flow = |recipe: &Recipe| matches!(recipe, Recipe::Head(known, _) if known.is_flow);
+            let is_behind = |entry: &Entry| has_flow(&entry.recipe) && !entry.is_in;
+            let is_left_out = || self.left_out.iter().any(|(recipe, _)| has_flow(recipe));
+            if shape.is_flow && (self.entries.iter().any(is_behind) || is_left_out()) {
+                // The fit of the flow alone took too long, did not pay, or came to nothing.
                 continue;
             }
             if is_short && steps == STEPS[0] && self.is_too_slow(shape, perfect, stop)? {
                 continue;
             }
-            let index = self.enter(head(shape, steps), stop)?;
+            let Some(index) = self.enter(head(shape, steps), stop)? else { continue };
             entered.push(index);
             // Of one that took too long, too: its score says what it is behind.
             self.measure(index);
@@ -112,7 +114,7 @@ impl Contest<'_> {
                 return Ok(None);
             }
             if self.arguments.exhaustive && self.material.0 == Material::Lambert {
-                entered.push(self.enter(baked(shape, steps), stop)?);
+                entered.extend(self.enter(baked(shape, steps), stop)?);
             }
         }
         if is_short && self.material.0 == Material::Lambert {
@@ -140,7 +142,7 @@ impl Contest<'_> {
         if self.is_out_of_reach(time, error(least) / error(best), self.entries[least].ready.prepared) {
             return Ok(None);
         }
-        self.enter(baked(shape, steps), stop).map(Some)
+        self.enter(baked(shape, steps), stop)
     }
 
     /// Whether a head could win after `factor` times as much preparation.

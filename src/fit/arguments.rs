@@ -64,8 +64,8 @@ pub struct Arguments {
     /// How to draw training points.
     #[arg(long)]
     target: Option<TargetArgument>,
-    /// Fit the product without a tail, the paper's strawman, to measure it; it cannot be exported.
-    #[arg(long, requires = "no_export")]
+    /// Fit the product without a tail: the paper's strawman, to measure it.
+    #[arg(long)]
     naive: bool,
     /// Train and measure only.
     #[arg(long)]

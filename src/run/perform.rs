@@ -16,7 +16,7 @@ use headtail_render::{
 };
 use headtail_train::{
     CheckpointFolder, DensityPair, Fitted, FlowSummary, Material, MetricsFile, Progress, Run, Summary, TensorBoard,
-    TrainingLight, Viewpoints, build_target, check_exportable, density_pairs, exported_sampler, fit_with,
+    TrainingLight, Viewpoints, build_target, density_pairs, exported_sampler, fit_with,
 };
 
 use super::{
@@ -84,9 +84,6 @@ pub struct Finished {
 pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finished> {
     let Surroundings { out, references, tensorboard, pictures, until, stop, watch } = surroundings;
     let config = &run.fit;
-    if run.export.file {
-        check_exportable(config)?;
-    }
     let environment = open_environment(&run.env)?;
     make_folder(&out)?;
     let resolved = run.to_toml()?;

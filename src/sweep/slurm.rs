@@ -122,21 +122,47 @@ fn quoted(text: &str) -> String {
     if plain && !text.is_empty() { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
+/// The job that this process is, `JOB_TASK`: the number of an array's last task alone would stand for the whole array.
+fn own_job() -> Option<String> {
+    let of = |name| std::env::var(name).ok();
+    of("SLURM_ARRAY_JOB_ID")
+        .zip(of("SLURM_ARRAY_TASK_ID"))
+        .map(|(job, task)| format!("{job}_{task}"))
+        .or_else(|| of("SLURM_JOB_ID"))
+}
+
+/// Whether Slurm has ended this job, as it does for `scancel`. It would still queue the job again, against the will of who cancelled it. The
+/// signal before the end of a job's time comes while it runs, and is no such end, however long the last checkpoint takes.
+fn is_cancelled(job: &str) -> bool {
+    const ENDS: [&str; 2] = ["COMPLETING", "CANCELLED"];
+    let output = Command::new("squeue").args(["--noheader", "--jobs", job, "--format", "%T"]).output();
+    !progress::is_user_signal()
+        && output.is_ok_and(|output| ENDS.contains(&String::from_utf8_lossy(&output.stdout).trim()))
+}
+
+fn queue_again(job: &str) {
+    // Said before, because Slurm ends the job when it takes it back.
+    note!("job {job} asks to be queued again");
+    match Command::new("scontrol").args(["requeue", job]).output() {
+        Ok(output) if output.status.success() => {}
+        Ok(Output { stderr, .. }) => {
+            note!("job {job} is not queued again: {}", String::from_utf8_lossy(&stderr).trim());
+        }
+        Err(error) => note!("job {job} is not queued again: scontrol: {error}"),
+    }
+}
+
 /// A task of the array: a worker that asks to be queued again when it is told to stop.
 pub fn task(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result<()> {
     progress::stop_at_user_signal()?;
     let ended = worker::work(sweep, manner, stop);
     if stop.load(Ordering::Relaxed)
-        && let Ok(job) = std::env::var("SLURM_JOB_ID")
+        && let Some(job) = own_job()
     {
-        // A job that is being cancelled cannot be queued again, and should not.
-        let output = Command::new("scontrol").args(["requeue", &job]).output();
-        match output {
-            Ok(output) if output.status.success() => note!("job {job} is queued again"),
-            Ok(Output { stderr, .. }) => {
-                note!("job {job} is not queued again: {}", String::from_utf8_lossy(&stderr).trim());
-            }
-            Err(error) => note!("job {job} is not queued again: scontrol: {error}"),
+        if is_cancelled(&job) {
+            note!("job {job} was cancelled, and is not queued again");
+        } else {
+            queue_again(&job);
         }
     }
     ended?;

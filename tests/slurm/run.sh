@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # A sweep under a real Slurm on this machine: an array of four tasks, of which one is told to stop and is queued again, against the same sweep
-# run locally. The daemons are started here, in a folder that is removed in the end.
+# run locally; and what `sweep status` says of both while there is a queue, and by Slurm's accounts alone once there is none. The daemons are
+# started here, in a folder that is removed in the end. Without slurmdbd and MariaDB there are no accounts, and that part is skipped, aloud.
 #
 # bash tests/slurm/run.sh HEADTAIL
 # Exit status 3 says that Slurm's daemons do not start here, which is not a fault of the sweep.
@@ -11,13 +12,61 @@ daemons=()
 finish() {
     for pid in "${daemons[@]}"; do kill "$pid" 2>/dev/null || true; done
     for pid in "${daemons[@]}"; do wait "$pid" 2>/dev/null || true; done
-    rm -rf "$here"
+    # The steps of a job outlive the daemons for a moment.
+    rm -rf "$here" 2>/dev/null || { sleep 3; rm -rf "$here"; }
 }
 trap finish EXIT
 cd "$here"
 mkdir state spool
 export SLURM_CONF="$here/slurm.conf"
 host="$(hostname -s)"
+
+# Accounts: a database that is reached through a socket in this folder alone, and the daemon that writes to it.
+accounting="AccountingStorageType=accounting_storage/none"
+start_accounts() {
+    local program port=$((40000 + RANDOM % 10000))
+    for program in slurmdbd sacctmgr sacct mariadbd mariadb-install-db mariadb; do
+        command -v "$program" >/dev/null || { echo "SKIPPED: Slurm's accounts (there is no $program)" >&2; return 1; }
+    done
+    mariadb-install-db --no-defaults "--user=$(id -un)" --datadir="$here/database" --auth-root-authentication-method=normal \
+        --skip-test-db >install.log 2>&1
+    mariadbd --no-defaults "--user=$(id -un)" --datadir="$here/database" --socket="$here/database.sock" --skip-networking \
+        --innodb-buffer-pool-size=16M >database.log 2>&1 &
+    daemons+=($!)
+    for _ in $(seq 100); do
+        mariadb --no-defaults -u root --socket="$here/database.sock" -e 'create database if not exists slurm_acct_db' 2>/dev/null && break
+        sleep 0.2
+    done
+    cat >slurmdbd.conf <<CONF
+AuthType=auth/none
+DbdHost=localhost
+DbdPort=$port
+SlurmUser=$(id -un)
+PidFile=$here/slurmdbd.pid
+StorageType=accounting_storage/mysql
+StorageHost=localhost
+StorageUser=root
+StorageLoc=slurm_acct_db
+CONF
+    chmod 600 slurmdbd.conf
+    accounting="AccountingStorageType=accounting_storage/slurmdbd
+AccountingStorageHost=127.0.0.1
+AccountingStoragePort=$port"
+    # sacctmgr reads it too.
+    printf 'ClusterName=test\nSlurmctldHost=%s(127.0.0.1)\nAuthType=auth/none\n%s\n' "$host" "$accounting" >"$SLURM_CONF"
+    MYSQL_UNIX_PORT="$here/database.sock" slurmdbd -D >accounts.log 2>&1 &
+    daemons+=($!)
+    for _ in $(seq 100); do
+        timeout 10 sacctmgr --immediate add cluster test >/dev/null 2>&1 && return
+        sleep 0.2
+    done
+    echo "the daemon of Slurm's accounts does not start here" >&2
+    tail -n 5 install.log database.log accounts.log >&2
+    exit 3
+}
+has_accounts=yes
+start_accounts || has_accounts=no
+
 cat >"$SLURM_CONF" <<CONF
 ClusterName=test
 SlurmctldHost=$host(127.0.0.1)
@@ -36,7 +85,7 @@ TaskPlugin=task/none
 MpiDefault=none
 SwitchType=switch/none
 JobAcctGatherType=jobacct_gather/none
-AccountingStorageType=accounting_storage/none
+$accounting
 SchedulerType=sched/builtin
 SelectType=select/cons_tres
 SelectTypeParameters=CR_CPU
@@ -47,7 +96,8 @@ NodeName=localhost NodeHostname=$host NodeAddr=127.0.0.1 CPUs=4 State=UNKNOWN
 PartitionName=all Nodes=localhost Default=YES MaxTime=INFINITE State=UP OverSubscribe=FORCE:4
 CONF
 slurmctld -D -i >controller.log 2>&1 &
-daemons+=($!)
+controller=$!
+daemons+=("$controller")
 slurmd -D -N localhost >node.log 2>&1 &
 daemons+=($!)
 for _ in $(seq 100); do
@@ -99,9 +149,9 @@ for _ in $(seq 600); do
     sleep 0.3
 done
 "$headtail" sweep status space.toml --out cluster
-grep -hq 'is queued again' cluster/logs/slurm-*.log || { echo "no task was queued again" >&2; cat cluster/logs/*.log >&2; exit 1; }
+grep -hq 'asks to be queued again' cluster/logs/slurm-*.log || { echo "no task was queued again" >&2; cat cluster/logs/*.log >&2; exit 1; }
 for task in 0 1 2 3; do
-    scontrol show job "${job}_$task" | grep -q 'JobState=COMPLETED' || { scontrol show job "${job}_$task" >&2; exit 1; }
+    scontrol show job "${job}_$task" | grep -q 'JobState=COMPLETED' || { scontrol show job "${job}_$task" >&2; cat cluster/logs/*.log >&2; exit 1; }
     scontrol show job "${job}_$task" | grep -q 'ExitCode=0:0' || exit 1
 done
 scontrol show job "${job}_0" | grep -q 'Restarts=1'
@@ -113,4 +163,33 @@ for sweep in local cluster; do
 done
 [ "$(wc -l <local.sums)" -eq 4 ]
 cmp local.sums cluster.sums
+
+# What accounts say: of a job that is taken away, beside the queue, and once there is no queue to ask.
+if [ "$has_accounts" = yes ]; then
+    says() {
+        for _ in $(seq 50); do
+            said="$("$headtail" sweep status "$1" --out "$2")"
+            grep -q "$3" <<<"$said" && return
+            sleep 0.2
+        done
+        echo "status does not say '$3': $said" >&2
+        exit 1
+    }
+    sed 's/^steps = 600/steps = 1000000/' space.toml >long.toml
+    taken="$("$headtail" sweep submit long.toml --out taken --sbatch=--time=10)"
+    says long.toml taken "^Slurm: jobs $taken: 4 RUNNING (sacct, squeue)"
+    scancel "${taken}_2"
+    says long.toml taken "^Slurm: task ${taken}_2: CANCELLED, exit 0:"
+    scancel "$taken"
+    says long.toml taken "^Slurm: task ${taken}_0: CANCELLED, exit 0:"
+    for _ in $(seq 100); do
+        [ -n "$(squeue --noheader)" ] || break
+        sleep 0.2
+    done
+    kill "$controller"
+    wait "$controller" || true
+    says space.toml cluster "^Slurm: jobs $job: 4 COMPLETED (sacct)"
+    says long.toml taken "^Slurm: jobs $taken: 4 CANCELLED (sacct)"
+    echo "Slurm: accounts of jobs that ended and of those that were taken away"
+fi
 echo "Slurm: an array of four with one task queued again, equal to the local sweep bit for bit"

@@ -44,11 +44,13 @@ pub enum Error {
     /// The exported sampler or its tables cannot be made or written.
     #[error(transparent)]
     Render(#[from] std::sync::Arc<headtail_render::Error>),
-    /// The renderer cannot sample what was trained.
-    #[error("the head cannot be exported: the renderer has no {what} yet")]
-    NoNativeForm {
-        /// The part that is missing there.
-        what: String,
+    /// The flow that was fitted to a map cannot be tabulated.
+    #[error(
+        "the flow that was fitted to the map has no table: {reason}; with other settings or another seed it may have one"
+    )]
+    NoTable {
+        /// What the table refuses.
+        reason: std::sync::Arc<headtail_render::Error>,
     },
     /// The target gave a density that is negative, infinite or NaN.
     #[error("the target density is {density} at y = {y:?} under condition {condition:?}")]

@@ -1,24 +1,17 @@
 //! From a trained head to the renderer's, and to the exported file.
 
+use std::sync::Arc;
+
+use glam::Vec2;
 use headtail_model::{EncoderConfig, Head, NamedTensor};
 use headtail_render::{
     environment::Environment,
     export::{ExportedSampler, Intermediate, TrainingSummary},
     head as native,
+    tail::{FlowTail, Tail, WarpMap},
 };
 
-use crate::{Error, FitConfig, Result, Summary, TrainingLight};
-
-/// Whether what a configuration trains can be exported, to be known before the training.
-///
-/// # Errors
-/// [`Error::NoNativeForm`] names what the renderer has no form of.
-pub fn check_exportable(config: &FitConfig) -> Result<()> {
-    if config.naive {
-        return Err(Error::NoNativeForm { what: "sampler without a tail".into() });
-    }
-    Ok(())
-}
+use crate::{FitConfig, Result, Summary, TrainingLight};
 
 /// The native head with the weights of a trained one.
 ///
@@ -47,10 +40,10 @@ pub fn native_head(head: &Head) -> Result<native::Head> {
 }
 
 /// The exported sampler of a trained head. With `with_time` the file says how long the training took, and two runs of the
-/// same command then differ in that number.
+/// same command then differ in that number. A head that was trained without a tail goes over one that leaves every point where it is.
 ///
 /// # Errors
-/// See [`check_exportable`] and [`native_head`].
+/// See [`native_head`].
 pub fn exported_sampler(
     head: &Head,
     config: &FitConfig,
@@ -59,7 +52,6 @@ pub fn exported_sampler(
     light: &TrainingLight,
     with_time: bool,
 ) -> Result<ExportedSampler> {
-    check_exportable(config)?;
     let training = TrainingSummary {
         steps: summary.steps as u64,
         seed: config.seed,
@@ -71,6 +63,7 @@ pub fn exported_sampler(
         tabulated_seconds: None,
     };
     let TrainingLight { tail, luminance } = light.clone();
+    let tail = if config.naive { Arc::new(identity(&tail)?) } else { tail };
     let head = Intermediate::Head(native_head(head)?);
     let exported = ExportedSampler::of_tail(head, tail, luminance, environment, Some(training));
     Ok(match config.over.detail() {
@@ -79,23 +72,40 @@ pub fn exported_sampler(
     })
 }
 
+/// The tail of X itself, for the light of another one: the smallest table.
+fn identity(of: &Tail) -> Result<Tail> {
+    const CELLS: usize = 4;
+    let node = |k: usize| Vec2::new((k % CELLS) as f32, (k / CELLS) as f32) / CELLS as f32;
+    let nodes: Vec<Vec2> = (0..CELLS * (CELLS + 1)).map(node).collect();
+    Ok(Tail::Flow(FlowTail::new(WarpMap::new(CELLS, &nodes)?, of.light().clone())))
+}
+
 #[cfg(test)]
 mod tests {
-    use glam::Vec2;
     use headtail_model::{
         HeadConfig, Mode,
         burn::prelude::{Tensor, TensorData},
     };
-    use headtail_render::random::{Purpose, Stream};
+    use headtail_render::{
+        random::{Purpose, Stream},
+        tail::TailWarp,
+    };
 
     use super::*;
-    use crate::{Backend, test_support::random_head};
+    use crate::{
+        Backend,
+        test_support::{random_head, studio},
+    };
 
+    /// Corners and turns of the small table are powers of two, so that rounding is all that can be off.
     #[test]
-    fn a_sampler_without_a_tail_is_refused() {
-        let naive = FitConfig { naive: true, ..FitConfig::default() };
-        assert!(check_exportable(&naive).unwrap_err().to_string().contains("without a tail"));
-        check_exportable(&FitConfig::default()).unwrap();
+    fn the_tail_of_a_head_without_one_moves_nothing() {
+        let same = identity(&studio()).unwrap();
+        let mut stream = Stream::new(7, Purpose::Test, 0);
+        let y: Vec<Vec2> = (0..1000).map(|_| stream.uniform2()).collect();
+        for (y, (x, density)) in y.iter().zip(same.forward_points(&y)) {
+            assert!(x.abs_diff_eq(*y, 1e-6) && (density - 1.0).abs() < 1e-5, "{y} {x} {density}");
+        }
     }
 
     #[test]

@@ -45,7 +45,7 @@ pub use checkpoint::CheckpointFolder;
 pub use config::FitConfig;
 pub use config_file::ConfigBuilder;
 pub use error::{Error, Result};
-pub use export::{check_exportable, exported_sampler, native_head};
+pub use export::{exported_sampler, native_head};
 pub use fit::{Fitted, Progress, Run, Summary, fit, fit_with};
 pub use flow::{FittedFlow, FlowSettings, FlowSize, FlowSummary, fit_flow};
 pub use gradient::GradientForm;

@@ -9,7 +9,7 @@ use crate::{
     tile::Rows,
 };
 
-/// A head that was trained over X. It is what a tail is measured by, and has no exported file.
+/// A head that was trained over X: what a tail is measured by. In files it is a head over a tail that moves nothing.
 pub struct WithoutTail(pub Head);
 
 impl Sampler for WithoutTail {

@@ -1,12 +1,14 @@
 //! A flow as a table.
 
+use std::sync::Arc;
+
 use glam::Vec2;
 use headtail_model::{Flow, coupling::Coordinate};
 use headtail_render::tail::{Repair, WarpMap};
 use rayon::prelude::*;
 
 use super::invert::invert;
-use crate::{Result, fused::FusedFlow};
+use crate::{Error, Result, fused::FusedFlow};
 
 /// Tabulates the sampling direction y -> x at the corners of `cells x cells` cells.
 ///
@@ -14,7 +16,7 @@ use crate::{Result, fused::FusedFlow};
 /// one that goes round the other way.
 ///
 /// # Errors
-/// The number of cells is out of range, or a weight is not finite.
+/// [`Error::NoTable`]: the number of cells is out of range, a weight is not finite, or the flow turns rows by more than a table holds.
 pub fn tabulate(flow: &Flow, cells: usize) -> Result<(WarpMap, Repair)> {
     let (weights, fused) = (flow.flat_weights(), FusedFlow::new(flow));
     let count = cells * (cells + 1);
@@ -41,5 +43,5 @@ pub fn tabulate(flow: &Flow, cells: usize) -> Result<(WarpMap, Repair)> {
     // The ends of an interval spline stay where they are, to rounding.
     nodes[..cells].iter_mut().for_each(|node| node.y = 0.0);
     nodes[cells * cells..].iter_mut().for_each(|node| node.y = 1.0);
-    Ok(WarpMap::repaired(cells, nodes)?)
+    WarpMap::repaired(cells, nodes).map_err(|reason| Error::NoTable { reason: Arc::new(reason) })
 }
