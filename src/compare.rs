@@ -13,7 +13,9 @@ use headtail_render::{
     estimator::Estimator,
     export::{ExportedSampler, Intermediate},
     integrator::Budget,
-    spec::{FileKind, SamplerSpec},
+    rival::RivalFile,
+    spec::{FileKind, SamplerSpec, Source},
+    visibility::SceneVisibility,
 };
 pub use reference::Reference;
 use work::Work;
@@ -245,8 +247,37 @@ impl Entry {
                 (_, None) => preparation.text += "; the time of tabulating the head is not known",
             }
         }
+        preparation.add_learned(spec)?;
         let file = spec.path().map(|(_, file)| file.to_owned());
         Ok(Self { label, file, estimator, preparation })
+    }
+}
+
+impl Preparation {
+    /// Counts what a file of learned visibility and one of samplers for materials took to be made.
+    fn add_learned(&mut self, spec: &SamplerSpec) -> Result<()> {
+        let mut source = spec.source();
+        while let Source::Mixture(inner) = source {
+            source = inner;
+        }
+        let trained = match source {
+            Source::Rival { file, .. } => Some(("trained for materials", RivalFile::read(file)?.seconds)),
+            _ => None,
+        };
+        let learned = match spec {
+            SamplerSpec::Learning { known: Some(file), .. } => {
+                Some(("visibility learned", SceneVisibility::read(file)?.seconds))
+            }
+            _ => None,
+        };
+        for (what, seconds) in trained.into_iter().chain(learned) {
+            self.seconds += seconds.unwrap_or(0.0);
+            self.text += &match seconds {
+                Some(seconds) => format!("; {what} before ({seconds:.1} s)"),
+                None => format!("; {what} before, whose time is not known"),
+            };
+        }
+        Ok(())
     }
 }
 

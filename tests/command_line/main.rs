@@ -71,6 +71,17 @@ fn refuse(folder: &Path, arguments: &str) -> String {
     message
 }
 
+/// What `info --json` says of a file.
+fn info(folder: &Path, file: &str) -> serde_json::Value {
+    serde_json::from_str(&succeed(folder, &format!("info {file} --json"))).expect("JSON")
+}
+
+/// The tensors of a safetensors file, without the header in front of them.
+fn after_header(bytes: &[u8]) -> Vec<u8> {
+    let length = u64::from_le_bytes(bytes[..8].try_into().expect("eight bytes"));
+    bytes[8 + length as usize..].to_vec()
+}
+
 fn folder() -> TempDir {
     tempfile::tempdir().expect("a temporary folder")
 }
