@@ -2,6 +2,7 @@
 
 mod noise;
 mod reference;
+mod samplers;
 mod work;
 
 use std::{fs, path::PathBuf, sync::atomic::Ordering, time::Instant};
@@ -18,6 +19,7 @@ use headtail_render::{
     visibility::SceneVisibility,
 };
 pub use reference::Reference;
+use samplers::SamplerList;
 use work::Work;
 pub use work::select;
 
@@ -47,8 +49,9 @@ pub struct Arguments {
     view: ViewArguments,
     /// Samplers, separated by commas: brdf (or cosine), emitter, mis, mis2, mis-comp, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE,
     /// ris:M:head:FILE, ris:M:direct:FILE, oracle (the exact product of light, BRDF and cosine, without visibility; slow).
-    #[arg(long, value_name = "SPEC,...", value_delimiter = ',', required = true)]
-    samplers: Vec<SamplerSpec>,
+    /// The name of a file that is there may hold commas.
+    #[arg(long, value_name = "SPEC,...", required = true)]
+    samplers: Vec<SamplerList>,
     /// Samples per pixel; several are separated by commas.
     #[arg(long, value_name = "N,...", value_delimiter = ',', required_unless_present = "seconds")]
     spp: Vec<u32>,
@@ -91,7 +94,7 @@ impl Arguments {
         let (spp, seconds) = (vec![1, 4, 16], vec![1.0]);
         Self {
             view,
-            samplers,
+            samplers: vec![SamplerList(samplers)],
             spp,
             seconds,
             runs: 3,
@@ -133,10 +136,11 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
         terminal::only_data();
     }
     let budgets = budgets(arguments)?;
-    check_different("--samplers", arguments.samplers.iter().map(ToString::to_string))?;
+    let specs: Vec<&SamplerSpec> = arguments.samplers.iter().flat_map(|list| &list.0).collect();
+    check_different("--samplers", specs.iter().map(ToString::to_string))?;
     let mut opened = arguments.view.open()?;
     opened.choose(arguments.light, arguments.crop)?;
-    let entries = arguments.samplers.iter().map(|spec| Entry::build(spec, &opened)).collect::<Result<Vec<_>>>()?;
+    let entries = specs.into_iter().map(|spec| Entry::build(spec, &opened)).collect::<Result<Vec<_>>>()?;
     let inputs = entries.iter().filter_map(|entry| entry.file.as_deref()).chain(arguments.reference.as_deref());
     output.begin(&inputs.collect::<Vec<_>>())?;
     let stop = progress::stop_flag()?;

@@ -165,7 +165,7 @@ pub fn row(
     let shown = if is_diffuse { &directions[..1] } else { &directions[..] };
     let mut panels = vec![Panel::new(&marked(&grid, scale, &target, shown)?, "target", "")];
     let mut scales = vec![(scale, "density over the square X")];
-    let (mut divergences, mut finals): (_, Vec<(&str, [Vec<f32>; 2])>) = (Vec::new(), Vec::new());
+    let (mut divergences, mut finals) = (Vec::new(), Vec::new());
     let condition = |head: &Head| {
         let encoded = head.condition().encode(point.wo.into(), point.ns.into(), point.one_of(at.brdfs).lobe_width());
         encoded[..head.condition().length()].to_vec()

@@ -31,6 +31,8 @@ pub struct Shot {
     pub camera: Camera,
     /// What the object is put into.
     pub photograph: Photograph,
+    /// Set by a signal, which cuts films short.
+    pub stop: Arc<AtomicBool>,
 }
 
 impl Shot {
@@ -49,7 +51,8 @@ impl Shot {
         let to_place = Affine3A::from_scale(Vec3::splat(scale)) * Affine3A::from_translation((-foot).into());
         let object = scene.moved(&to_place)?;
         let catcher = Catcher::plane(Vec3A::ZERO, Vec3A::Y, &object, &camera)?;
-        Ok(Self { name, environment, stage: Stage::new(object, catcher)?, camera, photograph })
+        let stage = Stage::new(object, catcher)?;
+        Ok(Self { name, environment, stage, camera, photograph, stop: workshop.stop.clone() })
     }
 
     /// What the catcher looks like, and its light: of a mesh for all normals, which takes some time.
@@ -60,7 +63,7 @@ impl Shot {
     /// One pass.
     pub fn film(&self, backdrop: &Backdrop<'_>, estimator: &dyn Estimator, settings: Settings) -> Film {
         let composition = Composition { stage: &self.stage, backdrop, camera: &self.camera, estimator };
-        compose(composition, settings, &AtomicBool::new(false), &|_| {})
+        compose(composition, settings, &self.stop, &|_| {})
     }
 
     /// The mask alone.
