@@ -2,6 +2,7 @@
 
 mod noise;
 mod reference;
+mod samplers;
 mod work;
 
 use std::{fs, path::PathBuf, sync::atomic::Ordering, time::Instant};
@@ -13,9 +14,12 @@ use headtail_render::{
     estimator::Estimator,
     export::{ExportedSampler, Intermediate},
     integrator::Budget,
-    spec::{FileKind, SamplerSpec},
+    rival::RivalFile,
+    spec::{FileKind, SamplerSpec, Source},
+    visibility::SceneVisibility,
 };
 pub use reference::Reference;
+use samplers::SamplerList;
 use work::Work;
 pub use work::select;
 
@@ -45,8 +49,9 @@ pub struct Arguments {
     view: ViewArguments,
     /// Samplers, separated by commas: brdf (or cosine), emitter, mis, mis2, mis-comp, split:N:SOURCE, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE,
     /// ris:M:head:FILE, ris:M:direct:FILE, oracle (the exact product of light, BRDF and cosine, without visibility; slow).
-    #[arg(long, value_name = "SPEC,...", value_delimiter = ',', required = true)]
-    samplers: Vec<SamplerSpec>,
+    /// The name of a file that is there may hold commas.
+    #[arg(long, value_name = "SPEC,...", required = true)]
+    samplers: Vec<SamplerList>,
     /// Samples per pixel; several are separated by commas.
     #[arg(long, value_name = "N,...", value_delimiter = ',', required_unless_present = "seconds")]
     spp: Vec<u32>,
@@ -89,7 +94,7 @@ impl Arguments {
         let (spp, seconds) = (vec![1, 4, 16], vec![1.0]);
         Self {
             view,
-            samplers,
+            samplers: vec![SamplerList(samplers)],
             spp,
             seconds,
             runs: 3,
@@ -131,10 +136,11 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
         terminal::only_data();
     }
     let budgets = budgets(arguments)?;
-    check_different("--samplers", arguments.samplers.iter().map(ToString::to_string))?;
+    let specs: Vec<&SamplerSpec> = arguments.samplers.iter().flat_map(|list| &list.0).collect();
+    check_different("--samplers", specs.iter().map(ToString::to_string))?;
     let mut opened = arguments.view.open()?;
     opened.choose(arguments.light, arguments.crop)?;
-    let entries = arguments.samplers.iter().map(|spec| Entry::build(spec, &opened)).collect::<Result<Vec<_>>>()?;
+    let entries = specs.into_iter().map(|spec| Entry::build(spec, &opened)).collect::<Result<Vec<_>>>()?;
     let inputs = entries.iter().filter_map(|entry| entry.file.as_deref()).chain(arguments.reference.as_deref());
     output.begin(&inputs.collect::<Vec<_>>())?;
     let stop = progress::stop_flag()?;
@@ -245,8 +251,37 @@ impl Entry {
                 (_, None) => preparation.text += "; the time of tabulating the head is not known",
             }
         }
+        preparation.add_learned(spec)?;
         let file = spec.path().map(|(_, file)| file.to_owned());
         Ok(Self { label, file, estimator, preparation })
+    }
+}
+
+impl Preparation {
+    /// Counts what a file of learned visibility and one of samplers for materials took to be made.
+    fn add_learned(&mut self, spec: &SamplerSpec) -> Result<()> {
+        let mut source = spec.source();
+        while let Source::Mixture(inner) = source {
+            source = inner;
+        }
+        let trained = match source {
+            Source::Rival { file, .. } => Some(("trained for materials", RivalFile::read(file)?.seconds)),
+            _ => None,
+        };
+        let learned = match spec {
+            SamplerSpec::Learning { known: Some(file), .. } => {
+                Some(("visibility learned", SceneVisibility::read(file)?.seconds))
+            }
+            _ => None,
+        };
+        for (what, seconds) in trained.into_iter().chain(learned) {
+            self.seconds += seconds.unwrap_or(0.0);
+            self.text += &match seconds {
+                Some(seconds) => format!("; {what} before ({seconds:.1} s)"),
+                None => format!("; {what} before, whose time is not known"),
+            };
+        }
+        Ok(())
     }
 }
 

@@ -74,7 +74,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let name = arguments.source.name();
     let source = arguments.source.build()?;
     let kept = arguments.out.with_added_extension("state");
-    let state = if kept.exists() { Some(State::read(&kept, &settings, name)?) } else { None };
+    let has_gone_on = kept.exists();
+    let state = if has_gone_on { Some(State::read(&kept, &settings, name)?) } else { None };
     let mut fit = Fit::new(settings, &*source, state)?;
 
     let bar = progress::bar(steps as u64, name);
@@ -100,9 +101,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut material = fit.material(name)?;
     let Decibels { psnr, noise, snr } = error_over(&*source, &material, QUESTIONS, PATHS, seed);
     material.set_psnr(psnr);
+    let seconds = Duration::as_secs_f64(&start.elapsed());
+    if !has_gone_on {
+        material.set_seconds(seconds);
+    }
     material.write(&arguments.out)?;
     output::remove_kept(&kept)?;
-    let seconds = Duration::as_secs_f64(&start.elapsed());
     out!(
         "{}: {psnr:.1} dB against its source (over the mean square {snr:.1} dB), whose own noise is at {noise:.1} dB",
         arguments.out.display()

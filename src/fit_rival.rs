@@ -78,7 +78,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for material in &materials {
         rivals.push((material.name.clone(), material.identity, training.train(material, &stop)?));
     }
-    RivalFile { kind, rivals }.write(&arguments.out)?;
+    let seconds = (!training.has_gone_on).then(|| start.elapsed().as_secs_f64());
+    RivalFile { kind, rivals, seconds }.write(&arguments.out)?;
     output::remove_kept(&training.kept)?;
     say!("{} written after {:.0} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())
@@ -92,14 +93,17 @@ struct Training<'a> {
     left: std::vec::IntoIter<RivalState>,
     done: Vec<RivalState>,
     kept: PathBuf,
+    /// Whether an earlier command did a part, whose time is not known.
+    has_gone_on: bool,
 }
 
 impl<'a> Training<'a> {
     /// Begins, or goes on where the file `kept` was left.
     fn begin(settings: RivalSettings, materials: &'a [RivalMaterial], kept: PathBuf) -> Result<Self> {
+        let has_gone_on = kept.exists();
         let left =
-            if kept.exists() { RivalState::read_all(&kept, &settings, materials)? } else { Vec::new() }.into_iter();
-        Ok(Self { settings, materials, left, done: Vec::new(), kept })
+            if has_gone_on { RivalState::read_all(&kept, &settings, materials)? } else { Vec::new() }.into_iter();
+        Ok(Self { settings, materials, left, done: Vec::new(), kept, has_gone_on })
     }
 
     fn train(&mut self, material: &'a RivalMaterial, stop: &AtomicBool) -> Result<Rival> {

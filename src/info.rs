@@ -10,6 +10,7 @@ use headtail_render::{
     export::{ExportedSampler, Intermediate},
     file::read_text,
     image::{read_radiance, text_attributes},
+    rival::{RivalFile, RivalKind},
     scene::{FspyProject, Scene, UpAxis},
     spec::SamplerSpec,
     visibility::SceneVisibility,
@@ -61,7 +62,7 @@ fn facts(path: &Path) -> Result<Facts> {
         "hdr" | "exr" | "pic" | "rgbe" => picture(path),
         _ => {
             // Named otherwise; a sampler's own words are the best where it is none of all.
-            let others = [picture, visibility, neural_material, measured_materials];
+            let others = [picture, visibility, neural_material, trained_for_materials, measured_materials];
             others.into_iter().find_map(|read| read(path).ok()).map_or_else(|| sampler(path), Ok)
         }
     }
@@ -124,7 +125,7 @@ fn picture(path: &Path) -> Result<Facts> {
 
 fn visibility(path: &Path) -> Result<Facts> {
     let visibility = SceneVisibility::read(path)?;
-    Ok(vec![
+    let facts = [
         fact("file", "what is seen of the sky in a scene"),
         fact("render with", format!("--sampler patches+vis:{}", path.display())),
         fact("cells", visibility.cells()),
@@ -132,13 +133,38 @@ fn visibility(path: &Path) -> Result<Facts> {
         fact("environment", visibility.environment.clone()),
         fact("environment hash", visibility.environment_hash.clone()),
         fact("scene hash", visibility.scene_hash),
-    ])
+    ];
+    Ok(facts.into_iter().chain(seconds("seconds of learning", visibility.seconds)).collect())
+}
+
+fn trained_for_materials(path: &Path) -> Result<Facts> {
+    let file = RivalFile::read(path)?;
+    let family = if file.kind == RivalKind::Reparam { "reparam" } else { "neusample" };
+    let names: Vec<&String> = file.rivals.iter().map(|(name, ..)| name).collect();
+    let facts = [
+        fact("file", "samplers that were trained for materials"),
+        fact("render with", format!("--sampler {family}:{}", path.display())),
+        fact("materials", json!(names)),
+    ];
+    Ok(facts.into_iter().chain(seconds("seconds of training", file.seconds)).collect())
+}
+
+/// What the file took to be made, where it says so.
+fn seconds(name: &str, seconds: Option<f64>) -> Option<(String, Value)> {
+    seconds.map(|seconds| fact(name, seconds))
 }
 
 fn neural_material(path: &Path) -> Result<Facts> {
-    NeuralTexture::read(path)?;
-    let use_as = format!("--material neural:{}", path.display());
-    Ok(vec![fact("file", "a neural material over texture coordinates"), fact("render with", use_as)])
+    let material = NeuralTexture::read(path)?;
+    let described = material.description();
+    let facts = [
+        fact("file", "a neural material over texture coordinates"),
+        fact("render with", format!("--material neural:{}", path.display())),
+        fact("fitted to", described.name.clone()),
+        fact("steps", described.steps),
+    ];
+    let measured = described.psnr.map(|psnr| fact("dB against it", psnr));
+    Ok(facts.into_iter().chain(measured).chain(seconds("seconds of training", described.seconds)).collect())
 }
 
 fn measured_materials(path: &Path) -> Result<Facts> {

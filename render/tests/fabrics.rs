@@ -187,7 +187,7 @@ fn rivals_render_the_picture_of_mis() {
     for kind in RivalKind::ALL {
         let file = folder.path().join(kind.name());
         let rivals = vec![("satin".to_owned(), identity, random_rival(kind, &mut random))];
-        RivalFile { kind, rivals }.write(&file).unwrap();
+        RivalFile { kind, rivals, seconds: None }.write(&file).unwrap();
         let name = if kind == RivalKind::Reparam { "reparam" } else { "neusample" };
         samplers.extend([format!("{name}:{}", file.display()), format!("{name}+emitter:{}", file.display())]);
     }

@@ -73,17 +73,20 @@ impl Arguments {
         let before = self.resume.as_ref().map(|file| SceneVisibility::open(file, opened.scene(), map)).transpose()?;
         // Other samples than those that the file was learned from, unless they are of another seed anyway.
         let seed = self.seed ^ before.as_ref().map_or(0, SceneVisibility::rays);
+        let before_seconds = before.as_ref().map_or(Some(0.0), |before| before.seconds);
         let stop = progress::stop_flag()?;
         let bar = progress::bar(progress::SHARES, "learning");
         let show = bar.shares();
-        let learned = learn_visibility(opened.view(), &estimator, before, (self.spp, seed), &stop, &show);
+        let mut learned = learn_visibility(opened.view(), &estimator, before, (self.spp, seed), &stop, &show);
         bar.finish_and_clear();
         ensure!(learned.cells() > 0, "the camera sees no surface of {}", opened.scene_name());
         if stop.load(Ordering::Relaxed) {
             bail!(progress::Interrupted::new("nothing was written"));
         }
         let (cells, rays) = (learned.cells(), learned.rays() as f64 / 1e6);
-        say!("{cells} cells from {rays:.1} million shadow rays in {:.2} s", start.elapsed().as_secs_f64());
+        let seconds = start.elapsed().as_secs_f64();
+        learned.seconds = before_seconds.map(|before| before + seconds);
+        say!("{cells} cells from {rays:.1} million shadow rays in {seconds:.2} s");
         Ok(learned)
     }
 }

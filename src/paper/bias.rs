@@ -5,7 +5,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
-    composite::{Film, Mask, MaskForm},
+    composite::{Mask, MaskForm},
     environment::Environment,
     estimator::{Estimator, SingleSample},
     sampler::{Covering, EnvironmentLight, ProductSampler},
@@ -19,7 +19,7 @@ use super::{
     figure::{Panel, heading, legend, note, strip},
     part::Made,
     scenes::baked,
-    shot::{Errors, IN_SHADOW, Shot},
+    shot::{Errors, IN_SHADOW, Shot, Truth},
 };
 use crate::report::{
     chart::Scale,
@@ -36,7 +36,9 @@ pub fn bias(workshop: &Workshop) -> Result<Made> {
     let spp = workshop.effort.mask_spp;
     let patches = SamplerSpec::patches().build(environment)?;
     let reference = shot.film(&backdrop, &*patches, shot.settings(4 * spp, 77));
-    let truth = Mask::of(&reference, MaskForm::ControlVariate);
+    workshop.check()?;
+    let chooses = shot.chooses_shadow(workshop, &backdrop, &*patches);
+    let truth = Truth::new(Mask::of(&reference, MaskForm::ControlVariate), &reference, &chooses);
     let (mut panels, mut rows) = (Vec::new(), Vec::new());
     let scale = Scale { top: 0.1, decades: 2.0 };
     for (name, estimator) in &samplers {
@@ -44,10 +46,10 @@ pub fn bias(workshop: &Workshop) -> Result<Made> {
         let film = shot.film(&backdrop, &**estimator, shot.settings(spp, 5));
         for form in [MaskForm::Paper, MaskForm::ControlVariate] {
             let mask = Mask::of(&film, form);
-            let off: Vec<f32> = mask.values.iter().zip(&truth.values).map(|(a, b)| (a[3] - b[3]).abs()).collect();
-            let errors = Errors::of(&mask, &truth, &reference, &shot.photograph);
+            let off: Vec<f32> = mask.values.iter().zip(&truth.mask.values).map(|(a, b)| (a[3] - b[3]).abs()).collect();
+            let errors = Errors::of(&mask, &truth, &shot.photograph);
             let root = errors.shadow.sqrt();
-            let interval = half_width(&mask, &truth, &reference);
+            let interval = half_width(&mask, &truth);
             let note = format!("mean error {:+.1e}, root mean square {}", errors.bias, text(root));
             panels.push(Panel::new(&scale.png(&off, film.width)?, format!("{name}, {form}"), note));
             rows.push(vec![
@@ -85,14 +87,13 @@ fn samplers(workshop: &Workshop, environment: &Arc<Environment>) -> Result<Vec<(
     ])
 }
 
-/// Half a 95 % interval of the mean error, by blocks of 8 x 8 pixels.
-fn half_width(mask: &Mask, truth: &Mask, film: &Film) -> f64 {
-    let columns = film.width.div_ceil(8);
-    let mut blocks = vec![(0.0, 0_u32); columns * film.height.div_ceil(8)];
-    let is_measured = |k: &usize| film.catcher[*k].hits == film.spp && truth.values[*k][3] < IN_SHADOW;
-    for k in (0..film.catcher.len()).filter(is_measured) {
-        let block = &mut blocks[k / film.width / 8 * columns + k % film.width / 8];
-        block.0 += f64::from(mask.values[k][3]) - f64::from(truth.values[k][3]);
+/// Half a 95 % interval of the mean error, by blocks of 8 x 8 pixels: the noise of the mask and that of the reference.
+fn half_width(mask: &Mask, truth: &Truth) -> f64 {
+    let columns = mask.width.div_ceil(8);
+    let mut blocks = vec![(0.0, 0_u32); columns * mask.values.len().div_ceil(mask.width).div_ceil(8)];
+    for (k, off) in truth.errors_in_shadow(mask) {
+        let block = &mut blocks[k / mask.width / 8 * columns + k % mask.width / 8];
+        block.0 += off;
         block.1 += 1;
     }
     let pixels: u32 = blocks.iter().map(|block| block.1).sum();

@@ -5,8 +5,7 @@ use glam::{Affine3A, Vec3, Vec3A};
 use headtail_render::{
     composite::{Catcher, Layers, Mask, MaskForm, Settings, Stage},
     image::{Image, Photograph, encode_png, encode_png_rgb8, srgb_code},
-    integrator::{Budget, View},
-    points::{PointSet, Points},
+    integrator::View,
     scene::{MaterialSpec, Scene},
     spec::SamplerSpec,
 };
@@ -22,7 +21,6 @@ use super::{
 };
 use crate::{
     cost,
-    render::quietly,
     report::number::{escape, text},
     view::automatic_exposure,
 };
@@ -101,14 +99,13 @@ fn mesh(workshop: &Workshop) -> Result<Made> {
     let render = |scene: &Scene, seed: u64| {
         let view =
             View { scene, camera: &camera, environment: &environment, width, height, unshadowed: false, depth: 1 };
-        quietly(view, &*estimator, Budget::Spp(workshop.effort.mask_spp), Points::new(PointSet::Sobol, seed))
-            .composite()
+        workshop.render(view, &*estimator, workshop.effort.mask_spp, seed).composite()
     };
     let (before, after) = (render(&view.scene, 31), render(&both, 32));
     workshop.check()?;
     let stage = Stage::new(object, Catcher::mesh(view.scene))?;
-    let shot =
-        Shot { name, environment: environment.clone(), stage, camera, photograph: Photograph::of_radiance(before) };
+    let photograph = Photograph::of_radiance(before);
+    let shot = Shot { name, environment: environment.clone(), stage, camera, photograph, stop: workshop.stop.clone() };
     let backdrop = shot.backdrop();
     let film = shot.film(&backdrop, &*estimator, Settings { mask_only: false, ..shot.settings(SHOWN, 3) });
     let mask = Mask::of(&film, MaskForm::ControlVariate);

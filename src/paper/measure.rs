@@ -6,8 +6,7 @@ use headtail_render::{
     environment::Environment,
     estimator::Estimator,
     image::Image,
-    integrator::{self, Budget, Rendering},
-    points::{PointSet, Points},
+    integrator::{self, Rendering},
     scene::Scene,
     spec::SamplerSpec,
     statistics::ErrorMetrics,
@@ -19,7 +18,6 @@ use super::{Workshop, data::View};
 use crate::{
     compare::select,
     exposure,
-    render::quietly,
     report::{Row, RunName},
 };
 
@@ -72,7 +70,7 @@ impl<'a> Bench<'a> {
             unshadowed: false,
             depth: 1,
         };
-        quietly(view, estimator, Budget::Spp(spp), Points::new(PointSet::Sobol, seed))
+        self.workshop.render(view, estimator, spp, seed)
     }
 
     /// All runs at the numbers of samples, and the first picture of each sampler at `shown`.

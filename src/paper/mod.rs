@@ -30,7 +30,12 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use headtail_render::file;
+use headtail_render::{
+    estimator::Estimator,
+    file,
+    integrator::{self, Budget, Rendering, View},
+    points::{PointSet, Points},
+};
 use maud::{Markup, PreEscaped, html};
 use serde_json::{Value, json};
 
@@ -89,6 +94,12 @@ pub struct Workshop {
 }
 
 impl Workshop {
+    /// A rendering, cut short by a signal.
+    fn render(&self, view: View<'_>, estimator: &dyn Estimator, spp: u32, seed: u64) -> Rendering {
+        let points = Points::new(PointSet::Sobol, seed);
+        integrator::render(view, estimator, Budget::Spp(spp), points, &self.stop, &|_| {})
+    }
+
     /// An error once a signal has come: nothing of an unfinished part is kept.
     fn check(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) {
@@ -158,12 +169,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let name = format!("{}: {}", section.name, part.name);
         bar.set_message(&name);
         let kept = part.make(&workshop, &stamp).with_context(|| name.clone())?;
+        // A signal cuts renderings short: what came of them is no figure.
+        workshop.check()?;
         kept.write(&folder, section.name, &part.name)?;
         note!("{name}: {}", duration(kept.seconds));
         page.kept[k][j] = Some(kept);
         write(&page)?;
         bar.inc(cost);
-        workshop.check()?;
     }
     bar.finish_and_clear();
     let path = arguments.out.join("paper.html");

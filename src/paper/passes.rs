@@ -10,7 +10,7 @@ use super::{
     Workshop,
     figure::note,
     part::Made,
-    shot::{Errors, Shot},
+    shot::{Errors, Shot, Truth},
 };
 use crate::report::{
     number::{text, times},
@@ -30,6 +30,8 @@ pub fn compare(workshop: &Workshop, shot: &Shot, backdrop: &Backdrop<'_>, made: 
     let spp = 2 * workshop.effort.mask_spp;
     let (truth, film) = shot.two_passes(backdrop, &*best, spp, 99);
     workshop.check()?;
+    let truth = Truth::new(truth, &film, &shot.chooses_shadow(workshop, backdrop, &*best));
+    workshop.check()?;
     made.html += &note(&reference(shot, &truth, &film));
     let mut results: Vec<(String, Errors)> = Vec::new();
     for name in ["mis", "ris:4", "patches", "patches+vis"] {
@@ -44,7 +46,7 @@ pub fn compare(workshop: &Workshop, shot: &Shot, backdrop: &Backdrop<'_>, made: 
             let (two, _) = shot.two_passes(backdrop, &*estimator, RAYS / 2, seed + 1);
             let single = [MaskForm::Paper, MaskForm::Ratio, MaskForm::ControlVariate].map(|form| Mask::of(&one, form));
             for (sum, mask) in sums.iter_mut().zip([two].iter().chain(&single)) {
-                *sum = sum.plus(Errors::of(mask, &truth, &film, &shot.photograph), 1.0 / f64::from(runs));
+                *sum = sum.plus(Errors::of(mask, &truth, &shot.photograph), 1.0 / f64::from(runs));
             }
         }
         results.extend(FORMS.into_iter().zip(sums).map(|(form, errors)| (format!("{form}, {name}"), errors)));
@@ -70,8 +72,8 @@ pub fn compare(workshop: &Workshop, shot: &Shot, backdrop: &Backdrop<'_>, made: 
 }
 
 /// How good the reference is: in words, its difference from masks of one pass with the same samples.
-fn reference(shot: &Shot, truth: &Mask, film: &Film) -> String {
-    let apart = |form| Errors::of(&Mask::of(film, form), truth, film, &shot.photograph);
+fn reference(shot: &Shot, truth: &Truth, film: &Film) -> String {
+    let apart = |form| Errors::of(&Mask::of(film, form), truth, &shot.photograph);
     let (variate, ratio) = (apart(MaskForm::ControlVariate), apart(MaskForm::Ratio));
     format!(
         "Reference: the quotient of two passes of {} samples per pixel each. The control variate of the first pass alone differs from it by {} in root mean square and by {:+.1e} in the mean of \

@@ -5,7 +5,7 @@ use std::sync::{Arc, atomic::AtomicBool};
 use anyhow::Result;
 use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
 use headtail_render::{
-    composite::{Backdrop, Catcher, Composition, Film, Mask, Settings, Stage, compose, rectified_view},
+    composite::{Backdrop, Catcher, Composition, Film, Mask, MaskForm, Settings, Stage, compose, rectified_view},
     environment::Environment,
     estimator::Estimator,
     image::{Image, Photograph},
@@ -16,7 +16,7 @@ use super::Workshop;
 
 /// The largest width: masks are smooth, and their references long.
 const MAX_WIDTH: usize = 240;
-/// Below this a pixel is in shadow.
+/// Below this a mask is in shadow.
 pub const IN_SHADOW: f32 = 0.98;
 
 /// An object before a rectified view of a map.
@@ -31,6 +31,8 @@ pub struct Shot {
     pub camera: Camera,
     /// What the object is put into.
     pub photograph: Photograph,
+    /// Set by a signal, which cuts films short.
+    pub stop: Arc<AtomicBool>,
 }
 
 impl Shot {
@@ -49,7 +51,8 @@ impl Shot {
         let to_place = Affine3A::from_scale(Vec3::splat(scale)) * Affine3A::from_translation((-foot).into());
         let object = scene.moved(&to_place)?;
         let catcher = Catcher::plane(Vec3A::ZERO, Vec3A::Y, &object, &camera)?;
-        Ok(Self { name, environment, stage: Stage::new(object, catcher)?, camera, photograph })
+        let stage = Stage::new(object, catcher)?;
+        Ok(Self { name, environment, stage, camera, photograph, stop: workshop.stop.clone() })
     }
 
     /// What the catcher looks like, and its light: of a mesh for all normals, which takes some time.
@@ -60,7 +63,7 @@ impl Shot {
     /// One pass.
     pub fn film(&self, backdrop: &Backdrop<'_>, estimator: &dyn Estimator, settings: Settings) -> Film {
         let composition = Composition { stage: &self.stage, backdrop, camera: &self.camera, estimator };
-        compose(composition, settings, &AtomicBool::new(false), &|_| {})
+        compose(composition, settings, &self.stop, &|_| {})
     }
 
     /// The mask alone.
@@ -75,12 +78,45 @@ impl Shot {
         let without = self.film(backdrop, estimator, Settings { without_object: true, ..self.settings(spp, seed + 1) });
         (Mask::of_two(&with, &without), with)
     }
+
+    /// The mask that chooses the shadow, see [`Truth`].
+    pub fn chooses_shadow(&self, workshop: &Workshop, backdrop: &Backdrop<'_>, estimator: &dyn Estimator) -> Mask {
+        Mask::of(&self.film(backdrop, estimator, self.settings(workshop.effort.mask_spp, 55)), MaskForm::ControlVariate)
+    }
 }
 
 /// Width and height of photographs.
 pub fn size(workshop: &Workshop) -> (usize, usize) {
     let width = workshop.effort.width.min(MAX_WIDTH);
     (width, width * 2 / 3)
+}
+
+/// What masks are held against, and where.
+pub struct Truth {
+    /// The mask.
+    pub mask: Mask,
+    /// Pixels that the catcher fills.
+    is_filled: Vec<bool>,
+    /// Those of them in shadow. They are chosen by samples of their own: a mask that chose them by itself would have the pixels that its own noise made dark among
+    /// them, and others against it would seem too bright.
+    is_shadow: Vec<bool>,
+}
+
+impl Truth {
+    /// A mask of a film, and the one that chooses the shadow, from independent samples.
+    pub fn new(mask: Mask, film: &Film, chooses: &Mask) -> Self {
+        let is_filled: Vec<bool> = film.catcher.iter().map(|sums| sums.hits == film.spp).collect();
+        let dark = chooses.values.iter().map(|value| value[3] < IN_SHADOW);
+        let is_shadow = is_filled.iter().zip(dark).map(|(&is_filled, is_dark)| is_filled && is_dark).collect();
+        Self { mask, is_filled, is_shadow }
+    }
+
+    /// Pixels in shadow with the errors of a mask of luminance there.
+    pub fn errors_in_shadow(&self, mask: &Mask) -> impl Iterator<Item = (usize, f64)> {
+        let off = |(k, (own, truth)): (usize, (&[f32; 4], &[f32; 4]))| (k, f64::from(own[3]) - f64::from(truth[3]));
+        let errors: Vec<_> = mask.values.iter().zip(&self.mask.values).enumerate().map(off).collect();
+        errors.into_iter().filter(|&(k, _)| self.is_shadow[k])
+    }
 }
 
 /// Errors of a mask over the pixels that the catcher fills.
@@ -97,19 +133,19 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// Of a mask, against the true one.
-    pub fn of(mask: &Mask, truth: &Mask, film: &Film, photograph: &Photograph) -> Self {
+    /// Of a mask.
+    pub fn of(mask: &Mask, truth: &Truth, photograph: &Photograph) -> Self {
         let (mut sums, mut pixels, mut shadowed) = (Self::default(), 0_u32, 0_u32);
-        for (k, (own, truth)) in mask.values.iter().zip(&truth.values).enumerate() {
-            if film.catcher[k].hits < film.spp {
+        for (k, (own, exact)) in mask.values.iter().zip(&truth.mask.values).enumerate() {
+            if !truth.is_filled[k] {
                 continue;
             }
-            let off: [f64; 4] = std::array::from_fn(|c| f64::from(own[c]) - f64::from(truth[c]));
+            let off: [f64; 4] = std::array::from_fn(|c| f64::from(own[c]) - f64::from(exact[c]));
             sums.mask += off[3] * off[3];
             let colors = photograph.image.pixels[k].iter().zip(off);
             sums.composite += colors.map(|(&color, off)| (f64::from(color) * off).powi(2)).sum::<f64>() / 3.0;
             pixels += 1;
-            if truth[3] < IN_SHADOW {
+            if truth.is_shadow[k] {
                 sums.shadow += off[3] * off[3];
                 sums.bias += off[3];
                 shadowed += 1;

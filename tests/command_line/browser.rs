@@ -1,4 +1,5 @@
-//! The pages in a real browser: the slider moves, the charts show, nothing is reported to the console, and pages fit narrow screens.
+//! The pages in a real browser: the slider moves, the charts show, nothing is reported to the console, pages fit narrow screens, and
+//! paper cuts no figure in two.
 //!
 //! Needs `chromium`; says so where there is none. A browser that the variable HEADTAIL_CHROMIUM names must be there.
 
@@ -8,7 +9,7 @@ use std::{
     process::Command,
 };
 
-use super::{SMALL, folder, succeed, text};
+use super::{SMALL, folder, print::whole_figures, succeed, text};
 
 /// Uses the page as a reader would, and writes what came of it into the body's `data-probe`.
 const PROBE: &str = include_str!("probe.js");
@@ -16,11 +17,16 @@ const PROBE: &str = include_str!("probe.js");
 /// Looks at a page in a frame of some width.
 const NARROW: &str = include_str!("narrow.js");
 
-/// What the probe wrote; panics if the page wrote to the console. The page also has to fit the screen of a telephone.
+/// What the probe wrote; panics if the page wrote to the console. The page also has to fit the screen of a telephone, and sheets of
+/// paper.
 fn probe(browser: &str, page: &Path, dark: bool) -> String {
     let html = fs::read_to_string(page).unwrap();
     let copy = page.with_extension("probe.html");
     fs::write(&copy, html.replace("</body>", &format!("<script>{PROBE}</script></body>"))).unwrap();
+    if !dark {
+        let figures = whole_figures(browser, page);
+        assert!(figures > 0 || !html.contains("<figure"), "{} has no figure on paper", page.display());
+    }
     for width in [360, 480] {
         assert_eq!(open(browser, &framed(page, width), dark), "fits", "{} in {width} pixels", page.display());
     }

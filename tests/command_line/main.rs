@@ -13,6 +13,7 @@ mod interruption;
 mod lost_work;
 mod options;
 mod pictures;
+mod print;
 mod refusals;
 mod samplers;
 mod sweep;
@@ -68,6 +69,17 @@ fn refuse(folder: &Path, arguments: &str) -> String {
     assert_eq!(output.status.code(), Some(2), "{arguments}: {message}");
     assert!(message.starts_with("error: ") && !message.contains("panicked"), "{arguments}: {message}");
     message
+}
+
+/// What `info --json` says of a file.
+fn info(folder: &Path, file: &str) -> serde_json::Value {
+    serde_json::from_str(&succeed(folder, &format!("info {file} --json"))).expect("JSON")
+}
+
+/// The tensors of a safetensors file, without the header in front of them.
+fn after_header(bytes: &[u8]) -> Vec<u8> {
+    let length = u64::from_le_bytes(bytes[..8].try_into().expect("eight bytes"));
+    bytes[8 + length as usize..].to_vec()
 }
 
 fn folder() -> TempDir {

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use super::{fail, headtail, succeed};
+use super::{after_header, fail, headtail, info, succeed};
 
 const VIEW: &str = "--scene bedroom --env window --width 64 --height 48";
 
@@ -14,9 +14,16 @@ fn visibility_is_learned_gone_on_with_rendered_and_shown() {
     assert!(said.contains("cells from") && said.contains("seen written"), "{said}");
     let again = succeed(at, &format!("bake --visibility {VIEW} --spp 2 --out again"));
     assert!(again.contains("cells from"), "{again}");
-    assert!(fs::read(at.join("seen")).unwrap() == fs::read(at.join("again")).unwrap(), "same seed, same bytes");
+    let counts = |name: &str| after_header(&fs::read(at.join(name)).unwrap());
+    assert!(counts("seen") == counts("again"), "same seed, same counts");
+    let took = |name: &str| info(at, name)["seconds of learning"].as_f64().unwrap();
     succeed(at, &format!("bake --visibility {VIEW} --spp 2 --resume seen --out more"));
     assert!(fs::metadata(at.join("more")).unwrap().len() >= fs::metadata(at.join("seen")).unwrap().len());
+    // What is gone on with counts.
+    assert!(took("seen") > 0.0 && took("more") > took("seen"), "{} {}", took("seen"), took("more"));
+    succeed(at, &format!("compare {VIEW} --samplers patches+vis:more --spp 1 --runs 1 --reference-spp 1 --out both"));
+    let page = fs::read_to_string(at.join("both/report.html")).unwrap();
+    assert!(page.contains(&format!("visibility learned before ({:.1} s)", took("more"))));
 
     // Another material and another viewpoint.
     let other = "--material ggx:alpha=0.4 --look-from 0.5,1.2,2 --look-at 0,1,0";

@@ -162,7 +162,7 @@ pub fn rivals(folder: &Path) -> Vec<Vec<u8>> {
         let rival = Rival::new(kind, networks).unwrap();
         let path = folder.join("rival");
         let rivals = vec![("cloth".to_owned(), blake3::hash(b"cloth"), rival)];
-        RivalFile { kind, rivals }.write(&path).unwrap();
+        RivalFile { kind, rivals, seconds: None }.write(&path).unwrap();
         fs::read(path).unwrap()
     };
     RivalKind::ALL.into_iter().map(file).collect()

@@ -68,10 +68,9 @@ pub struct Mask {
 
 /// The pixels around one that give its control variate its factor.
 const REACH: i32 = 2;
-/// A slope is of weights that vary by more than this, relative to their mean square; it is no larger than the other number, which only few samples of
-/// weights that hardly vary can bring about.
-const LEAST_VARIANCE: f64 = 1e-12;
-const LARGEST_FACTOR: f64 = 4.0;
+/// What is added to the variance of weights, over their mean square: where they vary by less than its root, 22 %, the slope of so few samples is mostly
+/// noise, and the ratio takes its place. Masks have the same noise to half a per cent from 0.05 to 0.2.
+const SHRINKAGE: f64 = 0.05;
 
 impl Mask {
     /// The mask in a form.
@@ -118,8 +117,8 @@ fn ratio_or(visible: DVec4, all: DVec4, otherwise: DVec4) -> DVec4 {
     DVec4::select(all.cmpgt(DVec4::ZERO), visible / all, otherwise)
 }
 
-/// The slope of visible weights over all weights in the samples of the pixels around one, which leaves the least variance; their ratio where the weights
-/// do not vary. 1 where all is visible, and 0 where nothing is.
+/// The slope of visible weights over all weights in the samples of the pixels around one, which leaves the least variance, drawn towards their ratio where
+/// the weights hardly vary. 1 where all is visible, and 0 where nothing is.
 fn factor(film: &Film, index: usize) -> DVec4 {
     let (x, y) = ((index % film.width) as i32, (index / film.width) as i32);
     let mut around = CatcherSums::default();
@@ -140,10 +139,9 @@ fn factor(film: &Film, index: usize) -> DVec4 {
     let mean = around.all / count;
     let variance = around.all_squares / count - mean * mean;
     let covariance = around.visible_squares / count - around.visible / count * mean;
-    // Below, the difference is what rounding left of it.
-    let varies = variance.cmpgt(LEAST_VARIANCE * mean * mean);
-    let slope = (covariance / variance).clamp(DVec4::splat(-LARGEST_FACTOR), DVec4::splat(LARGEST_FACTOR));
-    DVec4::select(varies, slope, ratio(around.visible, around.all))
+    let ratio = ratio(around.visible, around.all);
+    let least = SHRINKAGE * mean * mean;
+    DVec4::select(mean.cmpgt(DVec4::ZERO), (covariance + least * ratio) / (variance + least), ratio)
 }
 
 #[cfg(test)]
@@ -189,6 +187,27 @@ mod tests {
         let film = film(CatcherSums { hits: 4, visible, all, drawn, seen: 1, draws: 2, ..CatcherSums::default() });
         for form in MaskForm::ALL {
             assert_eq!(Mask::of(&film, form).values[4], [0.5; 4], "{form}");
+        }
+    }
+
+    /// Two samples in each pixel, of weights `1 - spread` and `1 + spread`, of which the second is visible. The slope is `(1 + spread) / (2 spread)`, the ratio
+    /// `(1 + spread) / 2`.
+    #[test]
+    fn factors_are_slopes_of_weights_that_vary_and_ratios_of_others() {
+        let factor_of = |spread: f64| {
+            let [low, high] = [1.0 - spread, 1.0 + spread];
+            let [visible, all, visible_squares, all_squares] =
+                [high, low + high, high * high, low * low + high * high].map(DVec4::splat);
+            let sums = CatcherSums { hits: 2, visible, all, visible_squares, all_squares, ..CatcherSums::default() };
+            factor(&film(sums), 4).x
+        };
+        for (spread, weight_of_slope) in
+            [(1e-9, 0.0), (0.01, 1e-4 / (1e-4 + SHRINKAGE)), (0.9, 0.81 / (0.81 + SHRINKAGE))]
+        {
+            let (slope, ratio) = ((1.0 + spread) / (2.0 * spread), (1.0 + spread) / 2.0);
+            let expected = weight_of_slope * slope + (1.0 - weight_of_slope) * ratio;
+            // Of the smallest spread the slope's part is 1e-18 / 0.05 times 5e8, 1e-8; rounding of squares near 1 leaves 1e-14.
+            assert!((factor_of(spread) - expected).abs() < 1e-7, "{spread}: {} not {expected}", factor_of(spread));
         }
     }
 

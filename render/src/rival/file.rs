@@ -30,6 +30,8 @@ struct Description {
     format_version: u32,
     kind: RivalKind,
     materials: Vec<Material>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    seconds: Option<f64>,
 }
 
 /// A material that a sampler was trained for.
@@ -48,6 +50,8 @@ pub struct RivalFile {
     pub kind: RivalKind,
     /// Name and identity of the material, and its sampler.
     pub rivals: Vec<(String, blake3::Hash, Rival)>,
+    /// Wall-clock seconds of their training, where they are known.
+    pub seconds: Option<f64>,
 }
 
 impl RivalFile {
@@ -75,7 +79,7 @@ impl RivalFile {
         let text = text.ok_or_else(|| none(format!("{field} is missing")))?;
         let described: Description =
             serde_json::from_str(text).map_err(|error| Error::invalid(path, field, error.to_string()))?;
-        let Description { format_version, kind, materials } = described;
+        let Description { format_version, kind, materials, seconds } = described;
         if format_version != FORMAT_VERSION {
             let reason = format!("is {format_version}; this program reads version {FORMAT_VERSION}");
             return Err(Error::invalid(path, "format_version", reason));
@@ -105,7 +109,7 @@ impl RivalFile {
             let rival = Rival::new(kind, networks).map_err(|error| error.in_file(path))?;
             rivals.push((name, identity, rival));
         }
-        Ok(Self { kind, rivals })
+        Ok(Self { kind, rivals, seconds: seconds.filter(|seconds| seconds.is_finite()) })
     }
 
     /// Writes the file to a temporary name beside `path` and renames it. Equal samplers give equal bytes.
@@ -131,7 +135,8 @@ impl RivalFile {
             identity: identity.to_hex().to_string(),
         };
         let materials = self.rivals.iter().map(material).collect();
-        let description = Description { format_version: FORMAT_VERSION, kind: self.kind, materials };
+        let description =
+            Description { format_version: FORMAT_VERSION, kind: self.kind, materials, seconds: self.seconds };
         let text = serde_json::to_string(&description).map_err(|error| failed(error.to_string()))?;
         let mut views = Vec::with_capacity(tensors.len());
         for (name, shape, bytes) in &tensors {

@@ -136,7 +136,7 @@ fn what_is_written_is_read_and_what_is_damaged_is_a_sentence() {
     let path = folder.path().join("rival.safetensors");
     for kind in RivalKind::ALL {
         let rivals = vec![("cloth".to_owned(), blake3::hash(b"cloth"), random_rival(kind, 1, 1.0))];
-        RivalFile { kind, rivals }.write(&path).unwrap();
+        RivalFile { kind, rivals, seconds: None }.write(&path).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         let read = RivalFile::read(&path).unwrap();
         assert_eq!((read.kind, read.rivals[0].0.as_str(), read.rivals[0].1), (kind, "cloth", blake3::hash(b"cloth")));
@@ -179,7 +179,7 @@ fn metadata_that_do_not_fit_are_a_sentence() {
     let path = folder.path().join("rival.safetensors");
     let kind = RivalKind::Lobes;
     let rival = |name: &str| (name.to_owned(), blake3::hash(name.as_bytes()), random_rival(kind, 1, 1.0));
-    RivalFile { kind, rivals: vec![rival("cloth"), rival("wool")] }.write(&path).unwrap();
+    RivalFile { kind, rivals: vec![rival("cloth"), rival("wool")], seconds: Some(1.5) }.write(&path).unwrap();
     let bytes = std::fs::read(&path).unwrap();
     let read = |change: Change<'_>| {
         RivalFile::from_bytes(Path::new("file"), &with_metadata(&bytes, change)).map_err(|error| error.to_string())

@@ -40,6 +40,9 @@ struct Description {
     eye: [f32; 3],
     /// The side of a cell over its distance from there.
     angle: f32,
+    /// What learning took.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    seconds: Option<f64>,
 }
 
 impl SceneVisibility {
@@ -63,6 +66,7 @@ impl SceneVisibility {
             environment_hash: self.environment_hash.clone(),
             eye: eye.to_array(),
             angle,
+            seconds: self.seconds,
         };
         let invalid = |reason: String| Error::invalid(path, "tensors", reason);
         let text = serde_json::to_string(&description).map_err(|error| invalid(error.to_string()))?;
@@ -132,6 +136,7 @@ impl SceneVisibility {
             scene_hash: description.scene_hash,
             environment: description.environment,
             environment_hash: description.environment_hash,
+            seconds: description.seconds.filter(|seconds| seconds.is_finite()),
             cells: Cells::new(eye, angle),
             counts,
         })

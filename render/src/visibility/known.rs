@@ -28,6 +28,8 @@ pub struct SceneVisibility {
     pub environment: String,
     /// [`Environment::hash`](crate::environment::Environment::hash).
     pub environment_hash: String,
+    /// Wall-clock seconds that learning took, where they are known.
+    pub seconds: Option<f64>,
     pub(super) cells: Cells,
     pub(super) counts: Counts,
 }

@@ -105,7 +105,8 @@ impl VisibilityCache {
         environment: String,
         environment_hash: String,
     ) -> SceneVisibility {
-        SceneVisibility { scene_hash, environment, environment_hash, cells: self.cells, counts: self.counts }
+        let (cells, counts) = (self.cells, self.counts);
+        SceneVisibility { scene_hash, environment, environment_hash, seconds: None, cells, counts }
     }
 
     /// The finest cells of points.

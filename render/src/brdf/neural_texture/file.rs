@@ -40,13 +40,17 @@ pub struct Description {
     pub steps: u64,
     /// Peak signal-to-noise ratio in dB over directions and places that training has not seen; none where it was not measured.
     pub psnr: Option<f64>,
+    /// Wall-clock seconds of the training, where they are known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
 }
 
 impl Description {
     /// Of a material called `name`.
     pub fn new(name: &str, leaky_slope: f32) -> Self {
         let kind = "neural-texture".to_owned();
-        Self { format_version: FORMAT_VERSION, kind, name: name.to_owned(), leaky_slope, steps: 0, psnr: None }
+        let (name, format_version) = (name.to_owned(), FORMAT_VERSION);
+        Self { format_version, kind, name, leaky_slope, steps: 0, psnr: None, seconds: None }
     }
 }
 

@@ -118,6 +118,11 @@ impl NeuralTexture {
         self.description.psnr = psnr.is_finite().then_some(psnr);
     }
 
+    /// Notes the time of its training, see [`Description::seconds`].
+    pub fn set_seconds(&mut self, seconds: f64) {
+        self.description.seconds = seconds.is_finite().then_some(seconds);
+    }
+
     /// BLAKE3 of all that reflectance depends on.
     pub fn hash(&self) -> blake3::Hash {
         self.hash
