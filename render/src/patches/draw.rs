@@ -153,8 +153,7 @@ fn goes_on(patches: &Patches, lobes: &[Lanes], lane: usize) -> bool {
 #[inline(always)]
 fn step<S: Simd, A: Aim>(
     simd: S,
-    patches: &Patches,
-    level: &Level,
+    (patches, level): (&Patches, &Level),
     goes_on: &[bool; LANES],
     at: &[Reflection; LANES],
     weights: impl Fn(usize, usize) -> Lanes,
@@ -274,9 +273,9 @@ fn walk<S: Simd, A: Aim, W: Weighting>(
         any |= narrow[k];
     }
     let weights = |lane: usize, cluster| weighting.of_parts(lobes[WEIGHTS][lane], cluster);
-    step(simd, patches, &patches.leaves, &[true; LANES], &points, weights, aims[1], &mut path);
+    step(simd, (patches, &patches.leaves), &[true; LANES], &points, weights, aims[1], &mut path);
     if any {
-        step(simd, patches, &patches.twigs, &narrow, &points, |_, _| [1.0; LANES], aims[2], &mut path);
+        step(simd, (patches, &patches.twigs), &narrow, &points, |_, _| [1.0; LANES], aims[2], &mut path);
     }
     (path, narrow)
 }
