@@ -82,7 +82,7 @@ pub static HEADS: [HeadShape; 11] = [
 pub const STEPS: [usize; 3] = [250, 1000, 4000];
 
 /// Samplers that need no file, on every surface.
-const PLAIN: [&str; 13] = [
+const PLAIN: [&str; 16] = [
     "cosine",
     "emitter",
     "mis",
@@ -96,6 +96,9 @@ const PLAIN: [&str; 13] = [
     "patches:fine+vis",
     "mis2:patches",
     "ris:4:patches",
+    "split:4:mis",
+    "split:4:mis-comp",
+    "split:4:patches",
 ];
 
 /// Tables of several sizes.
