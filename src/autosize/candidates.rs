@@ -82,7 +82,7 @@ pub static HEADS: [HeadShape; 11] = [
 pub const STEPS: [usize; 3] = [250, 1000, 4000];
 
 /// Samplers that need no file, on every surface.
-const PLAIN: [&str; 16] = [
+const PLAIN: [&str; 17] = [
     "cosine",
     "emitter",
     "mis",
@@ -99,6 +99,7 @@ const PLAIN: [&str; 16] = [
     "split:4:mis",
     "split:4:mis-comp",
     "split:4:patches",
+    "split:4:patches+vis",
 ];
 
 /// Tables of several sizes.

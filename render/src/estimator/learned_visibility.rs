@@ -2,7 +2,11 @@
 
 use std::sync::Arc;
 
-use super::{Contributions, Estimator, Learner, Ris, Setting, exploration::explore, single_sample::propose_one};
+use super::{
+    Contributions, Estimator, Learner, Ris, Setting,
+    exploration::explore,
+    split::{check_directions, propose_mean},
+};
 use crate::{
     bake::{BakedTable, WeightedTable},
     columns::Arena,
@@ -30,6 +34,8 @@ const RAYS: u32 = 8;
 #[derive(Clone)]
 pub struct LearnedVisibility {
     technique: Arc<Technique>,
+    /// From each surface point.
+    directions: u32,
     /// The patches of sky that rays are counted by.
     sky: PatchSampler,
     division: Arc<Division>,
@@ -122,7 +128,16 @@ impl LearnedVisibility {
         environment: Arc<Environment>,
         memory: usize,
     ) -> Self {
-        Self { technique: Arc::new(technique), sky, division: Arc::new(division), environment, memory, known: None }
+        let (technique, division) = (Arc::new(technique), Arc::new(division));
+        Self { technique, directions: 1, sky, division, environment, memory, known: None }
+    }
+
+    /// The same with the mean of so many directions from each surface point. Resampling draws one all the same.
+    ///
+    /// # Errors
+    /// There must be 1 to [`Split::MOST`](super::Split::MOST).
+    pub fn drawing(self, directions: u32) -> Result<Self> {
+        Ok(Self { directions: check_directions(directions)?, ..self })
     }
 
     /// The same with what was learned beforehand: it draws with that from the first sample on, and learns where nothing is known. The points of a
@@ -158,19 +173,20 @@ impl LearnedVisibility {
         match &*self.technique {
             Technique::Patches(sampler) => {
                 let sampler = OneSampleMis::new(sampler.get().weighted(weighting), BrdfSampler);
-                propose_one(&sampler, environment, at, points, out, arena);
+                propose_mean(self.directions, &sampler, environment, at, points, out, arena);
             }
             Technique::Table { light, table, mixed } => {
                 let sampler = ProductSampler::new(light.clone(), table.weighted(weighting));
                 if *mixed {
-                    propose_one(&OneSampleMis::new(sampler, BrdfSampler), environment, at, points, out, arena);
+                    let sampler = OneSampleMis::new(sampler, BrdfSampler);
+                    propose_mean(self.directions, &sampler, environment, at, points, out, arena);
                 } else {
-                    propose_one(&sampler, environment, at, points, out, arena);
+                    propose_mean(self.directions, &sampler, environment, at, points, out, arena);
                 }
             }
             Technique::Beside { patches, head } => {
                 let sampler = OneSampleMis::new(patches.weighted(weighting), head.clone());
-                propose_one(&sampler, environment, at, points, out, arena);
+                propose_mean(self.directions, &sampler, environment, at, points, out, arena);
             }
             Technique::Resampled(ris) => {
                 let mut indices = arena.columns::<1>(at.strips());

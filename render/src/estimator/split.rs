@@ -8,7 +8,7 @@ use crate::{
     environment::Environment,
     error::{Error, Result},
     points::{Dimension, Points},
-    sampler::{Covering, Draws, Sampler, prepared},
+    sampler::{BrdfSampler, Covering, Draws, Sampler},
     tile::Rows,
     timings::{Stage, timed},
 };
@@ -31,33 +31,52 @@ impl<S: Sampler> Split<S> {
     /// # Errors
     /// There must be 1 to [`Self::MOST`] directions.
     pub fn new(sampler: Covering<S>, directions: u32, environment: Arc<Environment>) -> Result<Self> {
-        if !(1..=Self::MOST).contains(&directions) {
-            return Err(Error::argument("split", format!("{directions} directions: choose 1 to {}", Self::MOST)));
-        }
-        Ok(Self { sampler, directions, environment })
+        Ok(Self { sampler, directions: check_directions(directions)?, environment })
     }
 }
 
 impl<S: Sampler> Estimator for Split<S> {
     fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena) {
-        let mut columns = arena.columns::<6>(at.strips());
-        let [u, v, x, y, z, pdf] = columns.get_mut();
-        prepared(&self.sampler, at, arena, |state| {
-            for index in 0..self.directions {
-                let dimension = Dimension::Candidate { technique: 0, index, of: self.directions };
-                points.draw(dimension, at, [&mut *u, &mut *v]);
-                timed(Stage::Sampling, || {
-                    let out = Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf };
-                    self.sampler.sample(at, state, [&*u, &*v], out, arena);
-                });
-                timed(Stage::Shading, || {
-                    let share = 1.0 / self.directions as f32;
-                    for pdf in pdf.as_flattened_mut() {
-                        *pdf = if *pdf > 0.0 { share / *pdf } else { 0.0 };
-                    }
-                    contribute(at, &self.environment, [&*x, &*y, &*z], pdf, out, arena);
-                });
+        propose_mean(self.directions, &self.sampler, &self.environment, at, points, out, arena);
+    }
+}
+
+/// So many directions for each row from a sampler that covers the whole integrand, each with its part of their mean.
+pub(super) fn propose_mean(
+    directions: u32,
+    sampler: &dyn Sampler,
+    environment: &Environment,
+    at: &Rows<'_>,
+    points: &Points,
+    out: &mut Contributions,
+    arena: &Arena,
+) {
+    let mut columns = arena.columns::<6>(at.strips());
+    let [u, v, x, y, z, pdf] = columns.get_mut();
+    let mut state = arena.columns::<1>(sampler.columns() * at.strips());
+    timed(Stage::Sampling, || sampler.prepare(at, state.get_mut()[0], arena));
+    for index in 0..directions {
+        let several = Dimension::Candidate { technique: 0, index, of: directions };
+        points.draw(if directions == 1 { Dimension::Light(0) } else { several }, at, [&mut *u, &mut *v]);
+        timed(Stage::Sampling, || {
+            let out = Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf };
+            sampler.sample(at, state.get()[0], [&*u, &*v], out, arena);
+        });
+        timed(Stage::Shading, || {
+            let share = 1.0 / directions as f32;
+            for pdf in pdf.as_flattened_mut() {
+                *pdf = if *pdf > 0.0 { share / *pdf } else { 0.0 };
             }
+            contribute(at, environment, [&*x, &*y, &*z], pdf, out, arena);
         });
     }
+}
+
+/// An error unless it is 1 to [`Split::MOST`].
+pub(super) fn check_directions(directions: u32) -> Result<u32> {
+    let most = Split::<BrdfSampler>::MOST;
+    if !(1..=most).contains(&directions) {
+        return Err(Error::argument("split", format!("{directions} directions: choose 1 to {most}")));
+    }
+    Ok(directions)
 }

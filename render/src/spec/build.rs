@@ -2,7 +2,7 @@
 
 use std::{path::Path, sync::Arc};
 
-use super::{FileKind, ONLY_THESE_LEARN, SamplerSpec, Source};
+use super::{Drawn, FileKind, ONLY_THESE_LEARN, SamplerSpec, Source};
 use crate::{
     environment::Environment,
     error::{Error, Result},
@@ -54,8 +54,8 @@ impl SamplerSpec {
                 Box::new(Split::new(Covering::new(sampler(source)?)?, *directions, environment.clone())?)
             }
             Self::Ris(candidates, source) => Box::new(resampling(source, *candidates, environment, place)?),
-            Self::Learning { source, candidates, grid, known } => {
-                let estimator = learning(source, (*candidates, *grid), environment, place)?;
+            Self::Learning { source, drawn, grid, known } => {
+                let estimator = learning(source, (*drawn, *grid), environment, place)?;
                 Box::new(knowing(estimator, known.as_deref(), environment, place)?)
             }
         })
@@ -116,16 +116,21 @@ fn resampling(
 /// An estimator that learns what is visible.
 fn learning(
     source: &Source,
-    (candidates, grid): (Option<u32>, usize),
+    (drawn, grid): (Drawn, usize),
     environment: &Arc<Environment>,
     place: Place<'_>,
 ) -> Result<LearnedVisibility> {
-    if let Some(candidates) = candidates {
-        let ris = resampling(source, candidates, environment, place)?;
-        return LearnedVisibility::of_ris(ris, environment.clone(), place.memory);
-    }
+    let directions = match drawn {
+        Drawn::Directions(directions) => directions,
+        Drawn::Candidates(candidates) => {
+            let ris = resampling(source, candidates, environment, place)?;
+            return LearnedVisibility::of_ris(ris, environment.clone(), place.memory);
+        }
+    };
     let (kind, file, mixed) = match source {
-        Source::Patches(detail) => return LearnedVisibility::new(environment.clone(), *detail, place.memory),
+        Source::Patches(detail) => {
+            return LearnedVisibility::new(environment.clone(), *detail, place.memory)?.drawing(directions);
+        }
         Source::File(kind, file) => (*kind, file, false),
         Source::Mixture(part) if let Source::File(kind, file) = &**part => (*kind, file, true),
         _ => return Err(Error::argument(format!("sampler '{source}'"), ONLY_THESE_LEARN)),
@@ -143,7 +148,7 @@ fn learning(
             .and_then(Covering::new)
             .and_then(|head| LearnedVisibility::beside_head(head, environment.clone(), place.memory)),
     };
-    built.map_err(|error| error.in_file(file))
+    built.and_then(|estimator| estimator.drawing(directions)).map_err(|error| error.in_file(file))
 }
 
 /// The same estimator with what a file knows of the scene.

@@ -1,7 +1,7 @@
 //! Sampler specifications: `brdf`, `mis`, `ris:4`, `head+mis:FILE`, ... and the estimators that they name.
 //!
 //! A SPEC is a *source* of directions (`brdf`, `emitter`, `patches`, `oracle`, `KIND:FILE`, or a source in a mixture with BRDF sampling), used alone,
-//! several times (`split:N`), in two-sample MIS (`mis2`) or in resampling (`ris:M`).
+//! several times (`split:N`, also of what learns), in two-sample MIS (`mis2`) or in resampling (`ris:M`).
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -36,8 +36,8 @@ pub enum SamplerSpec {
     Learning {
         /// Patches, a head over them, a table, or a head.
         source: Source,
-        /// The candidates of resampling with a target that knows what is visible, half of them from the source; otherwise one direction is drawn.
-        candidates: Option<u32>,
+        /// What is drawn from it.
+        drawn: Drawn,
         /// The cells along a side of Y that a table's weights have.
         grid: usize,
         /// What was learned beforehand.
@@ -47,6 +47,15 @@ pub enum SamplerSpec {
     Split(u32, Source),
     /// Resampled importance sampling with this many candidates, half of them from the source, half from BRDF sampling.
     Ris(u32, Source),
+}
+
+/// What an estimator that learns draws.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drawn {
+    /// This many directions from the source, of which it takes the mean.
+    Directions(u32),
+    /// One of so many candidates, half of them from the source, by resampling with a target that knows what is visible.
+    Candidates(u32),
 }
 
 /// What directions are drawn from.

@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, str::FromStr};
 
-use super::{FileKind, ONLY_THESE_LEARN, RivalFamily, SamplerSpec, Source};
+use super::{Drawn, FileKind, ONLY_THESE_LEARN, RivalFamily, SamplerSpec, Source};
 use crate::{
     bake::WeightedTable,
     error::{Error, Result},
@@ -14,7 +14,8 @@ use crate::{
 
 /// All forms that there are, in the words of a mistake.
 const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, patches:fine, \
-                     patches+vis, patches:fine+vis, split:2:patches, patches+vis:FILE, head:FILE, head+patches:FILE, \
+                     patches+vis, patches:fine+vis, split:4:patches, split:4:patches+vis, patches+vis:FILE, \
+                     head:FILE, head+patches:FILE, \
                      head+patches+vis:FILE, baked:FILE, direct:FILE, direct+vis:FILE, direct+vis@LEARNED:FILE, \
                      ris:4+vis, ris:4+vis:direct:FILE, head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, \
                      ris:4:direct:FILE, neusample:FILE, neusample+emitter:FILE, reparam:FILE, reparam+emitter:FILE, \
@@ -35,10 +36,13 @@ impl FromStr for SamplerSpec {
                 Error::argument(format!("sampler '{text}'"), "name directions and a source, as in split:2:patches")
             })?;
             let directions = count_of(count, Split::<BrdfSampler>::MOST, text, "directions, as in split:2:patches")?;
-            return Ok(Self::Split(directions, source_of(source, text)?));
+            return match Learning::of(source) {
+                Some(learning) => learning.spec(directions, text),
+                None => Ok(Self::Split(directions, source_of(source, text)?)),
+            };
         }
         if let Some(learning) = Learning::of(text) {
-            return learning.spec(text);
+            return learning.spec(1, text);
         }
         let Some(rest) = text.strip_prefix("ris").filter(|rest| rest.is_empty() || rest.starts_with(':')) else {
             return Ok(Self::One(source_of(text, text)?));
@@ -82,22 +86,28 @@ impl<'a> Learning<'a> {
         (is_name || is_ris).then_some(Self { sampler, grid, known, rest })
     }
 
-    fn spec(self, whole: &str) -> Result<SamplerSpec> {
+    /// The SPEC with so many directions.
+    fn spec(self, directions: u32, whole: &str) -> Result<SamplerSpec> {
         let wrong = |reason: &str| Error::argument(format!("sampler '{whole}'"), reason);
         let Self { sampler, grid, known, rest } = self;
         if known == Some("") || rest == Some("") {
             return Err(wrong("name a file, as in patches+vis:FILE, direct+vis:FILE or direct+vis@LEARNED:FILE"));
         }
-        let learning = |source, candidates, grid, known: Option<&str>| {
+        let learning = |source, drawn, grid, known: Option<&str>| {
             let known = known.map(PathBuf::from);
-            Ok(SamplerSpec::Learning { source, candidates, grid, known })
+            Ok(SamplerSpec::Learning { source, drawn, grid, known })
         };
+        let drawn = Drawn::Directions(directions);
         if let Some(count) = sampler.strip_prefix("ris:").filter(|_| grid.is_empty()) {
+            if directions > 1 {
+                return Err(wrong("resampling draws one direction"));
+            }
             let source = rest.map_or(Ok(Source::Emitter), |source| source_of(source, whole))?;
-            return learning(source, Some(candidates_of(count, whole)?), LearnedVisibility::GRID, known);
+            let drawn = Drawn::Candidates(candidates_of(count, whole)?);
+            return learning(source, drawn, LearnedVisibility::GRID, known);
         }
         if matches!(sampler, "patches" | "patches:fine") && grid.is_empty() && known.is_none() {
-            return learning(source_of(sampler, whole)?, None, LearnedVisibility::GRID, rest);
+            return learning(source_of(sampler, whole)?, drawn, LearnedVisibility::GRID, rest);
         }
         let of_file = source_of(&format!("{sampler}:{}", rest.unwrap_or("FILE")), whole);
         let source = of_file.ok().filter(Source::learns).ok_or_else(|| wrong(ONLY_THESE_LEARN))?;
@@ -112,7 +122,7 @@ impl<'a> Learning<'a> {
                     || wrong("the cells along a side of a table's weights are 8, 16 or 32, as in direct+vis8:FILE"),
                 )?,
             };
-        learning(source, None, side, known)
+        learning(source, drawn, side, known)
     }
 }
 

@@ -2,21 +2,26 @@
 
 use std::fmt;
 
-use super::{SamplerSpec, Source};
+use super::{Drawn, SamplerSpec, Source};
 use crate::{estimator::LearnedVisibility, patches::Detail};
 
 impl fmt::Display for SamplerSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::One(source) => source.fmt(f),
-            Self::Learning { source, candidates, grid, known } => {
+            Self::Learning { source, drawn, grid, known } => {
+                if let Drawn::Directions(directions) = drawn
+                    && *directions > 1
+                {
+                    write!(f, "split:{directions}:")?;
+                }
                 let (name, known) = (source.to_string(), known.as_ref().map(|file| file.display().to_string()));
                 // What a source is read from stands last.
-                let (name, known, rest) = match (candidates, source) {
-                    (Some(count), Source::Emitter) => (format!("ris:{count}"), known, None),
-                    (Some(count), _) => (format!("ris:{count}"), known, Some(name)),
-                    (None, Source::Patches(_)) => (name, None, known),
-                    (None, _) => match name.split_once(':') {
+                let (name, known, rest) = match (drawn, source) {
+                    (Drawn::Candidates(count), Source::Emitter) => (format!("ris:{count}"), known, None),
+                    (Drawn::Candidates(count), _) => (format!("ris:{count}"), known, Some(name)),
+                    (Drawn::Directions(_), Source::Patches(_)) => (name, None, known),
+                    (Drawn::Directions(_), _) => match name.split_once(':') {
                         Some((kind, file)) => (kind.to_owned(), known, Some(file.to_owned())),
                         None => (name, known, None),
                     },

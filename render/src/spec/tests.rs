@@ -49,6 +49,9 @@ fn specifications_print_as_they_parse() {
         "split:2:patches",
         "split:64:head+mis:a:b",
         "split:4:mis-comp",
+        "split:4:patches+vis",
+        "split:2:patches:fine+vis:a/b:c",
+        "split:8:direct+vis8@a:b",
         "ris:4:head+mis:a",
         "ris:4:mis",
     ] {
@@ -78,6 +81,8 @@ fn mistakes_are_named() {
         "direct+vis@:a",
         "direct+vis9:a",
         "direct+vis@a",
+        "split:2:ris:4+vis",
+        "split:65:patches+vis",
         "direct+visual:a",
         "patches+vis8",
         "patches+vis@a",
@@ -101,7 +106,6 @@ fn mistakes_are_named() {
         "split:0:mis",
         "split:65:mis",
         "split:2:",
-        "split:2:patches+vis",
         "split:2:split:2:mis",
     ] {
         let error = text.parse::<SamplerSpec>().unwrap_err().to_string();

@@ -29,7 +29,7 @@ use headtail_render::{
     random::{Purpose, Stream},
     sampler::EnvironmentLight,
     scene::{Material, MaterialSpec, Ray, Scene, TexturedMetallicRoughness, built_in_names},
-    spec::{FileKind, SamplerSpec, Source},
+    spec::{Drawn, FileKind, SamplerSpec, Source},
     statistics::{Moments, TTest, compare_images, sidak},
     tail::{Tail, TailKind},
 };
@@ -149,7 +149,7 @@ fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
         learning("baked+mis+vis", "baked"),
         learning("ris:4+vis:direct", "direct"),
         SamplerSpec::One(source.clone()),
-        SamplerSpec::Learning { source, candidates: None, grid: LearnedVisibility::GRID, known: None },
+        SamplerSpec::Learning { source, drawn: Drawn::Directions(1), grid: LearnedVisibility::GRID, known: None },
         write("coupled", Intermediate::Head(coupled), Hierarchical, Some(summary.clone())),
         write("autoregressive", Intermediate::Head(autoregressive), RowColumn, Some(summary.clone())),
         write("baked", Intermediate::Bake(table), RowColumn, Some(summary)),
@@ -158,9 +158,10 @@ fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
 }
 
 fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
-    let mut samplers: Vec<SamplerSpec> = ["emitter", "mis", "mis2", "mis-comp", "ris:4", "patches", "patches+vis"]
-        .map(|name| name.parse().unwrap())
-        .into();
+    let mut samplers: Vec<SamplerSpec> =
+        ["emitter", "mis", "mis2", "mis-comp", "ris:4", "patches", "patches+vis", "split:2:patches+vis"]
+            .map(|name| name.parse().unwrap())
+            .into();
     samplers.extend(exported(folder, environment));
     samplers
 }
