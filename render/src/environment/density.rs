@@ -64,6 +64,25 @@ impl Grid<'_> {
         ])
     }
 
+    /// The same of many cells. Addresses are computed side by side, so that little stands between one load, which may wait for memory, and the next.
+    #[inline(always)]
+    pub fn corners_of(&self, columns: &[u32; LANES], rows: &[u32; LANES]) -> [Corners; LANES] {
+        let (width, stride, offset) = (self.width as u32, self.stride as u32, self.offset as u32);
+        let (mut left, mut right) = ([0; LANES], [0; LANES]);
+        for k in 0..LANES {
+            let next = if columns[k] + 1 == width { 0 } else { columns[k] + 1 };
+            left[k] = (rows[k] * width + columns[k]) * stride + offset;
+            right[k] = (rows[k] * width + next) * stride + offset;
+        }
+        let (upper, lower) = (self.nodes, &self.nodes[self.width * self.stride..]);
+        let mut corners = [Corners([0.0; 4]); LANES];
+        for k in 0..LANES {
+            let (left, right) = (left[k] as usize, right[k] as usize);
+            corners[k] = Corners([upper[left], upper[right], lower[left], lower[right]]);
+        }
+        corners
+    }
+
     #[inline(always)]
     fn node(&self, index: usize) -> f32 {
         self.nodes[index * self.stride + self.offset]
@@ -79,6 +98,10 @@ impl BilinearDensity {
         if width == 0 || height < 2 || luminance.len() != width * height {
             let reason = format!("{width} x {height} does not fit {} values (height at least 2)", luminance.len());
             return Err(Error::argument("tail luminance", reason));
+        }
+        // Addresses in lanes are of 32 bits.
+        if u32::try_from(4 * luminance.len()).is_err() {
+            return Err(Error::argument("tail luminance", format!("{width} x {height} is too large")));
         }
         if luminance.iter().any(|value| !(value.is_finite() && *value >= 0.0)) {
             return Err(Error::argument("tail luminance", "holds a value that is negative or not finite"));
@@ -205,13 +228,11 @@ vectorized! {
             let (u, v) = (x[0][strip], x[1][strip]);
             let (mut columns, mut rows, mut inside) = ([0; LANES], [0; LANES], [Vec2::ZERO; LANES]);
             for k in 0..LANES {
-                (columns[k], rows[k], inside[k]) = grid.cell(Vec2::new(u[k], v[k]));
+                let (column, row, place) = grid.cell(Vec2::new(u[k], v[k]));
+                (columns[k], rows[k], inside[k]) = (column as u32, row as u32, place);
             }
             // All loads before the arithmetic, so that they wait for memory together.
-            let mut corners = [Corners([0.0; 4]); LANES];
-            for k in 0..LANES {
-                corners[k] = nodes.corners(columns[k], rows[k]);
-            }
+            let corners = nodes.corners_of(&columns, &rows);
             for k in 0..LANES {
                 out[strip][k] = corners[k].evaluate(inside[k]);
             }

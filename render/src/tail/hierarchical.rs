@@ -6,7 +6,7 @@ use super::{Node, TailWarp};
 use crate::{
     columns::vectorized,
     discrete::{BELOW_ONE, remap},
-    environment::{BilinearDensity, Corners},
+    environment::BilinearDensity,
     large::Large,
     morton::{gather, spread},
     simd::{LANES, Lanes},
@@ -297,13 +297,10 @@ impl Descents {
         for k in 0..LANES {
             (columns[k], rows[k]) = tail.cell(self.index[k]);
         }
-        let mut corners = [[0.0; 4]; LANES];
-        for k in 0..LANES {
-            corners[k] = nodes.corners(columns[k] as usize, rows[k] as usize).0;
-        }
+        let all_corners = nodes.corners_of(&columns, &rows);
         let (mut x, mut jacobian) = ([[0.0; LANES]; 2], [0.0; LANES]);
         for k in 0..LANES {
-            let corners = Corners(corners[k]);
+            let corners = &all_corners[k];
             let across = remap(self.x[k], self.bounds.left[k], self.bounds.right[k]);
             let down = remap(self.y[k], self.bounds.top[k], self.bounds.bottom[k]);
             let inside = corners.sample(Vec2::new(across, down));
@@ -358,10 +355,7 @@ vectorized! {
                 let (column, row, place) = tail.grid.cell(Vec2::new(u[k], v[k]));
                 (columns[k], rows[k], inside[k]) = (column as u32, row as u32, place);
             }
-            let mut corners = [Corners([0.0; 4]); LANES];
-            for k in 0..LANES {
-                corners[k] = nodes.corners(columns[k] as usize, rows[k] as usize);
-            }
+            let corners = nodes.corners_of(&columns, &rows);
             let Bounds { left, right, top, bottom } = tail.bounds(&columns, &rows);
             for k in 0..LANES {
                 let share = corners[k].invert(inside[k]);
