@@ -196,11 +196,7 @@ fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
     }
     for figures in figures {
         let Tears { length, mean, .. } = figures.tears;
-        let title = format!(
-            "{}: tears of Y, {length:.1} sides long, {:.1} % of the map wide",
-            figures.kind.name(),
-            100.0 * mean
-        );
+        let title = format!("{}: torn along {length:.1} sides, by {:.1} %", figures.kind.name(), 100.0 * mean);
         panels.push(Panel::plain(title, (&figures.tears.colors(), continuity::SIDE), Sides::Square)?);
     }
     densities("tails", &[format!("What tails of '{map}' make of the square")], &panels, 2)
