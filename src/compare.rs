@@ -18,10 +18,10 @@ use headtail_render::{
     spec::{FileKind, SamplerSpec, Source},
     visibility::SceneVisibility,
 };
+pub use noise::select;
 pub use reference::Reference;
 use samplers::SamplerList;
 use work::Work;
-pub use work::select;
 
 use crate::terminal::{self, say};
 use crate::{

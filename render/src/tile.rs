@@ -3,9 +3,8 @@
 use glam::Vec3A;
 
 use crate::{
-    brdf::{Brdf, BrdfTable, LATENTS, MAX_PARAMETERS, Surface, Surfaces},
+    brdf::{Brdf, BrdfTable, LATENTS, MAX_PARAMETERS, OF_MATERIAL, Surface, Surfaces},
     columns::{Arena, gather, scatter, strips, vectorized},
-    head::OF_MATERIAL,
     simd::{LANES, Lanes},
 };
 

@@ -8,7 +8,6 @@ use headtail_render::{
     statistics::ErrorMetrics,
 };
 
-use super::work::select;
 use crate::report::Row;
 
 /// The attributes of a reference that hold it.
@@ -78,6 +77,13 @@ impl Noise {
             ),
         }
     }
+}
+
+/// The chosen pixels as an image of one row.
+pub fn select(image: &Image, chosen: &[bool]) -> Image {
+    let pixels: Vec<_> =
+        image.pixels.iter().zip(chosen).filter(|(_, chosen)| **chosen).map(|(pixel, _)| *pixel).collect();
+    Image { width: pixels.len(), height: 1, pixels }
 }
 
 #[cfg(test)]

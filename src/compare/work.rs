@@ -14,7 +14,10 @@ use headtail_render::{
     statistics::{RELATIVE_EPSILON, ttuv},
 };
 
-use super::{Entry, noise::Noise};
+use super::{
+    Entry,
+    noise::{Noise, select},
+};
 use crate::terminal::warning;
 use crate::{
     arguments::OpenedView,
@@ -238,13 +241,6 @@ fn error_image(image: &Image, reference: &Image, covered: &[bool]) -> Image {
         if *covered { [of(0), of(1), of(2)] } else { [0.0; 3] }
     };
     Image { pixels: image.pixels.iter().zip(&reference.pixels).zip(covered).map(error).collect(), ..*image }
-}
-
-/// The chosen pixels as an image of one row.
-pub fn select(image: &Image, chosen: &[bool]) -> Image {
-    let pixels: Vec<_> =
-        image.pixels.iter().zip(chosen).filter(|(_, chosen)| **chosen).map(|(pixel, _)| *pixel).collect();
-    Image { width: pixels.len(), height: 1, pixels }
 }
 
 /// Longer names are cut: file systems allow 255 bytes, of which budget and extension take some.

@@ -6,11 +6,11 @@ use clap::Args;
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
     brdf::{
-        BrdfTable, NeuralTexture, Surface,
+        BrdfTable, NeuralTexture, OF_MATERIAL, Surface,
         neural_texture::{FEATURES, Seen},
     },
     frame::Frame,
-    head::{Condition, MAX_CONDITION, OF_MATERIAL},
+    head::{Condition, MAX_CONDITION},
     tile::ShadingPoint,
 };
 

@@ -22,12 +22,14 @@ use glam::{Vec2, Vec3};
 use crate::{
     columns::vectorized,
     frame::Frame,
-    head::OF_MATERIAL,
     simd::{LANES, Lanes},
 };
 
 /// Numbers that say what a measured BRDF is like.
 pub const LATENTS: usize = 6;
+
+/// Most numbers that a head sees of a material: features of a neural one, a tangent, and the handedness.
+pub const OF_MATERIAL: usize = neural_texture::FEATURES + 4;
 
 /// Most parameters of a BRDF.
 pub const MAX_PARAMETERS: usize = 11;

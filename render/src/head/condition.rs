@@ -4,7 +4,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    brdf::{LATENTS, neural_texture::FEATURES},
+    brdf::{LATENTS, OF_MATERIAL},
     simd::{LANES, Lanes},
 };
 
@@ -24,9 +24,6 @@ pub enum Condition {
     /// the texture is mirrored, or 0 on other surfaces, where features and tangent are 0: 22 numbers.
     Texture,
 }
-
-/// Most numbers that a condition has of a material: features, a tangent, and the handedness.
-pub const OF_MATERIAL: usize = FEATURES + 4;
 
 /// The longest condition vector.
 pub const MAX_CONDITION: usize = GEOMETRY + OF_MATERIAL;

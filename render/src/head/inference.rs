@@ -4,8 +4,9 @@
 
 use glam::Vec2;
 
-use super::{Condition, Head, MAX_CONDITION, Mode, OF_MATERIAL, SELECTION_FLOOR};
+use super::{Condition, Head, MAX_CONDITION, Mode, SELECTION_FLOOR};
 use crate::{
+    brdf::OF_MATERIAL,
     columns::{Arena, vectorized},
     error::{Error, Result},
     linear::Start,

@@ -7,7 +7,7 @@ mod network;
 mod without_tail;
 
 pub use crate::linear::Linear;
-pub use condition::{Condition, MAX_CONDITION, OF_MATERIAL};
+pub use condition::{Condition, MAX_CONDITION};
 pub use inference::HeadAt;
 use network::SplineNetwork;
 pub use without_tail::WithoutTail;

@@ -6,7 +6,8 @@ use std::{
 };
 
 use super::{
-    render::{Budget, Film, Pass},
+    film::{Film, Pass},
+    rendering::Budget,
     view::{Part, View},
 };
 use crate::{

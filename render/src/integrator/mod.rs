@@ -1,13 +1,16 @@
 //! The tiled integrator of direct light and of paths.
 
 mod features;
+mod film;
 mod learn;
 mod render;
+mod rendering;
 mod view;
 mod wavefront;
 
 pub use features::{Features, features};
 pub(crate) use learn::Lesson;
 pub use learn::learn_visibility;
-pub use render::{Budget, MAX_SIDE, Rendering, render, render_part};
+pub use render::{MAX_SIDE, render, render_part};
+pub use rendering::{Budget, Rendering};
 pub use view::{Part, View};

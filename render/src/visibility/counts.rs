@@ -9,8 +9,8 @@ use rayon::prelude::*;
 
 use super::{
     cells::{CellKey, LEVELS},
+    layout::PATCHES,
     places::Places,
-    weights::PATCHES,
 };
 
 /// Observations that make a cell.

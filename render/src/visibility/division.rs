@@ -1,7 +1,6 @@
 //! The sky as samplers take weights of it: patches, and for tables a grid over Y.
 
-use super::{estimate::Visibility, weights::PATCHES};
-use crate::simd::LANES;
+use super::layout::{GridLayout, PATCHES};
 
 /// What weights are given for: the patches of a map's sky, and for samplers that draw from a grid over Y its cells, too.
 ///
@@ -52,53 +51,6 @@ pub struct PatchGrid {
     parts: Vec<Vec<(u16, f32)>>,
 }
 
-/// Numbers for the cells of a grid, twice: column by column, each padded to whole lanes, and row by row.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct GridLayout {
-    /// Rows of cells.
-    pub rows: usize,
-    /// Columns of cells.
-    pub columns: usize,
-}
-
-impl GridLayout {
-    /// Numbers from one column to the next.
-    #[inline(always)]
-    pub fn column(self) -> usize {
-        self.rows.next_multiple_of(LANES)
-    }
-
-    /// Numbers from one row to the next.
-    #[inline(always)]
-    pub fn row(self) -> usize {
-        self.columns.next_multiple_of(LANES)
-    }
-
-    /// Numbers before the rows.
-    #[inline(always)]
-    pub fn rows_start(self) -> usize {
-        self.columns * self.column()
-    }
-
-    /// All numbers.
-    pub fn bytes(self) -> usize {
-        self.rows_start() + self.rows * self.row()
-    }
-
-    /// Lays out a number for each cell; padding has 0.
-    pub fn lay_out<T: Copy + Default>(self, of_cell: impl Fn(usize, usize) -> T) -> Box<[T]> {
-        let mut out = vec![T::default(); self.bytes()];
-        for row in 0..self.rows {
-            for column in 0..self.columns {
-                let number = of_cell(row, column);
-                out[column * self.column() + row] = number;
-                out[self.rows_start() + row * self.row() + column] = number;
-            }
-        }
-        out.into()
-    }
-}
-
 impl PatchGrid {
     /// A grid of which points say what patches it is of: `points` are those of each cell `[rows, columns]`, evenly spread over it.
     ///
@@ -120,10 +72,8 @@ impl PatchGrid {
         self.layout
     }
 
-    /// The visibility of each cell `[rows, columns]`.
-    pub(super) fn visibility(&self, of_patches: &Visibility) -> Vec<f32> {
-        let patches = of_patches.patches();
-        let of_part = |&(patch, share): &(u16, f32)| share * patches[usize::from(patch)];
-        self.parts.iter().map(|parts| parts.iter().map(of_part).sum()).collect()
+    /// The patches of each cell `[rows, columns]`, with their shares in it.
+    pub(super) fn parts(&self) -> impl Iterator<Item = &[(u16, f32)]> {
+        self.parts.iter().map(Vec::as_slice)
     }
 }

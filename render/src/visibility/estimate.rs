@@ -6,7 +6,8 @@ use super::{
     cells::CellKey,
     counts::Counts,
     division::Division,
-    weights::{CLUSTERS, PATCHES, Weights},
+    layout::{CLUSTERS, PATCHES},
+    weights::Weights,
 };
 use crate::simd::LANES;
 
@@ -74,7 +75,8 @@ impl Visibility {
         let weights = Weights::new(|patch| weight(self.patches[patch]), energies);
         match division.grid() {
             Some(grid) => {
-                let cells = grid.visibility(self);
+                let of_part = |&(patch, share): &(u16, f32)| share * self.patches[usize::from(patch)];
+                let cells: Vec<f32> = grid.parts().map(|parts| parts.iter().map(of_part).sum()).collect();
                 weights.with_grid(grid.layout(), |cell| weight(cells[cell]))
             }
             None => weights,

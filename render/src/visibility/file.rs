@@ -13,7 +13,7 @@ use super::{
     cells::{CellKey, Cells},
     counts::Counts,
     known::SceneVisibility,
-    weights::PATCHES,
+    layout::PATCHES,
 };
 use crate::{
     error::{Error, Result},

@@ -9,8 +9,9 @@ use super::{
     counts::Counts,
     division::Division,
     estimate::{self, Visibility},
+    layout::PATCHES,
     places::Places,
-    weights::{PATCHES, Weights},
+    weights::Weights,
 };
 use crate::{
     environment::Environment,

@@ -15,14 +15,16 @@ mod division;
 mod estimate;
 mod file;
 mod known;
+mod layout;
 mod places;
 mod weights;
 mod worth;
 
 pub use cells::Cells;
-pub use division::{Division, GridLayout, PatchGrid};
+pub use division::{Division, PatchGrid};
 pub use known::{Known, SceneVisibility};
-pub use weights::{CLUSTERS, PATCHES, Unoccluded, Weighting, Weights};
+pub use layout::{CLUSTERS, GridLayout, PATCHES};
+pub use weights::{Unoccluded, Weighting, Weights};
 
 use std::sync::{
     Arc,

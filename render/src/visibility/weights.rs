@@ -1,15 +1,10 @@
 //! What a sampler multiplies its product with, for each patch of sky.
 
-use super::division::GridLayout;
+use super::layout::{CLUSTERS, GridLayout};
 use crate::{
     simd::{LANES, Lanes},
     tile::Rows,
 };
-
-/// Clusters of patches.
-pub const CLUSTERS: usize = 32;
-/// Patches: [`LANES`] of each cluster.
-pub const PATCHES: usize = CLUSTERS * LANES;
 
 /// Weights of the patches of sky at a place, each above 0 and at most 1, in steps of 1/255.
 #[derive(Clone, Debug)]

@@ -4,7 +4,6 @@
 //! `q*(y|c)` is BRDF x cosine at the tail's direction: it is evaluated at points of Y, and nothing is tabulated.
 
 mod batch;
-mod build;
 mod ggx;
 mod measured;
 mod naive;
@@ -17,7 +16,6 @@ mod textured;
 mod viewpoints;
 
 pub use batch::{Batch, BatchShape, ConditionPoints};
-pub use build::build_target;
 pub use ggx::Ggx;
 pub use measured::MeasuredSurface;
 pub use naive::NaiveTarget;

@@ -6,12 +6,12 @@ use glam::{Vec2, Vec3, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{
     brdf::{
-        self, BrdfTable, MAX_PARAMETERS, NeuralTexture,
+        self, BrdfTable, MAX_PARAMETERS, NeuralTexture, OF_MATERIAL,
         neural_texture::{FEATURES, Seen, TEXEL_WIDTH},
     },
     color::luminance,
     frame::Frame,
-    head::{self, OF_MATERIAL},
+    head,
     one_point::OnePoint,
     random::Stream,
     simd::LANES,

@@ -2,8 +2,8 @@
 
 use glam::Vec3A;
 use headtail_render::{
+    brdf::OF_MATERIAL,
     columns::{Arena, strips},
-    head::OF_MATERIAL,
     random::{Purpose, Stream},
     scene::{Camera, Ray, Scene},
     simd::LANES,

@@ -8,11 +8,10 @@ use super::{
     network::WIDEST,
 };
 use crate::{
-    brdf::{Brdf, Kernel, Lambert, Surfaces},
+    brdf::{Brdf, Kernel, Lambert, OF_MATERIAL, Surfaces},
     columns::vectorized,
     discrete::BELOW_ONE,
     frame::Frame,
-    head::OF_MATERIAL,
     simd::{self, LANES, Lanes, Simd},
 };
 

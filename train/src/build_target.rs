@@ -2,11 +2,14 @@
 
 use headtail_render::tail::Tail;
 
-use super::{
-    Ggx, Lambert, MeasuredSurface, NaiveTarget, PatchedTarget, ProductTarget, RenderedSurface, TabulatedTarget, Target,
-    TexturedSurface, Viewpoints,
+use crate::{
+    FitConfig, Material,
+    config::Points,
+    integrand::{
+        Ggx, Lambert, MeasuredSurface, NaiveTarget, PatchedTarget, ProductTarget, RenderedSurface, TabulatedTarget,
+        Target, TexturedSurface, Viewpoints,
+    },
 };
-use crate::{FitConfig, Material, config::Points};
 
 /// The target of `config` under an exact tail (of the kind that `config` names), with surfaces seen from `viewpoints`.
 ///
