@@ -1,11 +1,7 @@
 //! A sampler of one's own: `cargo run --release -p headtail-render --example own_sampler` prints three means that agree.
 
 use glam::{Vec2, Vec3, Vec3A};
-use headtail_render::{
-    Result,
-    points::{PointSet, Points},
-    sampler::*,
-};
+use headtail_render::{Result, points::*, sampler::*};
 use headtail_render::{brdf::*, color::luminance, columns::Arena, environment::*, estimator::*, simd::Lanes, tile::*};
 use std::{f32::consts::PI, sync::Arc};
 
@@ -46,13 +42,8 @@ pub fn estimators(map: &Arc<Environment>) -> Result<[(&'static str, Box<dyn Esti
 
 /// One unshadowed estimate of the luminance that the points of a tile reflect in the mean.
 pub fn estimate(estimator: &dyn Estimator, tile: &Tile, sample: u32) -> f64 {
-    let mut contributions = Contributions::default();
-    estimator.propose(
-        &tile.rows(),
-        &Points::new(PointSet::Sobol, 1).at_sample(sample),
-        &mut contributions,
-        &Arena::default(),
-    );
+    let (mut contributions, points) = (Contributions::default(), Points::new(PointSet::Sobol, 1).at_sample(sample));
+    estimator.propose(&tile.rows(), &points, &mut contributions, &Arena::default());
     contributions.radiance().iter().map(|&value| f64::from(luminance(value))).sum::<f64>() / tile.len() as f64
 }
 

@@ -34,6 +34,12 @@ fn points() -> Vec<ShadingPoint> {
 }
 
 #[test]
+fn it_is_short() {
+    let lines = include_str!("../examples/own_sampler.rs").lines().count();
+    assert!(lines < 60, "docs/rust.md says that it is one in under 60 lines: {lines}");
+}
+
+#[test]
 fn directions_follow_the_pdf() {
     let mixture = OneSampleMis::new(SkySampler, BrdfSampler);
     let samplers: [(&str, &dyn Sampler); 2] = [("own_sampler", &SkySampler), ("mixture_with_own_sampler", &mixture)];
