@@ -111,9 +111,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         say!("nothing cheaper is within 5 % of it");
     } else {
         let ratio = contest.behind(choice.cheapest, choice.winner);
-        let behind = ratio.and_then(|ratio| Some((ratio.ratio, ratio.ends()?))).map_or(String::new(), |(ratio, ends)| {
-            format!(": {ratio:.2} times its error, 95 % interval {:.2} to {:.2}", ends.0, ends.1)
-        });
+        let behind =
+            ratio.and_then(|ratio| Some((ratio.ratio, ratio.ends()?))).map_or(String::new(), |(ratio, ends)| {
+                format!(": {ratio:.2} times its error, 95 % interval {:.2} to {:.2}", ends.0, ends.1)
+            });
         let place = contest.place("cheapest", cheapest);
         say!("the cheapest within 5 % of it: {} ({}){behind}", cheapest.name, place.display());
     }
