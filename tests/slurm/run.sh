@@ -79,6 +79,8 @@ AuthType=auth/none
 CredType=cred/none
 StateSaveLocation=$here/state
 SlurmdSpoolDir=$here/spool
+# A machine with two cores takes four tasks, too.
+SlurmdParameters=config_overrides
 SlurmctldPidFile=$here/slurmctld.pid
 SlurmdPidFile=$here/slurmd.pid
 ProctrackType=proctrack/pgid
