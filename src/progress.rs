@@ -14,7 +14,7 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 #[cfg(unix)]
 use signal_hook::consts::SIGHUP;
 use signal_hook::{
@@ -201,6 +201,12 @@ impl Bar {
     pub fn set_message(&self, message: impl AsRef<str>) {
         self.shown.set_message(terminal::plain(message.as_ref()).into_owned());
         self.tell();
+    }
+
+    /// The same below other bars.
+    #[must_use]
+    pub fn among(self, others: &MultiProgress) -> Self {
+        Self { shown: others.add(self.shown), ..self }
     }
 
     /// The end of the work.

@@ -13,7 +13,6 @@ measures by the processor's clock, all candidates in turn in one process.
 import argparse
 import csv
 import json
-import re
 import statistics
 import subprocess
 import time
@@ -46,11 +45,9 @@ def run(arguments, command, out, name):
 
 
 def prepared_alone(records):
-    """Seconds to prepare all candidates, each training counted once: a table of a head comes after the head's training."""
-    heads = {record["name"]: record["prepared_seconds"] for record in records}
-    table = re.compile("bake of (.*)")
-    alone = lambda record: heads[match[1]] if (match := table.match(record["name"])) else 0.0
-    return sum(record["prepared_seconds"] - alone(record) for record in records)
+    """Seconds to prepare all candidates, each file counted once: what is made of another candidate's file has that one's preparation in its own."""
+    prepared = {record["name"]: record["prepared_seconds"] for record in records}
+    return sum(record["prepared_seconds"] - prepared.get(record["base"], 0.0) for record in records)
 
 
 def compared_scores(out, records, arguments):

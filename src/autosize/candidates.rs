@@ -1,6 +1,11 @@
 //! Samplers that could be chosen, from cheap to dear.
 
-use headtail_render::scene::MaterialSpec;
+use anyhow::{Result, anyhow};
+use headtail_render::{
+    estimator::LearnedVisibility,
+    scene::MaterialSpec,
+    spec::{Drawn, SamplerSpec},
+};
 use headtail_train::Material;
 
 /// How a sampler comes about.
@@ -14,6 +19,29 @@ pub enum Recipe {
     Head(&'static HeadShape, usize),
     /// The table of such a head.
     Baked(&'static HeadShape, usize),
+    /// Another way to draw from another candidate's file.
+    Form(SamplerSpec, Box<Recipe>),
+}
+
+impl Recipe {
+    /// What has to be there first.
+    pub fn base(&self) -> Option<Self> {
+        match self {
+            Self::Baked(shape, steps) => Some(Self::Head(shape, *steps)),
+            Self::Form(_, base) => Some((**base).clone()),
+            Self::Plain(_) | Self::Direct(..) | Self::Head(..) => None,
+        }
+    }
+
+    /// Whether it is a head or its table.
+    pub fn is_of_head(&self) -> bool {
+        matches!(self, Self::Head(..) | Self::Baked(..))
+    }
+
+    /// Whether there is work before the first sample that a file keeps.
+    pub fn is_prepared(&self) -> bool {
+        !matches!(self, Self::Plain(_))
+    }
 }
 
 /// A head's name and what its run sets.
@@ -27,15 +55,17 @@ pub struct HeadShape {
     pub varies: Option<&'static str>,
     /// Whether its tail is fitted first.
     pub is_flow: bool,
+    /// Whether it is trained over patches of sky, which on diffuse surfaces leave nothing to learn.
+    pub over_patches: bool,
 }
 
 impl HeadShape {
     const fn base(name: &'static str, settings: &'static str) -> Self {
-        Self { name, settings, varies: None, is_flow: false }
+        Self { name, settings, varies: None, is_flow: false, over_patches: false }
     }
 
     const fn varied(name: &'static str, settings: &'static str) -> Self {
-        Self { name, settings, varies: Some("head 8x64"), is_flow: false }
+        Self { varies: Some("head 8x64"), ..Self::base(name, settings) }
     }
 }
 
@@ -48,8 +78,10 @@ pub struct Candidate {
     pub recipe: Recipe,
 }
 
-/// Heads that are tried, from cheap to dear: sizes and modes, then encoders, tails, without learned share, with compact emitters.
-pub static HEADS: [HeadShape; 11] = [
+/// Heads that are tried, from cheap to dear: one over patches, sizes and modes over the tail, then encoders, tails, without learned share, with compact
+/// emitters.
+pub static HEADS: [HeadShape; 12] = [
+    HeadShape { over_patches: true, ..HeadShape::base("head+patches 4x16", "preset = 'over-patches'") },
     HeadShape::base("head 4x16", "head.bins = 4\nhead.hidden = 16"),
     HeadShape::base("head 4x32 autoregressive", "head.bins = 4\nhead.hidden = 32\nhead.mode = 'autoregressive'"),
     HeadShape::base("head 8x64", "head.bins = 8\nhead.hidden = 64"),
@@ -82,7 +114,7 @@ pub static HEADS: [HeadShape; 11] = [
 pub const STEPS: [usize; 3] = [250, 1000, 4000];
 
 /// Samplers that need no file, on every surface.
-const PLAIN: [&str; 17] = [
+const PLAIN: [&str; 18] = [
     "cosine",
     "emitter",
     "mis",
@@ -90,6 +122,7 @@ const PLAIN: [&str; 17] = [
     "mis-comp",
     "ris:4",
     "ris:8",
+    "ris:4:mis-comp",
     "patches",
     "patches:fine",
     "patches+vis",
@@ -130,20 +163,105 @@ pub fn baked(shape: &'static HeadShape, steps: usize) -> Candidate {
     Candidate { name: format!("bake of {}, {steps} steps", shape.name), recipe: Recipe::Baked(shape, steps) }
 }
 
+/// The other ways to draw from the file of a candidate: several directions, visibility that is learned, both. None for what has no file, or is such a form.
+pub fn forms(name: &str, recipe: &Recipe, spec: &SamplerSpec) -> Vec<Candidate> {
+    let (SamplerSpec::One(source), Some(_)) = (spec, spec.path()) else { return Vec::new() };
+    let learning = |directions: u32| SamplerSpec::Learning {
+        source: source.clone(),
+        drawn: Drawn::Directions(directions),
+        grid: LearnedVisibility::GRID,
+        known: None,
+    };
+    let forms = [
+        ("split:4", SamplerSpec::Split(DIRECTIONS, source.clone())),
+        ("+vis", learning(1)),
+        ("split:4 +vis", learning(DIRECTIONS)),
+    ];
+    let candidate = |(form, spec): (&str, SamplerSpec)| Candidate {
+        name: format!("{form}, {name}"),
+        recipe: Recipe::Form(spec, Box::new(recipe.clone())),
+    };
+    forms.map(candidate).into()
+}
+
+/// Directions from each surface point, where there are several: more do not pay.
+const DIRECTIONS: u32 = 4;
+
+/// Whether a sampler draws one direction from each surface point.
+pub fn draws_one(spec: &SamplerSpec) -> bool {
+    let drawn = match spec {
+        SamplerSpec::Split(directions, _) | SamplerSpec::Learning { drawn: Drawn::Directions(directions), .. } => {
+            *directions
+        }
+        _ => 1,
+    };
+    drawn == 1
+}
+
 /// What heads are trained for.
 #[derive(Clone, Copy, Debug)]
 pub struct HeadMaterial(pub Material);
 
 impl HeadMaterial {
-    /// For a scene of one analytic material, that one; for others, diffuse or a range of widths.
-    pub fn of(material: Option<&MaterialSpec>, diffuse: bool) -> Self {
-        Self(match material {
+    /// For a scene of one analytic or measured material, that one; for others, diffuse or a range of widths.
+    ///
+    /// # Errors
+    /// If the file of a measured material cannot be read.
+    pub fn of(material: Option<&MaterialSpec>, diffuse: bool) -> Result<Self> {
+        Ok(Self(match material {
             Some(MaterialSpec::Ggx { alpha, .. }) => Material::Ggx { low: alpha.low, high: alpha.high },
             Some(MaterialSpec::Lambert { .. }) => Material::Lambert,
-            None if diffuse => Material::Lambert,
-            None | Some(MaterialSpec::Measured { .. } | MaterialSpec::Neural(_)) => {
-                Material::Ggx { low: 0.1, high: 0.8 }
+            Some(measured @ MaterialSpec::Measured { .. }) => {
+                measured.to_string().parse().map_err(|reason: String| anyhow!(reason))?
             }
-        })
+            None if diffuse => Material::Lambert,
+            None | Some(MaterialSpec::Neural(_)) => Material::Ggx { low: 0.1, high: 0.8 },
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn everything_that_is_ready_at_once_is_a_spec() {
+        for Candidate { name, .. } in plain() {
+            assert_eq!(name.parse::<SamplerSpec>().unwrap().to_string(), name);
+        }
+    }
+
+    #[test]
+    fn files_are_drawn_from_in_several_forms() {
+        let texts = |text: &str| -> Vec<String> {
+            let recipe = Recipe::Direct((8, 16), (8, 8));
+            let forms = forms("table", &recipe, &text.parse().unwrap());
+            let text = |form: Candidate| {
+                assert_eq!(form.recipe.base().as_ref(), Some(&recipe));
+                let Recipe::Form(spec, _) = form.recipe else { panic!("{}", form.name) };
+                // Its text names the same sampler.
+                assert_eq!(spec.to_string().parse::<SamplerSpec>().unwrap(), spec);
+                spec.to_string()
+            };
+            forms.into_iter().map(text).collect()
+        };
+        assert_eq!(texts("direct:a"), ["split:4:direct:a", "direct+vis:a", "split:4:direct+vis:a"]);
+        let over = ["split:4:head+patches:a", "head+patches+vis:a", "split:4:head+patches+vis:a"];
+        assert_eq!(texts("head+patches:a"), over);
+        assert_eq!(texts("head+mis:a"), ["split:4:head+mis:a", "head+mis+vis:a", "split:4:head+mis+vis:a"]);
+        assert!(texts("patches").is_empty() && texts("split:4:direct:a").is_empty());
+        for (text, one) in [("mis", true), ("ris:4", true), ("patches+vis", true), ("split:4:mis", false)] {
+            assert_eq!(draws_one(&text.parse().unwrap()), one, "{text}");
+        }
+        assert!(!draws_one(&"split:4:patches+vis".parse().unwrap()));
+    }
+
+    #[test]
+    fn heads_are_trained_for_the_material_that_is_seen() {
+        let of = |text: &str| HeadMaterial::of(Some(&text.parse().unwrap()), true).unwrap().0.to_string();
+        assert_eq!(of("ggx:alpha=0.2,f0=0.5"), "ggx:alpha=0.2");
+        assert_eq!(of("lambert:albedo=0.5"), "lambert");
+        assert!(HeadMaterial::of(Some(&"nbrdf:none.npz".parse().unwrap()), false).is_err());
+        assert_eq!(HeadMaterial::of(None, false).unwrap().0.to_string(), "ggx:alpha=0.1..0.8");
     }
 }

@@ -1,7 +1,6 @@
 //! The contest: who is measured how well, who is dropped, and who is trained at all.
 
 use std::{
-    cmp::Ordering,
     path::PathBuf,
     sync::atomic::{self, AtomicBool},
 };
@@ -18,11 +17,12 @@ use headtail_render::{
 
 use super::{
     Arguments,
-    candidates::{Candidate, HeadMaterial, Recipe, plain, tables},
+    candidates::{Candidate, HeadMaterial, Recipe, draws_one, forms, plain, tables},
+    choice::{Choice, Standing, choose, least},
     lineup::{Ready, ready},
     measurement::{Measurement, Yardstick},
     page,
-    score::{at_time, cannot_be_better, is_out, ratio},
+    score::{at_time, cannot_be_better, is_out, mean, ratio},
 };
 use crate::{
     arguments::{OpenedView, ViewArguments, make_folder},
@@ -43,14 +43,6 @@ pub struct Entry {
     pub is_in: bool,
     /// Whether it was ready in time.
     is_allowed: bool,
-}
-
-/// Who was chosen.
-pub struct Choice {
-    /// Index of the one with the least error.
-    pub winner: usize,
-    /// Index of the cheapest within 5 % of it.
-    pub cheapest: usize,
 }
 
 /// Everything around the candidates.
@@ -85,8 +77,8 @@ const TABLES_GROW: f64 = 2.0;
 const TABLES_GAIN: f64 = 0.9;
 /// It is decided when nobody can be better than the best by more than this factor.
 const ENOUGH: f64 = 1.08;
-/// Within this share of the winner, the cheapest is named.
-const NEAR: f64 = 1.05;
+/// What other ways to draw from a file gain at most.
+const FORMS_GAIN: f64 = 3.0;
 
 impl<'a> Contest<'a> {
     /// Before the first candidate.
@@ -115,16 +107,20 @@ impl<'a> Contest<'a> {
             self.enter(candidate, stop)?;
         }
         self.rounds(FIRST_ROUNDS, stop);
+        // What further sources are measured against may have been dropped for one with several directions.
+        self.best_of_one().into_iter().for_each(|index| self.measure(index));
         self.say_stage("samplers without a file");
         let perfect = if self.arguments.exhaustive { 0.0 } else { self.perfect_share()? };
         self.say_stage("the exact product");
         if self.opened.is_diffuse() {
             self.tabulate(perfect, stop)?;
+            self.add_forms(|recipe| matches!(recipe, Recipe::Direct(..)), stop)?;
             self.say_stage("tables");
         }
         self.rounds(SECOND_ROUNDS, stop);
         self.say_stage("tables beside them");
         self.train(perfect, stop)?;
+        self.add_forms(Recipe::is_of_head, stop)?;
         self.say_stage("heads");
         self.rounds(ROUNDS.len(), stop);
         self.say_stage("the last rounds");
@@ -160,6 +156,16 @@ impl<'a> Contest<'a> {
         Ok(())
     }
 
+    /// The other ways to draw from the best file of a kind, unless it is so far behind that none can win.
+    fn add_forms(&mut self, is_of_kind: impl Fn(&Recipe) -> bool, stop: &AtomicBool) -> Result<()> {
+        let Some(index) = self.least_of(|entry| entry.is_allowed && is_of_kind(&entry.recipe)) else { return Ok(()) };
+        if stop.load(atomic::Ordering::Relaxed) || self.is_hopeless(index, FORMS_GAIN) {
+            return Ok(());
+        }
+        let Entry { name, recipe, ready, .. } = &self.entries[index];
+        forms(name, recipe, &ready.spec).into_iter().try_for_each(|form| self.enter(form, stop).map(|_| ()))
+    }
+
     /// The first pictures of a candidate.
     pub(super) fn measure(&mut self, index: usize) {
         let entry = &mut self.entries[index];
@@ -167,9 +173,9 @@ impl<'a> Contest<'a> {
         entry.measurement.extend(self.opened, &*entry.ready.estimator, &self.yardstick, pictures, &self.covered);
     }
 
-    /// Whether a candidate is so far behind that others of its family, which differ by no more than this factor, need not be tried.
+    /// Whether a candidate is so far behind those of one direction that others of its family, which differ by no more than this factor, need not be tried.
     fn is_hopeless(&self, index: usize, differ: f64) -> bool {
-        let Some(best) = self.best() else { return false };
+        let Some(best) = self.best_of_one() else { return false };
         !self.arguments.exhaustive && mean(&self.scores(index)) > differ * mean(&self.scores(best))
     }
 
@@ -191,11 +197,8 @@ impl<'a> Contest<'a> {
             ready => ready.with_context(|| candidate.name.clone())?,
         };
         let Candidate { name, recipe } = candidate;
-        if let Recipe::Baked(shape, steps) = recipe {
-            // A table of a head takes the training, too.
-            let head = self.entries.iter().find(|entry| entry.recipe == Recipe::Head(shape, steps));
-            ready.prepared += head.map_or(0.0, |head| head.ready.prepared);
-        }
+        // A table of a head takes the training, too, and a form all that its file took.
+        ready.prepared += self.base(&recipe).map_or(0.0, |base| base.ready.prepared);
         let is_allowed = ready.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
         let measurement = Measurement::new(SAMPLES);
         self.entries.push(Entry { name, recipe, ready, measurement, is_in: is_allowed, is_allowed });
@@ -266,23 +269,33 @@ impl<'a> Contest<'a> {
 
     /// Index of the entry with the least error.
     pub fn best(&self) -> Option<usize> {
-        let known = (0..self.entries.len()).filter(|&index| self.entries[index].is_in);
-        let scored = known.map(|index| (index, mean(&self.scores(index)))).filter(|(_, score)| score.is_finite());
-        scored.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(index, _)| index)
+        self.least_of(|entry| entry.is_in)
     }
 
-    /// The winner, and the cheapest within 5 % of it: with the least preparation, then the smallest file, then the order of the candidates.
+    /// The best of those that draw one direction, dropped or not. Several directions gain about as much with every sampler, so that it is among these that
+    /// a further source has to win.
+    pub(super) fn best_of_one(&self) -> Option<usize> {
+        self.least_of(|entry| entry.is_allowed && draws_one(&entry.ready.spec))
+    }
+
+    fn least_of(&self, is: impl Fn(&Entry) -> bool) -> Option<usize> {
+        least((0..self.entries.len()).filter(|&index| is(&self.entries[index])), |index| mean(&self.scores(index)))
+    }
+
+    /// The winner, and the cheapest within 5 % of it.
+    ///
+    /// # Errors
+    /// If nothing could be measured.
     pub fn choose(&self) -> Result<Choice> {
-        let winner = self.best().context("no candidate could be measured")?;
-        let goal = NEAR * mean(&self.scores(winner));
-        let near = (0..self.entries.len())
-            .filter(|&index| self.entries[index].is_allowed && mean(&self.scores(index)) <= goal);
-        let cost = |&index: &usize| {
-            let entry = &self.entries[index];
-            (entry.recipe.is_prepared(), entry.ready.bytes, index)
+        let standing = |(index, entry): (usize, &Entry)| Standing {
+            scores: self.scores(index),
+            is_allowed: entry.is_allowed,
+            is_in: entry.is_in,
+            is_prepared: entry.recipe.is_prepared(),
+            bytes: entry.ready.bytes,
         };
-        let cheapest = near.min_by(|a, b| cost(a).partial_cmp(&cost(b)).unwrap_or(Ordering::Equal)).unwrap_or(winner);
-        Ok(Choice { winner, cheapest })
+        let standings: Vec<Standing> = self.entries.iter().enumerate().map(standing).collect();
+        choose(&standings).context("no candidate could be measured")
     }
 
     /// The first pictures of a sampler that takes no part.
@@ -336,6 +349,12 @@ impl<'a> Contest<'a> {
         self.untrained.clone().unwrap_or_else(|| "trained heads and tables were measured, and are behind".into())
     }
 
+    /// The entry that a recipe begins with.
+    pub fn base(&self, recipe: &Recipe) -> Option<&Entry> {
+        let base = recipe.base()?;
+        self.entries.iter().find(|entry| entry.recipe == base)
+    }
+
     /// What a chosen entry took to be prepared, and its file's bytes.
     pub fn cost(&self, index: usize) -> (f64, u64) {
         (self.entries[index].ready.prepared, self.entries[index].ready.bytes)
@@ -351,9 +370,4 @@ impl<'a> Contest<'a> {
 fn comes_to_nothing(error: &anyhow::Error) -> bool {
     use headtail_train::Error::{Diverged, NoTable};
     matches!(error.downcast_ref(), Some(Diverged { .. } | NoTable { .. }))
-}
-
-/// The mean; infinite of none.
-pub fn mean(values: &[f64]) -> f64 {
-    if values.is_empty() { f64::INFINITY } else { values.iter().sum::<f64>() / values.len() as f64 }
 }

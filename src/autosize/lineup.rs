@@ -45,6 +45,7 @@ pub fn ready(
     let start = Instant::now();
     let spec = match &candidate.recipe {
         Recipe::Plain(spec) => spec.parse()?,
+        Recipe::Form(spec, _) => spec.clone(),
         Recipe::Direct(normals, cells) => {
             let (normals, cells) = (NormalGrid::new(normals.0, normals.1)?, CellGrid::new(cells.0, cells.1)?);
             let file = folder.join(file_name(&candidate.name));

@@ -1,6 +1,7 @@
 //! `headtail autosize`: the smallest sampler that is good enough for a scene, a map and a material.
 
 mod candidates;
+mod choice;
 mod contest;
 mod lineup;
 mod measurement;
@@ -13,10 +14,7 @@ use std::{path::PathBuf, time::Instant};
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 
-use self::{
-    candidates::{HeadMaterial, Recipe},
-    contest::Contest,
-};
+use self::{candidates::HeadMaterial, contest::Contest};
 use crate::terminal::{self, say};
 use crate::{
     arguments::{CameraArguments, ViewArguments},
@@ -31,8 +29,8 @@ use headtail_render::scene::MaterialSpec;
   headtail autosize --env room.hdr --scene temple --out out/room
   headtail autosize --env sky.exr --scene spot.glb --ground --material ggx:alpha=0.2 --prepare-seconds 60 --render-seconds 600 --out out/sky
 
-Candidates go from cheap to dear: BRDF sampling, MIS in its forms, resampling, patches, tables of several sizes, trained heads of several sizes. Each gets as little work \
-as decides. The error that counts is that after --render-seconds, of which the preparation is a part: a head that is trained for 20 s must earn them. \
+Candidates go from cheap to dear: BRDF sampling, MIS in its forms, resampling, patches, tables of several sizes, trained heads of several sizes, one of them over patches; \
+of the best of them also forms that draw several directions or learn what is visible. Each gets as little work as decides. The error that counts is that after --render-seconds, of which the preparation is a part: a head that is trained for 20 s must earn them. \
 A head is only trained if one that were perfect, at the time that its samples take, would win. DIR/autosize.html shows the choice; \
 DIR/winner and DIR/cheapest name the samplers as --sampler takes them, with their files beside them.")]
 pub struct Arguments {
@@ -93,7 +91,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ..ViewArguments::of(&arguments.scene, &arguments.env, camera)
     };
     let opened = view.open()?;
-    let material = HeadMaterial::of(arguments.material.as_ref(), opened.is_diffuse());
+    let material = HeadMaterial::of(arguments.material.as_ref(), opened.is_diffuse())?;
     let mut contest = Contest::new(arguments, &view, &opened, material)?;
     contest.run(&stop)?;
     if stop.load(std::sync::atomic::Ordering::Relaxed) {
@@ -112,18 +110,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if choice.cheapest == choice.winner {
         say!("nothing cheaper is within 5 % of it");
     } else {
-        say!("the cheapest within 5 % of it: {} ({})", cheapest.name, contest.place("cheapest", cheapest).display());
+        let ratio = contest.behind(choice.cheapest, choice.winner);
+        let behind =
+            ratio.and_then(|ratio| Some((ratio.ratio, ratio.ends()?))).map_or(String::new(), |(ratio, ends)| {
+                format!(": {ratio:.2} times its error, 95 % interval {:.2} to {:.2}", ends.0, ends.1)
+            });
+        let place = contest.place("cheapest", cheapest);
+        say!("the cheapest within 5 % of it: {} ({}){behind}", cheapest.name, place.display());
     }
     if !winner.recipe.is_prepared() {
         say!("no preparation pays within {} s of rendering: {}", arguments.render_seconds, contest.why_not());
     }
     say!("{seconds:.1} s; open {}", arguments.out.join("autosize.html").display());
     Ok(())
-}
-
-impl Recipe {
-    /// Whether there is work before the first sample that a file keeps.
-    fn is_prepared(&self) -> bool {
-        !matches!(self, Self::Plain(_))
-    }
 }

@@ -4,7 +4,7 @@ use headtail_render::statistics::MeanInterval;
 use maud::html;
 use serde::Serialize;
 
-use super::contest::{Choice, Contest};
+use super::{choice::Choice, contest::Contest};
 use crate::{
     compare::machine,
     report::{
@@ -26,6 +26,8 @@ pub struct Record {
     name: String,
     /// As `--sampler` takes it.
     sampler: String,
+    /// The candidate that its file is of, or that its file was made of.
+    base: Option<String>,
     /// Seconds of preparation.
     prepared_seconds: f64,
     /// Of its file.
@@ -61,6 +63,7 @@ pub fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
         Record {
             name: entry.name.clone(),
             sampler: contest.spec(index),
+            base: contest.base(&entry.recipe).map(|base| base.name.clone()),
             prepared_seconds,
             bytes,
             sample_seconds: contest.sample_seconds(&entry.measurement),
@@ -156,4 +159,45 @@ pub fn page(
         script: "",
     };
     page.encode(&main)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(name: &str, sample_seconds: f64, error: f64, bytes: u64) -> Record {
+        Record {
+            name: name.to_owned(),
+            sampler: name.to_owned(),
+            base: None,
+            prepared_seconds: 0.0,
+            bytes,
+            sample_seconds,
+            pictures: 4,
+            error_of_sample: error,
+            error: Extent::exact(error),
+            behind: Some(1.0),
+            interval: String::new(),
+            finalist: true,
+            winner: false,
+            cheapest: false,
+        }
+    }
+
+    #[test]
+    fn the_chart_has_the_front_and_the_choice_on_it() {
+        let mut records =
+            vec![record("table", 2.0, 0.5, 900), record("mis", 1.0, 2.0, 0), record("ris:4", 3.0, 3.0, 0)];
+        (records[0].winner, records[1].cheapest) = (true, true);
+        let of = |records: &[Record]| page("room", (30.0, 60.0, 5.0), records, &[], "heads are behind");
+        let text = of(&records);
+        let groups = || text.split("on-front\">").skip(1).filter_map(|rest| rest.split("</g>").next());
+        for (name, is_on_front) in [("best: table", true), ("cheap: mis", true), ("ris:4", false)] {
+            assert_eq!(groups().any(|group| group.contains(name)), is_on_front, "{name}");
+        }
+        assert!(text.contains("class=\"front\"") && !text.contains("No preparation pays"));
+        (records[0].winner, records[1].winner) = (false, true);
+        let text = of(&records);
+        assert!(text.contains("No preparation pays within 60 s of rendering: heads are behind."), "{text}");
+    }
 }

@@ -8,6 +8,11 @@ pub fn at_time(error: f64, seconds: f64, prepared: f64, total: f64) -> f64 {
     if prepared >= total { f64::INFINITY } else { error * seconds / (total - prepared) }
 }
 
+/// The mean; infinite of none.
+pub fn mean(values: &[f64]) -> f64 {
+    if values.is_empty() { f64::INFINITY } else { values.iter().sum::<f64>() / values.len() as f64 }
+}
+
 /// The scores of paired pictures of two samplers, one over the other.
 pub fn ratio(own: &[f64], best: &[f64]) -> Option<RatioInterval> {
     let count = own.len().min(best.len());

@@ -8,10 +8,10 @@ use headtail_train::Material;
 
 use super::{
     candidates::{HEADS, HeadShape, Recipe, STEPS, baked, head},
-    contest::{Contest, Entry, mean},
+    contest::{Contest, Entry},
     lineup::untrained,
     measurement::Measurement,
-    score::at_time,
+    score::{at_time, mean},
 };
 use crate::{
     arguments::{CameraArguments, ViewArguments},
@@ -74,9 +74,12 @@ impl Contest<'_> {
         Ok(())
     }
 
-    /// Whether a shape is different from others on this map.
+    /// Whether a shape is different from others on this map, and has something to learn on these surfaces.
     fn fits(&self, shape: &HeadShape) -> bool {
         let map = &self.opened.environment;
+        if shape.over_patches && self.material.0 == Material::Lambert {
+            return false;
+        }
         !shape.name.contains("compact")
             || without_compact_emitters(map.width(), map.height(), &map.luminance()).is_some()
     }
@@ -91,7 +94,12 @@ impl Contest<'_> {
     ) -> Result<Option<Vec<usize>>> {
         let is_short = !self.arguments.exhaustive;
         let mut entered = Vec::new();
+        // Heads over patches and those over the tail differ by more than their shapes.
+        let mut hopeless: Vec<bool> = Vec::new();
         for &shape in shapes {
+            if hopeless.contains(&shape.over_patches) {
+                continue;
+            }
             if stop.load(atomic::Ordering::Relaxed) {
                 return Ok(None);
             }
@@ -111,7 +119,10 @@ impl Contest<'_> {
             self.measure(index);
             if is_short && steps == STEPS[0] && !self.can_gain(index, LONGER_GAINS * SHAPES_DIFFER, 1.0, perfect) {
                 self.untrained = Some(format!("a head of {steps} steps is so far behind that others were not trained"));
-                return Ok(None);
+                hopeless.push(shape.over_patches);
+                if shapes.iter().all(|shape| hopeless.contains(&shape.over_patches)) {
+                    return Ok(None);
+                }
             }
             if self.arguments.exhaustive && self.material.0 == Material::Lambert {
                 entered.extend(self.enter(baked(shape, steps), stop)?);
@@ -135,7 +146,7 @@ impl Contest<'_> {
     fn bake_best(&mut self, heads: &[usize], steps: usize, stop: &AtomicBool) -> Result<Option<usize>> {
         let error = |index: usize| mean(&self.entries[index].measurement.errors());
         let Some(&least) = heads.iter().min_by(|&&a, &&b| error(a).total_cmp(&error(b))) else { return Ok(None) };
-        let (Some(best), Some(shape)) = (self.best(), self.shape(least)) else { return Ok(None) };
+        let (Some(best), Some(shape)) = (self.best_of_one(), self.shape(least)) else { return Ok(None) };
         let tables = self.entries.iter().filter(|entry| matches!(entry.recipe, Recipe::Direct(..)));
         let times = tables.map(|table| self.sample_seconds(&table.measurement));
         let time = times.fold(self.sample_seconds(&self.entries[least].measurement), f64::min);
@@ -155,7 +166,7 @@ impl Contest<'_> {
     /// Whether a head would win with an error this many times lower, or that of the exact product where that is more, after `factor` times as much
     /// preparation.
     fn can_gain(&self, index: usize, gain: f64, factor: f64, perfect: f64) -> bool {
-        let Some(best) = self.best() else { return true };
+        let Some(best) = self.best_of_one() else { return true };
         let entry = &self.entries[index];
         let share = mean(&entry.measurement.errors()) / mean(&self.entries[best].measurement.errors()) / gain;
         let seconds = self.sample_seconds(&entry.measurement);
@@ -165,25 +176,25 @@ impl Contest<'_> {
     fn shape(&self, index: usize) -> Option<&'static HeadShape> {
         match self.entries[index].recipe {
             Recipe::Head(shape, _) | Recipe::Baked(shape, _) => Some(shape),
-            Recipe::Plain(_) | Recipe::Direct(..) => None,
+            Recipe::Plain(_) | Recipe::Direct(..) | Recipe::Form(..) => None,
         }
     }
 
-    /// Whether a sampler of this speed and preparation would be behind even with the error of the exact product.
+    /// Whether a sampler of one direction, of this speed and preparation would be behind even with the error of the exact product.
     pub(super) fn is_out_of_reach(&self, sample_seconds: f64, perfect: f64, prepared: f64) -> bool {
-        let Some(best) = self.best() else { return false };
+        let Some(best) = self.best_of_one() else { return false };
         let measurement = &self.entries[best].measurement;
         let equal_samples = perfect * mean(&measurement.errors()) * f64::from(measurement.spp);
         let least = at_time(equal_samples, sample_seconds, prepared, self.arguments.render_seconds);
         !self.arguments.exhaustive && least > mean(&self.scores(best))
     }
 
-    /// The error of the exact product over that of the best sampler so far, at equal samples and of few points: what is left to gain by a better
+    /// The error of the exact product over that of the best sampler of one direction so far, at equal samples and of few points: what is left to gain by a better
     /// density. The exact product takes milliseconds for each sample, so it is asked on a small picture.
     pub(super) fn perfect_share(&self) -> Result<f64> {
         const SIDE: u32 = 20;
         const PICTURES: usize = 2;
-        let Some(best) = self.best() else { return Ok(0.0) };
+        let Some(best) = self.best_of_one() else { return Ok(0.0) };
         let view = ViewArguments { camera: CameraArguments::of_size(SIDE, SIDE * 3 / 4), ..self.view.clone() };
         let opened = view.open()?;
         let everywhere = vec![true; (SIDE * SIDE * 3 / 4) as usize];

@@ -222,6 +222,10 @@ impl RunConfig {
     /// # Errors
     /// If a setting cannot be written as JSON.
     pub fn hash(&self, contents: &Contents) -> Result<String> {
+        self.hash_of_version(env!("CARGO_PKG_VERSION"), contents)
+    }
+
+    fn hash_of_version(&self, version: &str, contents: &Contents) -> Result<String> {
         let mut keys = self.keys();
         keys.env = Some(contents.map(&self.env));
         let views = keys.measure.views.iter_mut().map(|view| {
@@ -236,7 +240,7 @@ impl RunConfig {
         let material = contents.material(&self.fit.material.to_string());
         let fit = FitConfig { material: Material::Lambert, ..self.fit.clone() };
         // JSON, because it is written many times as fast.
-        let content = serde_json::to_string(&(env!("CARGO_PKG_VERSION"), keys, material, fit))?;
+        let content = serde_json::to_string(&(version, keys, material, fit))?;
         Ok(blake3::hash(content.as_bytes()).to_hex().to_string())
     }
 
@@ -293,6 +297,15 @@ mod tests {
         let again = table(&run.to_toml().unwrap()).unwrap().resolve().unwrap();
         assert_eq!(again, RunConfig { out: None, checkpoints: None, ..run.clone() });
         assert_eq!(again.to_toml().unwrap(), run.to_toml().unwrap());
+    }
+
+    #[test]
+    fn another_version_makes_another_hash() {
+        let run = table(WHOLE).unwrap().resolve().unwrap();
+        let contents = Contents::default();
+        let of = |version: &str| run.hash_of_version(version, &contents).unwrap();
+        assert_eq!(run.hash(&contents).unwrap(), of(env!("CARGO_PKG_VERSION")));
+        assert_ne!(of("0.1.0"), of("0.1.1"));
     }
 
     #[test]

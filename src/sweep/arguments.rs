@@ -1,12 +1,12 @@
 //! The arguments of `headtail sweep`, and what each of its commands does.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::{Args, Subcommand};
 
 use super::{Sweep, collect, folder::SweepFolder, local, report, retry, slurm, status, worker};
-use crate::terminal::{only_data, out, print_json, say};
+use crate::terminal::{self, only_data, out, print_json, say};
 use crate::{arguments::make_folder, progress};
 
 /// Run a space of settings: every trial once, resumed where it was stopped.
@@ -140,19 +140,26 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Action::Retry(place) => retry::run(&place.open()?),
         Action::Collect(arguments) => collect(arguments),
         Action::Report(output) => {
-            let command = format!("headtail sweep report {}", output.place.space.display());
             let sweep = output.place.open()?;
-            written(output, &sweep, "report.html", &report::page(&sweep, &command)?)
+            let file = output.file(&sweep, "report.html")?;
+            written(&file, &report::page(&sweep, &terminal::command(), &file)?)
         }
         Action::Work(work) => self::work(work),
     }
 }
 
-fn written(output: &Output, sweep: &Sweep, name: &str, text: &str) -> Result<()> {
-    let file = output.file.clone().unwrap_or_else(|| sweep.folder.path().join(name));
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
-    folder.map_or(Ok(()), make_folder)?;
-    headtail_render::file::replace(&file, text.as_bytes())?;
+impl Output {
+    /// The file, in a folder that is there.
+    fn file(&self, sweep: &Sweep, name: &str) -> Result<PathBuf> {
+        let file = self.file.clone().unwrap_or_else(|| sweep.folder.path().join(name));
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+        folder.map_or(Ok(()), make_folder)?;
+        Ok(file)
+    }
+}
+
+fn written(file: &Path, text: &str) -> Result<()> {
+    headtail_render::file::replace(file, text.as_bytes())?;
     say!("{} written", file.display());
     Ok(())
 }
@@ -166,7 +173,7 @@ fn collect(arguments: &Collect) -> Result<()> {
     if arguments.json {
         print_json(&rows.iter().map(|row| row.record(&sweep)).collect::<Vec<_>>())?;
     }
-    written(&arguments.output, &sweep, "trials.csv", &collect::csv(&sweep, &rows)?)
+    written(&arguments.output.file(&sweep, "trials.csv")?, &collect::csv(&sweep, &rows)?)
 }
 
 fn print_status(arguments: &Status) -> Result<()> {

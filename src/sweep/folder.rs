@@ -43,9 +43,14 @@ impl SweepFolder {
         self.0.join("references")
     }
 
+    /// Where the trials' folders are.
+    pub fn trials(&self) -> PathBuf {
+        self.0.join("trials")
+    }
+
     /// The folder of a trial.
     pub fn trial(&self, id: &str) -> PathBuf {
-        self.0.join("trials").join(id)
+        self.trials().join(id)
     }
 
     /// The right to work on a trial, if nobody has it. The system takes it back from a process that is killed.

@@ -15,16 +15,17 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::{
     Sweep,
     arguments::{Checkpoints, Place},
-    jobs, plan,
+    estimate::{Estimate, Work},
+    jobs, status,
     worker::Tick,
 };
-use crate::terminal::{note, say};
-use crate::{arguments::make_folder, cost, progress};
+use crate::terminal::{self, note, say};
+use crate::{arguments::make_folder, progress};
 
 /// Work off what is missing, in several processes.
 #[derive(Args)]
@@ -54,24 +55,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
     let sweep = arguments.place.open()?;
     make_folder(&sweep.folder.logs())?;
-    announce(&sweep, arguments)?;
     let mut crew = Crew::new(arguments, sweep, stop);
     crew.run()?;
     crew.conclude()
-}
-
-/// Says about how long what can be begun takes, if nothing else needs the cores.
-fn announce(sweep: &Sweep, arguments: &Arguments) -> Result<()> {
-    let mut seconds = 0.0;
-    for job in jobs::jobs(&sweep.space, &sweep.plan, &sweep.ledger) {
-        let config = plan::resolve(&sweep.space, &sweep.plan.trials[job.trial].assignment)?.fit;
-        let share = job.until.map_or(1.0, |until| until as f64 / config.steps.max(1) as f64);
-        seconds += share * cost::fit(&config);
-    }
-    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let threads = usize::from(arguments.jobs) * arguments.threads.map_or(usize::MAX, usize::from).min(cores);
-    progress::announce("training what is open", seconds / threads.min(cores) as f64);
-    Ok(())
 }
 
 /// Workers, and what is shown of them.
@@ -83,7 +69,12 @@ struct Crew<'a> {
     started: usize,
     bars: HashMap<usize, ProgressBar>,
     all: MultiProgress,
-    total: ProgressBar,
+    total: progress::Bar,
+    estimate: Estimate,
+    /// Steps done and to do of the trials that run, by their identities.
+    steps: HashMap<String, (usize, usize)>,
+    /// Work that was done before.
+    inherited: f64,
     send: Sender<Message>,
     receive: Receiver<Message>,
 }
@@ -95,17 +86,32 @@ impl<'a> Crew<'a> {
     fn new(arguments: &'a Arguments, sweep: Sweep, stop: Arc<AtomicBool>) -> Self {
         let (send, receive) = channel();
         let all = MultiProgress::new();
-        let total = all.add(ProgressBar::new(0));
-        total.set_style(style("{prefix:>12} [{bar:32}] {pos}/{len} trials  {elapsed} done, {msg}"));
-        total.set_prefix("sweep");
-        let (workers, bars) = (HashMap::new(), HashMap::new());
-        Self { arguments, sweep, stop, workers, started: 0, bars, all, total, send, receive }
+        if terminal::is_quiet() {
+            all.set_draw_target(ProgressDrawTarget::hidden());
+        }
+        let total = progress::bar(progress::SHARES, "sweep").among(&all);
+        let (workers, bars, steps) = (HashMap::new(), HashMap::new(), HashMap::new());
+        let (estimate, inherited) = (Estimate::default(), 0.0);
+        Self {
+            arguments,
+            sweep,
+            stop,
+            workers,
+            started: 0,
+            bars,
+            all,
+            total,
+            estimate,
+            steps,
+            inherited,
+            send,
+            receive,
+        }
     }
 
     /// Starts workers, shows what they say, and starts others in the place of those that were killed.
     fn run(&mut self) -> Result<()> {
-        let begun = Instant::now();
-        let over_before = self.over();
+        self.inherited = self.estimate.of(&self.sweep, &self.steps)?.done;
         for _ in 0..self.arguments.jobs {
             self.start()?;
         }
@@ -123,7 +129,7 @@ impl<'a> Crew<'a> {
             if looked.elapsed() > LOOK {
                 looked = Instant::now();
                 self.sweep.refresh()?;
-                self.show_total(begun, over_before);
+                self.show_total()?;
             }
         }
         self.sweep.refresh()?;
@@ -156,7 +162,8 @@ impl<'a> Crew<'a> {
             // Nobody listens any more where the program is about to end.
             let _ = send.send(Message::End(number));
         });
-        let bar = self.all.insert_before(&self.total, ProgressBar::new(1));
+        // Above the one for all.
+        let bar = self.all.insert_from_back(1, ProgressBar::new(1));
         bar.set_style(style("{prefix:>12} [{bar:32}] {percent:>3}%  {eta} left  {msg}"));
         bar.set_prefix(format!("worker {number}"));
         self.bars.insert(number, bar);
@@ -202,23 +209,22 @@ impl<'a> Crew<'a> {
         if let Some(variance) = tick.variance {
             bar.set_message(format!("{}, relative variance {variance:.4}", tick.trial));
         }
+        if self.steps.insert(tick.trial.clone(), (tick.step, tick.steps)).is_none() {
+            // What its checkpoint has was done before.
+            let rung =
+                self.sweep.ledger.record(&tick.trial).and_then(|record| record.rungs.keys().next_back().copied());
+            let resumed = tick.step.saturating_sub(rung.unwrap_or(0)) as f64 / tick.steps.max(1) as f64;
+            self.inherited += resumed * self.estimate.whole(&tick.trial);
+        }
     }
 
-    fn over(&self) -> usize {
-        (0..self.sweep.plan.trials.len())
-            .filter(|&trial| jobs::is_over(&self.sweep.plan, &self.sweep.ledger, trial))
-            .count()
-    }
-
-    fn show_total(&self, begun: Instant, over_before: usize) {
-        let (over, all) = (self.over(), self.sweep.plan.trials.len());
-        self.total.set_length(all as u64);
-        self.total.set_position(over as u64);
-        let left = match over - over_before {
-            0 => "time left unknown".to_owned(),
-            done => format!("{:.0} s left", begun.elapsed().as_secs_f64() * (all - over) as f64 / done as f64),
-        };
-        self.total.set_message(left);
+    /// How far all is: the share of the work that there was at the start and that came up since.
+    fn show_total(&mut self) -> Result<()> {
+        let Work { done, left } = self.estimate.of(&self.sweep, &self.steps)?;
+        let done = done - self.inherited;
+        self.total.set_message(status::words(&status::counts(&self.sweep)));
+        self.total.set_position((progress::SHARES as f64 * done / (done + left).max(f64::MIN_POSITIVE)) as u64);
+        Ok(())
     }
 
     /// The end in a sentence; an error where something failed or is left.

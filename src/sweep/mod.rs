@@ -4,6 +4,7 @@ mod arguments;
 mod axis;
 mod collect;
 mod effect;
+mod estimate;
 mod folder;
 mod forest;
 mod halving;

@@ -3,9 +3,13 @@
 
 mod charts;
 
-use std::collections::BTreeMap;
+use std::{
+    collections::BTreeMap,
+    fs, io,
+    path::{Path, PathBuf},
+};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use maud::{PreEscaped, html};
 use serde::Serialize;
 use toml::Value;
@@ -16,6 +20,7 @@ use super::{
     collect::{self, Row, plain},
     effect::{effects, is_map, relative},
     forest,
+    slurm::quoted,
     status::State,
 };
 use crate::{
@@ -33,6 +38,10 @@ const CURVES: usize = 40;
 /// What the script draws from.
 #[derive(Serialize)]
 struct Data {
+    /// Where the trials' folders are, as a link from the page.
+    trials_at: String,
+    /// The command of a trial, for a shell in the folder from which the page was asked for; `{id}` stands for the trial.
+    fit: String,
     objectives: Vec<String>,
     axes: Vec<AxisData>,
     trials: Vec<TrialData>,
@@ -57,7 +66,6 @@ struct TrialData {
     /// One for each objective.
     figures: Vec<Option<f64>>,
     seconds: f64,
-    folder: String,
     error: String,
 }
 
@@ -81,10 +89,13 @@ struct Importance {
     shares: Vec<(String, f64)>,
 }
 
-/// The whole page.
-pub fn page(sweep: &Sweep, command: &str) -> Result<String> {
+/// The whole page, which is to be written to this file.
+///
+/// # Errors
+/// If the way from the file to the trials cannot be told.
+pub fn page(sweep: &Sweep, command: &str, file: &Path) -> Result<String> {
     let rows = collect::rows(sweep);
-    let data = data(sweep, &rows);
+    let data = data(sweep, &rows, file)?;
     let count = |state: State| rows.iter().filter(|row| row.state == state).count();
     let name = sweep.folder.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let facts = [
@@ -124,7 +135,7 @@ pub fn page(sweep: &Sweep, command: &str) -> Result<String> {
     Ok(page.encode(&main))
 }
 
-fn data(sweep: &Sweep, rows: &[Row<'_>]) -> Data {
+fn data(sweep: &Sweep, rows: &[Row<'_>], file: &Path) -> Result<Data> {
     let objectives: Vec<String> = sweep.space.objectives.iter().map(ToString::to_string).collect();
     let axes: Vec<AxisData> = sweep.space.axes.iter().map(|axis| AxisData::of(axis, rows)).collect();
     let places = |row: &Row<'_>| -> Vec<Option<f64>> {
@@ -143,11 +154,30 @@ fn data(sweep: &Sweep, rows: &[Row<'_>]) -> Data {
                 .map(|name| row.measures?.get(name).copied().filter(|value| value.is_finite()))
                 .collect(),
             seconds: row.seconds,
-            folder: format!("trials/{}", row.trial.id),
             error: row.error.clone(),
         })
         .collect();
-    Data { configurations: configurations(sweep, rows, &objectives), objectives, axes, trials }
+    let folder = sweep.folder.trials();
+    let configurations = configurations(sweep, rows, &objectives);
+    let fit =
+        format!("headtail fit --config {}/{{id}}/resolved.toml --out {{id}}", quoted(&folder.display().to_string()));
+    let trials_at =
+        way(file.parent().unwrap_or(Path::new("")), &folder).with_context(|| folder.display().to_string())?;
+    Ok(Data { trials_at, fit, objectives, axes, trials, configurations })
+}
+
+/// The way from one folder to another as a link; the whole path where they have nothing in common.
+fn way(from: &Path, to: &Path) -> io::Result<String> {
+    // What is not there yet is no link to elsewhere.
+    let whole = |path: &Path| -> io::Result<PathBuf> {
+        let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+        fs::canonicalize(path).or_else(|_| std::path::absolute(path))
+    };
+    let (from, to) = (whole(from)?, whole(to)?);
+    let common = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
+    let up = if common == 0 { 0 } else { from.components().count() - common };
+    let down = to.components().skip(common).map(|part| part.as_os_str().to_string_lossy().into_owned());
+    Ok(std::iter::repeat_n("..".to_owned(), up).chain(down).collect::<Vec<_>>().join("/"))
 }
 
 impl AxisData {
@@ -248,4 +278,23 @@ fn importance(sweep: &Sweep, axes: &[AxisData], rows: &[Row<'_>], objective: &st
     let mut shares: Vec<(String, f64)> = settings.iter().map(|(axis, _)| axis.key.clone()).zip(shares).collect();
     shares.sort_by(|a, b| b.1.total_cmp(&a.1));
     Some(Importance { explained, shares })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_lead_from_the_page_to_the_trials() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |from: &str, to: &str| {
+            let [from, to] = [from, to].map(|name| folder.path().join(name));
+            [&from, &to].into_iter().for_each(|path| fs::create_dir_all(path).unwrap());
+            way(&from, &to).unwrap()
+        };
+        assert_eq!(of("a.sweep", "a.sweep/trials"), "trials");
+        assert_eq!(of("pages/of", "a.sweep/trials"), "../../a.sweep/trials");
+        assert_eq!(of("a.sweep/trials/x", "a.sweep/trials"), "..");
+        assert!(way(Path::new(""), Path::new("src")).unwrap().ends_with("src"));
+    }
 }

@@ -117,7 +117,7 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
 }
 
 /// A word for the shell.
-fn quoted(text: &str) -> String {
+pub fn quoted(text: &str) -> String {
     let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:,=+%".contains(c));
     if plain && !text.is_empty() { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }

@@ -70,6 +70,20 @@ impl State {
     }
 }
 
+/// How many trials are in which state.
+pub fn counts(sweep: &Sweep) -> BTreeMap<State, usize> {
+    let mut counts = BTreeMap::new();
+    let states = sweep.plan.trials.iter().map(|trial| State::of(sweep, &trial.id));
+    states.for_each(|state| *counts.entry(state).or_default() += 1);
+    counts
+}
+
+/// The same in words.
+pub fn words(counts: &BTreeMap<State, usize>) -> String {
+    let words: Vec<String> = counts.iter().map(|(state, count)| format!("{count} {state}")).collect();
+    words.join(", ")
+}
+
 /// How far a sweep is.
 #[derive(Debug, Serialize)]
 pub struct Status {
@@ -101,25 +115,27 @@ impl Status {
     pub fn of(sweep: &Sweep) -> Result<Self> {
         let record = |trial: &Trial| sweep.ledger.record(&trial.id);
         let trials = &sweep.plan.trials;
-        let mut states: BTreeMap<State, usize> = BTreeMap::new();
         let mut failures = Vec::new();
         for trial in trials {
-            let state = State::of(sweep, &trial.id);
-            *states.entry(state).or_default() += 1;
-            if state == State::Failed {
+            if State::of(sweep, &trial.id) == State::Failed {
                 let reason = record(trial).and_then(Record::failure).unwrap_or_default();
                 failures.push(Failure { trial: trial.id.clone(), assignment: trial.assignment.clone(), reason });
             }
         }
         let work_seconds = trials.iter().filter_map(record).map(|record| record.seconds).sum();
-        Ok(Self { trials: trials.len(), states, work_seconds, failures, slurm: Queue::ask(sweep.folder.path())? })
+        Ok(Self {
+            trials: trials.len(),
+            states: counts(sweep),
+            work_seconds,
+            failures,
+            slurm: Queue::ask(sweep.folder.path())?,
+        })
     }
 
     /// Prints counts, then failures, then what Slurm says.
     pub fn print(&self) {
         let Self { trials, states, work_seconds, failures, slurm } = self;
-        let words: Vec<String> = states.iter().map(|(state, count)| format!("{count} {state}")).collect();
-        out!("{trials} trials: {}; {} of work", words.join(", "), duration(*work_seconds));
+        out!("{trials} trials: {}; {} of work", words(states), duration(*work_seconds));
         const SHOWN: usize = 20;
         for Failure { trial, assignment, reason } in failures.iter().take(SHOWN) {
             out!("failed: {trial}  {}: {reason}", plan::text(assignment));

@@ -121,7 +121,7 @@ fn pages_work_in_a_browser() {
     let records: serde_json::Value = serde_json::from_str(&said).unwrap();
     let winners = records.as_array().unwrap().iter().filter(|record| record["winner"] == true).count();
     assert!(winners == 1 && records.as_array().unwrap().len() > 10, "{said}");
-    assert_eq!(probe(&browser, &path.join("auto/autosize.html"), false), "charts=1 images=true");
+    assert_eq!(probe(&browser, &path.join("auto/autosize.html"), false), "front=true choice=true charts=1 images=true");
 
     fs::write(path.join("space.toml"), super::sweep::SPACE.replace("steps = 400", "steps = 100")).unwrap();
     succeed(path, "sweep run space.toml --jobs 2 --threads 1");

@@ -17,6 +17,7 @@ mod print;
 mod refusals;
 mod samplers;
 mod sweep;
+mod sweep_page;
 mod visibility;
 
 use std::{

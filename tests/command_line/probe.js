@@ -9,6 +9,11 @@ window.addEventListener("load", () => {
     found.images = [...document.images].every((image) => image.complete && image.naturalWidth > 0);
     document.body.dataset.probe = Object.entries(found).map(([key, value]) => key + "=" + value).join(" ");
   };
+  if (document.querySelector(".kicker")?.textContent.endsWith("autosize")) {
+    // autosize: the line along the front, and the choice by name.
+    found.front = [...document.querySelectorAll("svg.chart path.front")].some(seen);
+    found.choice = [...document.querySelectorAll("svg.chart text")].some((label) => label.textContent.startsWith("best: "));
+  }
   if (get("position")) return useSlider().catch((error) => { found.error = String(error).replaceAll(" ", "_"); }).then(finish);
 
   // A choice, and the stage once it is painted anew.
@@ -121,7 +126,9 @@ window.addEventListener("load", () => {
         const points = () => [...document.querySelectorAll("#pareto .spot")].filter((point) => point.getBoundingClientRect().width > 0);
         found.points = points().length;
         points()[0].dispatchEvent(new MouseEvent("click", { bubbles: true }));
-        found.detail = !get("detail").hidden && get("detail").textContent.includes("headtail fit --config trials/") && get("detail").querySelector("a") !== null;
+        const { fit } = JSON.parse(get("data").textContent), link = get("detail").querySelector("a");
+        found.detail = !get("detail").hidden && get("detail").textContent.includes(fit.replaceAll("{id}", link.textContent))
+          && link.getAttribute("href") === "trials/" + link.textContent + "/";
         const place = points()[0].getAttribute("cx");
         get("pair").value = "1";
         get("pair").dispatchEvent(new Event("change"));

@@ -6,7 +6,7 @@ use std::{
     path::Path,
     process::{Child, Command, Stdio},
     thread::sleep,
-    time::{Duration, Instant},
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
 use super::{fail, folder, headtail, names, succeed, text};
@@ -42,19 +42,24 @@ fn rows(here: &Path, out: &str) -> BTreeMap<String, Vec<String>> {
     records.map(row).collect()
 }
 
+/// All journals, one after the other; empty where there are none yet.
+fn journals(sweep: &Path) -> String {
+    let entries = fs::read_dir(sweep.join("journal")).into_iter().flatten();
+    // A kill may have left a line without its end.
+    entries.map(|entry| fs::read_to_string(entry.unwrap().path()).unwrap_or_default() + "\n").collect()
+}
+
 /// A number of journal lines with this event.
 fn events(sweep: &Path, event: &str) -> usize {
-    let Ok(entries) = fs::read_dir(sweep.join("journal")) else { return 0 };
-    let text = |path| fs::read_to_string(path).unwrap_or_default();
-    let lines = |text: String| text.matches(&format!("\"event\":\"{event}\"")).count();
-    entries.map(|entry| lines(text(entry.unwrap().path()))).sum()
+    journals(sweep).matches(&format!("\"event\":\"{event}\"")).count()
 }
 
 fn start(here: &Path, out: &str) -> Child {
     let arguments = format!("sweep run space.toml --out {out} --jobs 2 --threads 1 --checkpoint-every 20");
     let mut command = Command::new("env");
     command.args(["--default-signal", env!("CARGO_BIN_EXE_headtail")]).args(arguments.split_whitespace());
-    command.current_dir(here).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    let messages = fs::File::create(here.join("messages")).unwrap();
+    command.current_dir(here).stdin(Stdio::null()).stdout(Stdio::null()).stderr(messages).spawn().unwrap()
 }
 
 #[cfg(target_os = "linux")]
@@ -111,11 +116,11 @@ fn a_failed_trial_is_named_and_tried_again_when_asked() {
     let here = folder();
     let path = here.path();
     fs::write(path.join("space.toml"), SPACE.replace("head.bins = [4, 8]", "env = ['studio', 'none.hdr']")).unwrap();
-    let error = fail(path, "sweep run space.toml");
+    let error = fail(path, "sweep run space.toml --quiet");
     assert!(error.starts_with("4 of 8 trials failed"), "{error}");
     let status = succeed(path, "sweep status space.toml");
     assert!(status.starts_with("8 trials: 4 done, 4 failed") && status.contains("none.hdr"), "{status}");
-    fail(path, "sweep run space.toml");
+    fail(path, "sweep run space.toml --quiet");
     assert_eq!(events(&path.join("space.sweep"), "failed"), 4, "not without being asked");
     assert!(succeed(path, "sweep retry space.toml").starts_with("4 trials"));
     fs::write(path.join("none.hdr"), super::radiance_file(8, 4, 128, 128)).unwrap();
@@ -194,16 +199,28 @@ fn halving_goes_on_from_checkpoints_and_search_makes_its_number() {
     // Six configurations of two seeds: at least three and one go on; nobody waits, so others may have been ahead for a while.
     assert!((2..=6).contains(&done), "{done}");
     let sweep = path.join("space.sweep");
-    let text = |entry: fs::DirEntry| fs::read_to_string(entry.path()).unwrap();
-    let journals: String = fs::read_dir(sweep.join("journal")).unwrap().map(|entry| text(entry.unwrap())).collect();
-    assert_eq!(journals.matches("\"step\":0}").count(), 12, "each trial begins once");
-    assert!(journals.contains("\"step\":40}") && journals.contains("\"step\":80}"), "and goes on from its rungs");
+    let lines = journals(&sweep);
+    assert_eq!(lines.matches("\"step\":0}").count(), 12, "each trial begins once");
+    assert!(lines.contains("\"step\":40}") && lines.contains("\"step\":80}"), "and goes on from its rungs");
 
     let space = SPACE.replace("points = 2 ", "") + "[search]\nmethod = 'tpe'\nn = 13\n";
     fs::write(path.join("space.toml"), space.replace("steps = 400", "steps = 20")).unwrap();
     succeed(path, "sweep run space.toml --out tpe --jobs 2 --threads 1");
     assert_eq!(events(&path.join("tpe"), "suggested"), 13);
     assert_eq!(rows(path, "tpe").len(), 26);
+
+    // Both: the configurations are made as the sweep goes, and only some of them go on.
+    let both = space.replace("steps = 400\n", "") + "[halving]\nrungs = [10, 20, 40]\nkeep = 3\n";
+    fs::write(path.join("space.toml"), both).unwrap();
+    succeed(path, "sweep run space.toml --out both --jobs 2 --threads 1");
+    let sweep = path.join("both");
+    assert_eq!((events(&sweep, "suggested"), events(&sweep, "failed")), (13, 0));
+    let rungs = |step: usize| journals(&sweep).matches(&format!("\"step\":{step},\"measures\"")).count();
+    // Two seeds each. One of three is promoted; those that went on early may be no longer among the best third.
+    assert!(rungs(10) == 26 && (8..26).contains(&rungs(20)), "{} {}", rungs(10), rungs(20));
+    assert!((2..=rungs(20)).contains(&events(&sweep, "done")), "{}", events(&sweep, "done"));
+    succeed(path, "sweep run space.toml --out both");
+    assert_eq!(events(&sweep, "suggested"), 13, "nothing twice");
 }
 
 #[test]
@@ -232,6 +249,15 @@ fn an_interrupted_sweep_leaves_checkpoints_and_its_exit_status() {
     for (name, status) in [("-INT", 130), ("-TERM", 143)] {
         let mut process = start(path, "out");
         wait(|| !children(process.id()).is_empty() && checkpoints(&path.join("out")) > 0);
+        if name == "-INT" {
+            // Without a terminal, a line says how far it is; meanwhile, workers need no processor.
+            let workers = children(process.id());
+            workers.iter().for_each(|&worker| signal(worker, "-STOP"));
+            let said = || fs::read_to_string(path.join("messages")).unwrap();
+            wait(|| said().contains("sweep: 0 %, "));
+            assert!(said().contains("; 2 running, 6 waiting"), "{}", said());
+            workers.iter().for_each(|&worker| signal(worker, "-CONT"));
+        }
         let asked = Instant::now();
         signal(process.id(), name);
         assert_eq!(process.wait().unwrap().code(), Some(status));
@@ -267,11 +293,20 @@ fn twenty_kills_of_workers_and_of_the_parent_change_nothing() {
     succeed(path, "sweep run space.toml --out whole --jobs 2 --threads 1");
     let (mut numbers, mut kills, mut parents) = (Numbers(7), 0, 0);
     let mut process = start(path, "killed");
+    let mut saved = Vec::new();
+    let steps = || last_checkpoints(&path.join("killed")).iter().map(|(_, step)| step).sum::<u64>();
     while kills < 20 {
         sleep(Duration::from_millis(10 + numbers.below(60)));
+        // Now and then there is something to go on from, however slow the machine is.
+        if kills % 5 == 4 {
+            let before = steps();
+            wait(|| steps() > before);
+        }
         if process.try_wait().unwrap().is_some() {
             break;
         }
+        let seen = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64();
+        saved.extend(last_checkpoints(&path.join("killed")).into_iter().map(|(trial, step)| (trial, step, seen)));
         if numbers.below(3) == 0 {
             process.kill().unwrap();
             process.wait().unwrap();
@@ -289,5 +324,31 @@ fn twenty_kills_of_workers_and_of_the_parent_change_nothing() {
     assert!(left.status.success(), "{}", text(&left.stderr));
     succeed(path, "sweep run space.toml --out killed --jobs 2 --threads 1");
     assert_eq!(rows(path, "whole"), rows(path, "killed"));
-    assert!(events(&path.join("killed"), "started") > 8);
+    // Whoever took a trial up again went on from its last checkpoint or a later one.
+    let lines = journals(&path.join("killed"));
+    let starts = lines.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
+    let starts: Vec<_> = starts.filter(|line| line["event"] == "started").collect();
+    assert!(starts.len() > 8);
+    let mut resumed = 0;
+    for (trial, step, seen) in &saved {
+        for start in starts.iter().filter(|start| start["trial"] == **trial && start["time"].as_f64().unwrap() > *seen)
+        {
+            assert!(start["step"].as_u64().unwrap() >= *step, "{start} after a checkpoint at {step}");
+            resumed += 1;
+        }
+    }
+    assert!(resumed > 0, "no trial was taken up again");
+}
+
+/// The step of the last checkpoint of each trial that has one.
+#[cfg(target_os = "linux")]
+fn last_checkpoints(sweep: &Path) -> Vec<(String, u64)> {
+    let step = |entry: &fs::DirEntry| entry.file_name().to_str()?.strip_prefix("step-")?.parse::<u64>().ok();
+    let last = |trial: &fs::DirEntry| {
+        let entries = fs::read_dir(trial.path().join("checkpoints")).ok()?;
+        // Old ones are removed meanwhile.
+        entries.filter_map(|entry| step(&entry.ok()?)).max()
+    };
+    let trials = fs::read_dir(sweep.join("trials")).into_iter().flatten().map(Result::unwrap);
+    trials.filter_map(|trial| Some((trial.file_name().into_string().unwrap(), last(&trial)?))).collect()
 }

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# A sweep under a real Slurm on this machine: an array of four tasks, of which one is told to stop and is queued again, against the same sweep
-# run locally; and what `sweep status` says of both while there is a queue, and by Slurm's accounts alone once there is none. The daemons are
-# started here, in a folder that is removed in the end. Without slurmdbd and MariaDB there are no accounts, and that part is skipped, aloud.
+# A sweep under a real Slurm on this machine: an array of four tasks, three at once, of which two are told to stop, one by SIGUSR1 and one by
+# SIGTERM, and are queued again, against the same sweep run locally; a task with failed trials; and what `sweep status` says while there is a
+# queue, and by Slurm's accounts alone once there is none. The daemons are started here, in a folder that is removed in the end. Without slurmdbd
+# and MariaDB there are no accounts, and that part is skipped, aloud.
 #
 # bash tests/slurm/run.sh HEADTAIL
 # Exit status 3 says that Slurm's daemons do not start here, which is not a fault of the sweep.
@@ -78,6 +79,8 @@ AuthType=auth/none
 CredType=cred/none
 StateSaveLocation=$here/state
 SlurmdSpoolDir=$here/spool
+# A machine with two cores takes four tasks, too.
+SlurmdParameters=config_overrides
 SlurmctldPidFile=$here/slurmctld.pid
 SlurmdPidFile=$here/slurmd.pid
 ProctrackType=proctrack/pgid
@@ -127,19 +130,21 @@ SPACE
 
 "$headtail" sweep run space.toml --out local --jobs 2 --threads 1
 start=$SECONDS
-job="$("$headtail" sweep submit space.toml --out cluster --checkpoint-every 50 --sbatch=--time=10)"
+job="$("$headtail" sweep submit space.toml --out cluster --checkpoint-every 50 --at-once 3 --sbatch=--time=10)"
 [ $((SECONDS - start)) -le 5 ] || { echo "submit did not return at once" >&2; exit 1; }
 [[ "$job" =~ ^[0-9]+$ ]] || { echo "submit printed '$job'" >&2; exit 1; }
 grep -q '^#SBATCH --comment=passed-on' cluster/slurm.sh
+scontrol show job "$job" | grep -q 'ArrayTaskThrottle=3' || { echo "not three tasks at once" >&2; scontrol show job "$job" >&2; exit 1; }
 
-# The first task gets on, and is then told that its time is up. A job that is queued again waits for two minutes by default: it is released.
+# The first two tasks get on; one is told that its time is up, one to end. A job that is queued again waits for two minutes by default: it is released.
 for _ in $(seq 300); do
-    ls cluster/trials/*/checkpoints/step-* >/dev/null 2>&1 && break
+    [ "$(find cluster/trials -path '*/checkpoints/step-*' -prune 2>/dev/null | cut -d/ -f3 | sort -u | wc -l)" -ge 3 ] && break
     sleep 0.1
 done
 said="$("$headtail" sweep status space.toml --out cluster)"
 grep -q "^Slurm: jobs $job: .*RUNNING.*squeue" <<<"$said" || { echo "status says nothing of the queue: $said" >&2; exit 1; }
 scancel --signal=USR1 --batch "${job}_0"
+scancel --signal=TERM --batch "${job}_1"
 for _ in $(seq 600); do
     left="$(squeue --noheader --array --jobs "$job" --format %i 2>/dev/null | wc -l)"
     [ "$left" -gt 0 ] || break
@@ -154,7 +159,9 @@ for task in 0 1 2 3; do
     scontrol show job "${job}_$task" | grep -q 'JobState=COMPLETED' || { scontrol show job "${job}_$task" >&2; cat cluster/logs/*.log >&2; exit 1; }
     scontrol show job "${job}_$task" | grep -q 'ExitCode=0:0' || exit 1
 done
-scontrol show job "${job}_0" | grep -q 'Restarts=1'
+for task in 0 1; do
+    scontrol show job "${job}_$task" | grep -q 'Restarts=1' || { echo "task $task was not queued again" >&2; cat cluster/logs/*.log >&2; exit 1; }
+done
 
 # The same rows but for times, and the same files to the bit.
 for sweep in local cluster; do
@@ -163,6 +170,15 @@ for sweep in local cluster; do
 done
 [ "$(wc -l <local.sums)" -eq 4 ]
 cmp local.sums cluster.sums
+
+# A task that leaves a failed trial ends with 1.
+sed 's/^env = .*/env = "none.hdr"/' space.toml >wrong.toml
+wrong="$("$headtail" sweep submit wrong.toml --out wrong --tasks 1 --sbatch=--time=10)"
+for _ in $(seq 100); do
+    scontrol show job "${wrong}_0" | grep -q 'JobState=FAILED' && break
+    sleep 0.2
+done
+scontrol show job "${wrong}_0" | grep -q 'ExitCode=1:0' || { echo "failed trials, and no exit status of 1" >&2; scontrol show job "${wrong}_0" >&2; exit 1; }
 
 # What accounts say: of a job that is taken away, beside the queue, and once there is no queue to ask.
 if [ "$has_accounts" = yes ]; then
@@ -192,4 +208,4 @@ if [ "$has_accounts" = yes ]; then
     says long.toml taken "^Slurm: jobs $taken: 4 CANCELLED (sacct)"
     echo "Slurm: accounts of jobs that ended and of those that were taken away"
 fi
-echo "Slurm: an array of four with one task queued again, equal to the local sweep bit for bit"
+echo "Slurm: an array of four with two tasks queued again, equal to the local sweep bit for bit"

@@ -54,7 +54,7 @@ pub fn to_be_had(objectives: &[String], configurations: &[Configuration]) -> Mar
                     }
                     figcaption.note {
                         "One point for each configuration whose trials are all done; its figures are aggregated over them. Filled points are those that no \
-                         other beats in every objective; the broad line joins those that none beats in the two that are shown. Choose a point to see its runs."
+                         other beats in every objective; the broad line joins those that none beats in the two that are shown. Choose a point to see its runs, with commands for the folder that the sweep was run from."
                     }
                 }
                 div #detail.detail hidden {}

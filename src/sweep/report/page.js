@@ -26,6 +26,9 @@
     return own.words ? own.words[value] : words(value);
   };
 
+  // The folder of a trial, as a link.
+  const folderOf = (trial) => (data.trials_at + "/" + trial.id + "/").split("/").map(encodeURIComponent).join("/");
+
   // A scale from values to places; logarithmic where it is asked for and can be.
   const scale = (values, log, from, to) => {
     const known = values.filter((value) => value !== null && Number.isFinite(value));
@@ -186,7 +189,7 @@
       const trial = data.trials[index], line = make(body, "tr");
       heads.forEach((_, k) => {
         const place = make(line, k === 0 ? "th" : "td", { class: k > 1 ? "number" : "" });
-        if (k === 0) make(place, "a", { href: trial.folder + "/" }, trial.id);
+        if (k === 0) make(place, "a", { href: folderOf(trial) }, trial.id);
         else place.textContent = cell(trial, k);
         if (k === 1 && trial.error) place.title = trial.error;
       });
@@ -244,8 +247,8 @@
     make(detail, "p", {}, data.objectives.map((name, k) => name + " " + words(configuration.figures[k])).join(", "));
     for (const index of configuration.trials) {
       const trial = data.trials[index], line = make(detail, "p");
-      make(line, "a", { href: trial.folder + "/" }, trial.id);
-      make(line, "code", {}, " headtail fit --config " + trial.folder + "/resolved.toml --out " + trial.id);
+      make(line, "a", { href: folderOf(trial) }, trial.id);
+      make(line, "code", {}, " " + data.fit.replaceAll("{id}", trial.id));
     }
   };
   if (figure) {
