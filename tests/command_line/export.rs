@@ -38,6 +38,8 @@ fn what_has_no_shader_is_refused_with_a_sentence() {
     assert!(fail(at, &format!("export {file}")).contains("give the map"));
     assert!(fail(at, &format!("export {file} --env studio")).contains("was made for the environment 'sunset'"));
     succeed(at, &format!("export {file} --env sunset"));
+    succeed(at, "fit --env studio --over patches --material lambert --steps 1 --set conditions=4 --set validation_conditions=2 --out over");
+    assert!(fail(at, "export over/sampler.safetensors --target wgsl --out y").contains("a head over patches of sky"));
     assert!(fail(at, "export patches --target wgsl --out x").contains("give --env MAP"));
     assert!(fail(at, "export missing --target wgsl --out x").contains("missing"));
 }

@@ -30,8 +30,12 @@ pub fn flat_patches(tail: &Tail, detail: Detail) -> Result<Vec<FlatArray>> {
 /// The arrays of a file's table or head over its tail, and of its compact emitters, which take the map that the file was made for.
 ///
 /// # Errors
-/// The map is another one, or there is none and the file has compact emitters.
+/// The map is another one, or there is none and the file has compact emitters; or the file holds a head over patches.
 pub fn flat_exported(exported: &ExportedSampler, map: Option<&Arc<Environment>>) -> Result<Vec<FlatArray>> {
+    if exported.patches.is_some() {
+        let reason = "the file holds a head over patches of sky, of which there is no form for other devices; name a head over the tail";
+        return Err(Error::argument("patches", reason));
+    }
     let intermediate = match &exported.intermediate {
         Intermediate::Bake(table) | Intermediate::DirectBake(table) => table.flat(),
         Intermediate::Head(head) => head.flat(),
