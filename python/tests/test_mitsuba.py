@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 mi = pytest.importorskip("mitsuba")
+dr = pytest.importorskip("drjit")
 stats = pytest.importorskip("scipy.stats")
 
-from conftest import map_of  # noqa: E402
+from conftest import directions, map_of  # noqa: E402
 
 import headtail  # noqa: E402
 
@@ -154,6 +155,30 @@ def test_what_cannot_be_is_refused_with_a_sentence(variant, tmp_path):
             chain.append(str(error))
             error = error.__cause__
         assert words in " ".join(chain)
+
+
+@pytest.mark.parametrize("sampler", ["table", "patches"])
+def test_a_picture_is_one_kernel(variant, sampler):
+    """What draws and evaluates directions is a part of the rendering kernel: there is none that Mitsuba's own integrator has not."""
+    counts = []
+    for integrator in ({"type": "headtail_direct", "sampler": sampler}, {"type": "direct"}):
+        own = scene("glossy", integrator)
+        mi.render(own, spp=4).numpy()
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            mi.render(own, spp=4, seed=1).numpy()
+            counts.append(len(dr.kernel_history([dr.KernelType.JIT])))
+    assert counts[0] == counts[1] > 0
+
+
+def test_drjits_arrays_are_taken_without_a_copy(variant, patches):
+    n = directions(100, 1)
+    on_device, pdf = mi.TensorXf(n), mi.TensorXf(np.zeros(100, np.float32))
+    dr.eval(on_device, pdf)
+    drawn = patches.sample(on_device, seed=1, out=(None, pdf, None))
+    expected = patches.sample(n, seed=1)
+    assert np.array_equal(drawn.wi, expected.wi) and np.array_equal(pdf.numpy(), expected.pdf)
+    assert np.shares_memory(headtail._arrays.rows(on_device, "n", 3), on_device.numpy())
 
 
 def test_a_file_of_the_scenes_map_is_used(variant, tmp_path):

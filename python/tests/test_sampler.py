@@ -71,6 +71,14 @@ def test_arrays_of_other_libraries_are_taken_without_a_copy(patches):
     assert np.shares_memory(np.from_dlpack(draws.wi), draws.wi)
 
 
+def test_torchs_tensors_are_taken_without_a_copy(patches):
+    torch = pytest.importorskip("torch")
+    n, pdf = torch.from_numpy(directions(100, 1)), torch.zeros(100)
+    drawn = patches.sample(n, seed=1, out=(None, pdf, None))
+    assert np.shares_memory(drawn.pdf, pdf.numpy()) and pdf.min() >= 0 and pdf.max() > 0
+    assert torch.from_dlpack(drawn.wi).data_ptr() == drawn.wi.ctypes.data
+
+
 def test_threads_draw_side_by_side(patches):
     n = directions(20_000, 1)
     expected = [patches.sample(n, seed=seed).wi for seed in range(4)]

@@ -111,7 +111,7 @@ def shares(lobes):
 def descend(forest, root, sums, total, z, given, own, left, right, top, bottom, active):
     """Down one tree: (place, mass, the rectangle cut so far). Cuts are in proportion to masses, whose running sums are in local memory.
 
-    The patch is that which z is in, or where `given` that of the place `own`; given may be None.
+    The patch is that which z is in, or where `given` that of the place `own`.
     """
     # As wide as the random numbers: Dr.Jit takes a loop's variable that is one number for all lanes as a constant.
     zero = z.x * 0
@@ -126,9 +126,7 @@ def descend(forest, root, sums, total, z, given, own, left, right, top, bottom, 
         start, end = dr.select(columns, left, top), dr.select(columns, right, bottom)
         share = (middle - before) / dr.maximum(after - before, 1.17549435e-38)
         cut = start + (end - start) * share
-        first = dr.select(columns, z.x, z.y) < cut
-        if given is not None:
-            first = dr.select(given, own < (split & 0x7F), first)
+        first = dr.select(given, own < (split & 0x7F), dr.select(columns, z.x, z.y) < cut)
         before, after = dr.select(first, before, middle), dr.select(first, middle, after)
         start, end = dr.select(first, start, cut), dr.select(first, cut, end)
         left, right = dr.select(columns, start, left), dr.select(columns, end, right)
@@ -189,6 +187,7 @@ class Patches:
 
     def walk(self, at, z, given, twig, active):
         """(rectangle of Y, rectangle of uniform points, density over Y) of the patch that z is in, or where `given` of that of a twig."""
+        given = mi.Bool(False) if given is None else given
         sums, total = self.cluster_sums(at)
         root = dr.gather(mi.UInt32, self.roots, mi.UInt32(0))
         square = mi.Float(0), mi.Float(1), mi.Float(0), mi.Float(1)
