@@ -24,7 +24,7 @@ use crate::terminal::say;
 
 DIR/headtail.EXT has the functions headtail_sample, headtail_pdf and headtail_share and, as an example, a compute shader headtail_draw. \
 DIR/floats.bin and DIR/integers.bin are the buffers of bindings 0 and 1 (little-endian, 32 bits), DIR/layout.json says what lies where. \
-There are shaders of tables and heads over every tail, and of patches. A file with compact emitters takes its map: --env MAP.")]
+There are shaders of tables and heads over every tail, of patches, and of heads over them. A file with compact emitters takes its map: --env MAP.")]
 pub struct Arguments {
     /// A table that `bake` wrote or a head that `fit` wrote, or patches, or patches:fine, which need --env.
     #[arg(value_name = "FILE|patches")]

@@ -117,6 +117,10 @@ class Shader:
         return rows[:, :3], rows[:, 3]
 
 
+# Directions whose pdfs are asked for.
+MOST_GIVEN = 100_000
+
+
 def directions(count, seed):
     d = np.random.default_rng(seed).normal(size=(count, 3))
     return (d / np.linalg.norm(d, axis=1, keepdims=True)).astype(np.float32)
@@ -129,16 +133,22 @@ def timed(work):
     return time.perf_counter() - start, time.process_time() - used
 
 
-def form_of(name, sampler):
-    """Dr.Jit's form of a sampler: a function of normals, views and uniform points."""
-    from headtail.mitsuba._head import Head
+def form_of(sampler, alpha):
+    """Dr.Jit's form of a sampler: functions of normals, views, and uniform points or given directions."""
+    from headtail.mitsuba._integrators import product_of
     from headtail.mitsuba._patches import Patches, Point
-    from headtail.mitsuba._table import Table
 
-    product = {"patches": Patches, "table": Table, "head": Head}[name](sampler._native.arrays())
-    if name == "patches":
-        return lambda n, wo, z: product.sample(Point(n, wo, None), z, None, None)
-    return lambda n, wo, z: product.sample(product.prepare(Point(n, wo, None)), z)
+    product, _ = product_of(sampler._native.arrays())
+    lobes = None if alpha is None else (mi.Float(0), mi.Float(1), mi.Float(1), mi.Float(alpha))
+    if isinstance(product, Patches):
+        return (
+            lambda n, wo, z: product.sample(Point(n, wo, lobes), z, None, None),
+            lambda n, wo, wi: product.invert(Point(n, wo, lobes), wi)[1],
+        )
+    return (
+        lambda n, wo, z: product.sample(product.prepare(Point(n, wo, lobes)), z),
+        lambda n, wo, wi: product.pdf(product.prepare(Point(n, wo, lobes)), wi),
+    )
 
 
 def apart(row, form, wi, pdf, own):
@@ -150,15 +160,13 @@ def apart(row, form, wi, pdf, own):
     row |= {f"{form} pdf beyond 1e-4": float((density > 1e-4).mean()), f"{form} pdf 99.9 %": float(np.quantile(density, 0.999))}
 
 
-def compare(name, env, spec, library, headtail_program, count, rounds):
-    """A row of the tables, for diffuse surfaces."""
-    import headtail
-
+def compare(name, env, sampler, of_library, shader_of, count, rounds, alpha=None):
+    """A row of the tables, for diffuse surfaces or for glossy ones of widths `alpha`; of what is not given there is no column."""
     n, wo = directions(count, 1), directions(count, 2)
     wo = np.where((n * wo).sum(1, keepdims=True) < 0, -wo, wo)
     u = np.random.default_rng(3).random((count, 2), dtype=np.float32)
-    sampler, of_library = headtail.Sampler.from_spec(spec, env), Library(library, env, spec)
-    by_device = form_of(name, sampler)
+    surface = {} if alpha is None else {"alpha": alpha}
+    by_device, _ = form_of(sampler, alpha)
     empty = lambda: (np.empty((count, 3), np.float32), np.empty(count, np.float32))
     vector = lambda rows: mi.Vector3f(np.ascontiguousarray(rows.T))
     on_device = vector(n), vector(wo), mi.Point2f(np.ascontiguousarray(u.T))
@@ -169,13 +177,11 @@ def compare(name, env, spec, library, headtail_program, count, rounds):
         dr.eval(jit)
         dr.sync_thread()
 
-    forms = {
-        "c": lambda: of_library.sample(n, wo, None, u, from_c),
-        "python": lambda: sampler.sample(n, wo, u=u, radiance=False, out=(*own, None)),
-        "drjit": by_jit,
-    }
-    if headtail_program:
-        shader = Shader(headtail_program, env, spec.partition(":")[2] or spec, n, wo, u)
+    forms = {"python": lambda: sampler.sample(n, wo, u=u, radiance=False, out=(*own, None), **surface), "drjit": by_jit}
+    if of_library:
+        forms["c"] = lambda: of_library.sample(n, wo, None, u, from_c)
+    shader = shader_of and shader_of(n, wo, u)
+    if shader:
         forms["wgsl"] = shader.sample
     times = {form: [] for form in forms}
     for _ in range(rounds + 1):
@@ -187,10 +193,17 @@ def compare(name, env, spec, library, headtail_program, count, rounds):
         clock, used = np.median(np.array(list[1:]), 0) * 1e9 / count
         row |= {f"{form} ns": clock, f"{form} cpu ns": used}
     apart(row, "drjit", np.array(jit["w"]).T, np.array(jit["pdf"]), own)
-    if headtail_program:
+    given = directions(min(count, MOST_GIVEN), 4)
+    of_given = sampler.pdf(given, *(rows[: len(given)] for rows in (n, wo)), **{key: value[: len(given)] for key, value in surface.items()})
+    few = (vector(rows[: len(given)]) for rows in (n, wo, given))
+    _, pdf_by_device = form_of(sampler, None if alpha is None else alpha[: len(given)])
+    differences = np.abs(np.array(pdf_by_device(*few)) - of_given) / np.maximum(of_given, 1e-20)
+    row["drjit given beyond 1e-4"] = float((differences > 1e-4).mean())
+    if shader:
         row["adapter"] = shader.name
         apart(row, "wgsl", *shader.results(), own)
-    row["c differs"] = int((own[0] != from_c[0]).sum() + (own[1] != from_c[1]).sum())
+    if of_library:
+        row["c differs"] = int((own[0] != from_c[0]).sum() + (own[1] != from_c[1]).sum())
     return row
 
 
@@ -201,6 +214,7 @@ def main():
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--env", default="studio")
     parser.add_argument("--head", help="a head for diffuse surfaces and this map")
+    parser.add_argument("--over-patches", help="one over patches")
     parser.add_argument("--count", type=int, default=1_000_000)
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args()
@@ -213,9 +227,16 @@ def main():
         specs = {"patches": "patches", "table": f"direct:{table}"}
         if arguments.head:
             specs["head"] = f"head:{arguments.head}"
+        if arguments.over_patches:
+            specs["head over patches"] = f"head+patches:{arguments.over_patches}"
+        row = lambda *columns, **alpha: print(json.dumps(compare(*columns, arguments.count, arguments.rounds, **alpha)), flush=True)
         for name, spec in specs.items():
-            row = compare(name, arguments.env, spec, arguments.library, arguments.headtail, arguments.count, arguments.rounds)
-            print(json.dumps(row), flush=True)
+            source, env = spec.partition(":")[2] or spec, arguments.env
+            shader = arguments.headtail and (lambda *points: Shader(arguments.headtail, env, source, *points))
+            row(name, env, headtail.Sampler.from_spec(spec, env), Library(arguments.library, env, spec), shader)
+        alpha = np.random.default_rng(5).uniform(0.1, 1, arguments.count).astype(np.float32)
+        alone = headtail._native.Sampler.patches_alone(headtail.Environment(arguments.env)._native, False)
+        row("patches, glossy", arguments.env, headtail.Sampler(alone), None, None, alpha=alpha)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@
 Each pair of integrators renders in turns, and the ratio of times is that of the medians (`--clock processor`: processor time of all threads, which others
 on the machine disturb less; best with `--threads 1`, as waiting threads count too); MSE is against a reference by headtail's integrator at many
 samples per pixel, over the pixels that surfaces cover. Prints a row for each pair: the ratio of MSE x time (above 1: headtail's is better).
+Pictures have the samples per pixel that take the same time; `--montage` joins them, meshes below each other and maps side by side.
 """
 
 import argparse
@@ -98,6 +99,7 @@ def main():
     parser.add_argument("--integrators", nargs="+", default=["direct"], choices=["direct", "path"])
     parser.add_argument("--samplers", nargs="+", default=["independent", "multijitter"])
     parser.add_argument("--product", default="table", help="the property `sampler` of headtail's integrators")
+    parser.add_argument("--files", nargs="+", help="a file of a table or head for each map, instead")
     parser.add_argument("--spp", type=int, default=16)
     parser.add_argument("--runs", type=int, default=6)
     parser.add_argument("--reference-spp", type=int, default=4096)
@@ -105,23 +107,27 @@ def main():
     parser.add_argument("--clock", default="wall", choices=CLOCKS)
     parser.add_argument("--threads", type=int)
     parser.add_argument("--out", type=pathlib.Path)
+    parser.add_argument("--montage", type=pathlib.Path, help="a picture of all pairs of the first material")
     arguments = parser.parse_args()
+    if arguments.files and len(arguments.files) != len(arguments.maps):
+        parser.error("--files: name one for each map")
     mi.set_variant(arguments.variant)
     if arguments.threads:
         dr.set_thread_count(arguments.threads)
     import headtail
     import headtail.mitsuba
 
-    rows = []
+    rows, pairs = [], []
     for mesh_name in arguments.meshes:
         native = headtail.Scene(mesh_name)
-        for map_name in arguments.maps:
+        for map_name, file in zip(arguments.maps, arguments.files or [None] * len(arguments.maps)):
             texels = headtail.Environment(map_name).array()
             for material in arguments.materials:
                 mesh = mesh_of(native, MATERIALS[material])
                 for kind in arguments.integrators:
                     settings = {"max_depth": 4} if kind == "path" else {}
-                    own = {"type": f"headtail_{kind}", "sampler": arguments.product, **settings}
+                    product = {"file": file} if file else {"sampler": arguments.product}
+                    own = {"type": f"headtail_{kind}", **product, **settings}
                     scene = lambda integrator, sampler: scene_of(mesh, native.camera, texels, integrator, sampler, arguments.size)
                     long, count = scene(own, "independent"), max(arguments.reference_spp // 256, 1)
                     reference = sum(render(long, min(256, arguments.reference_spp), 10_000 + k)[0] for k in range(count)) / count
@@ -142,8 +148,15 @@ def main():
                         }
                         rows.append(row)
                         print(json.dumps({key: round(value, 3) if isinstance(value, float) else value for key, value in row.items()}), flush=True)
+                    pictures = equal_time_pictures(rows[-1], scene, own, {"type": kind, **settings}, reference, covered)
                     if arguments.out:
-                        save(arguments.out, rows[-1], scene, own, kind, settings, arguments.spp, reference, covered)
+                        name = "-".join(str(rows[-1][key]) for key in ("mesh", "map", "material", "integrator"))
+                        write(arguments.out / f"{name}.png", np.concatenate(pictures, 1))
+                    if material == arguments.materials[0]:
+                        pairs.append(np.concatenate(pictures[:2], 1))
+    if arguments.montage:
+        count = len(arguments.maps) * len(arguments.integrators)
+        write(arguments.montage, np.concatenate([np.concatenate(pairs[k : k + count], 1) for k in range(0, len(pairs), count)]))
     keys = sorted({(row["material"], row["integrator"], row["sampler"]) for row in rows})
     for key in keys:
         values = [row["equal_time"] for row in rows if (row["material"], row["integrator"], row["sampler"]) == key]
@@ -165,14 +178,18 @@ def coverage(scene, size):
     return hits.reshape(size[1], size[0])
 
 
-def save(folder, row, scene, own, kind, settings, spp, reference, covered):
-    """Pictures of both integrators and the reference, side by side."""
-    folder.mkdir(parents=True, exist_ok=True)
-    pictures = [render(scene(integrator, "independent"), spp, 1)[0] for integrator in ({"type": kind, **settings}, own)]
-    name = "-".join(str(row[key]) for key in ("mesh", "map", "material", "integrator"))
-    joined = np.concatenate([*pictures, reference], 1)
+def equal_time_pictures(row, scene, own, other, reference, covered):
+    """Mitsuba's picture, headtail's with as many samples per pixel as take the same time, and the reference, at one exposure."""
+    counts = row["spp"], max(round(row["spp"] / row["time_ratio"]), 1)
+    pictures = [render(scene(integrator, "independent"), spp, 1)[0] for integrator, spp in zip((other, own), counts)]
     exposure = 0.35 / max(reference[covered].mean(), 1e-9)
-    mi.Bitmap((joined * exposure).astype(np.float32)).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, True).write(str(folder / f"{name}.png"))
+    return [picture * exposure for picture in (*pictures, reference)]
+
+
+def write(file, picture):
+    """A PNG."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    mi.Bitmap(picture.astype(np.float32)).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, True).write(str(file))
 
 
 if __name__ == "__main__":

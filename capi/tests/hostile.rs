@@ -3,10 +3,16 @@
 use std::{
     ffi::{CStr, CString, c_char},
     ptr::{null, null_mut},
+    sync::Arc,
     thread,
 };
 
 use headtail_c::*;
+use headtail_render::{
+    batch::{self, DrawList, Numbers, PointList, SurfaceList},
+    environment::Environment,
+    spec::SamplerSpec,
+};
 
 fn error() -> String {
     // SAFETY: the text of this thread, copied before the next call.
@@ -60,6 +66,13 @@ fn draws_are_those_of_the_batch_and_their_pdfs_are_found_again() {
         assert_eq!(headtail_sampler_pdf(sampler, &at, 100, wi, again.as_mut_ptr()), HeadtailStatus::Ok, "{}", error());
     }
     assert!(pdf.iter().zip(again).all(|(a, b)| *a > 0.0 && (b / a - 1.0).abs() < 1e-2));
+    let (mut own_wi, mut own_pdf, mut own_radiance) = ([[0.0_f32; 3]; 100], [0.0_f32; 100], [[0.0_f32; 3]; 100]);
+    let studio = Arc::new(Environment::open("studio").unwrap());
+    let SamplerSpec::One(source) = SamplerSpec::patches() else { panic!("patches are one source") };
+    let at = PointList { n: &[UP], wo: &[], surface: SurfaceList::Diffuse };
+    let out = DrawList { wi: &mut own_wi, pdf: &mut own_pdf, radiance: Some((&studio, &mut own_radiance)) };
+    batch::sample(&source.build(&studio).unwrap(), &at, Numbers::Seed(7), out).unwrap();
+    assert!(wi == own_wi && pdf == own_pdf && radiance == own_radiance);
     assert!(radiance.as_flattened().iter().any(|value| *value > 0.0));
     let (mut text, mut length) = ([0 as c_char; 12], 0);
     // SAFETY: the buffer has the room that is said.
@@ -110,7 +123,11 @@ fn closed_handles_and_wrong_ones_are_errors() {
         assert_eq!(headtail_sampler_from_spec(c"ris:4".as_ptr(), map, &mut handle), HeadtailStatus::Invalid);
         assert_eq!(headtail_sampler_from_spec(c"nonsense".as_ptr(), map, &mut handle), HeadtailStatus::Invalid);
         assert_eq!(headtail_sampler_open(c"missing".as_ptr(), map, &mut handle), HeadtailStatus::Io);
+        let of_studio = c"../checkpoints/studio-direct.safetensors".as_ptr();
+        assert_eq!(headtail_sampler_open(of_studio, map, &mut handle), HeadtailStatus::Invalid);
     }
+    assert_eq!(handle, 0);
+    assert!(error().contains("was made for the environment 'studio', not for 'overcast'"), "{}", error());
 }
 
 #[test]

@@ -23,7 +23,7 @@ def fit(
     """Trains a head for a map; a `Sampler`, which `save` writes to a file.
 
     material: "lambert", "ggx:alpha=0.4", "ggx:alpha=0.2..0.8". settings: any key that `settings()` prints, tables as dictionaries:
-    steps=3000, head={"bins": 16}. progress: called after every step with a dictionary of step, steps, loss, kl, relative_variance, seconds.
+    steps=3000, head={"bins": 16}, over="patches" (by default with the preset "over-patches"). progress: called after every step with a dictionary of step, steps, loss, kl, relative_variance, seconds.
     Ctrl-C raises KeyboardInterrupt after the current step; with checkpoint_dir, resume=True goes on from there.
     """
     checkpoints = None
@@ -34,12 +34,17 @@ def fit(
     elif resume:
         raise _native.HeadtailError("resume: needs checkpoint_dir")
     native = environment(env)._native
-    return Sampler(_native.fit(native, material, preset, _assignments(settings), checkpoints, reproducible, progress))
+    return Sampler(_native.fit(native, material, _preset(preset, settings), _assignments(settings), checkpoints, reproducible, progress))
 
 
 def settings(material=None, *, preset=None, **settings):
     """Every setting of a run and its value, as a text in TOML."""
-    return _native.settings(material, preset, _assignments(settings))
+    return _native.settings(material, _preset(preset, settings), _assignments(settings))
+
+
+def _preset(preset, settings):
+    """The preset that is meant: heads over patches have one of their own."""
+    return "over-patches" if preset is None and settings.get("over", "tail") != "tail" else preset
 
 
 def _assignments(settings, path=""):

@@ -34,6 +34,8 @@ fn configuration(material: Option<&str>, preset: Option<&str>, assignments: &[St
     }
     let config = builder.build().map_err(of_train)?;
     let config = material.map_or(config.clone(), |material| config.for_material(material));
+    let over = config.over;
+    let config = config.over(over);
     config.validate().map_err(of_train)?;
     Ok(config)
 }

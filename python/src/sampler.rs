@@ -10,6 +10,7 @@ use headtail_render::{
     export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
     flat::{FlatArray, FlatNumbers},
     image::Image,
+    patches::{Detail, PatchSampler},
     sampler::{self, Covering},
     spec::{SamplerSpec, Source},
     tail::{Tail, TailKind},
@@ -78,6 +79,19 @@ impl Sampler {
             let exported = ExportedSampler::read(&path)?;
             let spec = map.is_some().then(|| SamplerSpec::of_exported(&exported, path.clone()));
             Self::of_exported(path.display().to_string(), exported, map, spec).map_err(|error| error.in_file(&path))
+        })
+        .map_err(of_render)
+    }
+
+    /// Patches of sky without BRDF sampling beside them, which no SPEC has: what other implementations are compared with point by point.
+    #[staticmethod]
+    fn patches_alone(py: Python<'_>, environment: &Environment, fine: bool) -> PyResult<Self> {
+        let (map, detail) = (environment.0.clone(), if fine { Detail::Twigs } else { Detail::Leaves });
+        py.detach(|| {
+            let light = sampler::EnvironmentLight::new(map.clone(), TailKind::Hierarchical)?;
+            let sampler: Arc<dyn sampler::Sampler> = Arc::new(PatchSampler::new(light, detail)?);
+            let spec = Some(SamplerSpec::One(Source::Patches(detail)));
+            Ok(Self { name: "patches".into(), sampler: Some(sampler), map, has_map: true, spec, exported: None })
         })
         .map_err(of_render)
     }

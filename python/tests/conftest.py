@@ -30,3 +30,44 @@ def directions(count, seed):
 def uniform(count, seed):
     """Random points of the square [count, 2]."""
     return np.random.default_rng(seed).random((count, 2), dtype=np.float32)
+
+
+@pytest.fixture(scope="module", params=["llvm_ad_rgb", "llvm_ad_mono", "cuda_ad_rgb"])
+def variant(request):
+    """A variant of Mitsuba's, with the integrators."""
+    mi = pytest.importorskip("mitsuba")
+    try:
+        mi.set_variant(request.param)
+        mi.Float(1) + mi.Float(2)
+    except Exception as error:  # no device, or no LLVM
+        pytest.skip(f"{request.param}: {error}")
+    import headtail.mitsuba  # noqa: F401
+
+    return request.param
+
+
+@pytest.fixture(scope="session")
+def heads(tmp_path_factory):
+    """Files of heads by name, for studio or sunset: barely trained ones are as unbiased as others."""
+    if not hasattr(headtail, "fit"):
+        pytest.skip("built without training")
+    folder = tmp_path_factory.mktemp("heads")
+    short = {"steps": 20, "conditions": 8, "validation_conditions": 8}
+    forms = {
+        "lambert": {"head": {"mode": "coupled"}},
+        "of one width": {"material": "ggx:alpha=0.3", "head": {"mode": "autoregressive"}},
+        "of any width": {"material": "ggx:alpha=0.1..0.9", "head": {"mode": "coupled", "encoder": {"hidden": 24, "output": 13}}},
+        "over rows and columns": {"tail": "row-column"},
+        "over a flow": {"tail": "flow", "flow": {"steps": 20, "cells": 64}},
+        "beside a sun": {"compact_emitters": True},
+        "over patches": {"over": "patches"},
+        "over fine patches": {"material": "ggx:alpha=0.1..0.9", "over": "fine-patches"},
+    }
+    for name, settings in forms.items():
+        map = headtail.Environment(map_of(name)).array()
+        headtail.fit(map, **settings, **short).save(folder / f"{name}.safetensors")
+    return {name: str(folder / f"{name}.safetensors") for name in forms}
+
+
+def map_of(head):
+    return "sunset" if head == "beside a sun" else "studio"

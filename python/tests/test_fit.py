@@ -24,6 +24,24 @@ def test_a_fitted_head_is_saved_opened_and_baked(studio, tmp_path):
     assert headtail.bake(head, normals=(4, 8), cells=(8, 8)).info["intermediate"]["kind"] == "bake"
 
 
+def test_a_head_over_patches_is_fitted_saved_and_opened(studio, tmp_path):
+    head = headtail.fit(studio, over="patches", **SHORT)
+    # The settings of its own: a smaller head than over the tail, and for diffuse surfaces no share beside BRDF sampling.
+    assert headtail.settings(over="patches") == headtail.settings(preset="over-patches")
+    head.save(tmp_path / "head.safetensors")
+    opened = headtail.Sampler.open(tmp_path / "head.safetensors", studio)
+    assert opened.info["patches"] == "leaves" and opened.info["intermediate"]["selection_layers"] == 0
+    n, u = directions(2000, 1), uniform(2000, 2)
+    draws = opened.sample(n, u=u)
+    assert np.array_equal(draws.wi, head.sample(n, u=u).wi)
+    # Neither the patches alone nor the head over the bare tail.
+    alone = headtail.Sampler.from_spec("patches", studio).sample(n, u=u)
+    assert (np.abs(draws.wi - alone.wi).max(1) > 1e-3).mean() > 0.5
+    drawn = draws.pdf > 0
+    again = opened.pdf(draws.wi[drawn], n[drawn])
+    assert np.quantile(np.abs(again / draws.pdf[drawn] - 1), 0.99) < 1e-2
+
+
 def test_a_run_that_was_interrupted_ends_with_the_same_weights(studio, tmp_path):
     whole = headtail.fit(studio, reproducible=True, **SHORT)
 

@@ -1,6 +1,7 @@
 """Samplers over batches: what they draw, and how they take and give arrays."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -70,6 +71,14 @@ def test_arrays_of_other_libraries_are_taken_without_a_copy(patches):
     assert np.shares_memory(np.from_dlpack(draws.wi), draws.wi)
 
 
+def test_torchs_tensors_are_taken_without_a_copy(patches):
+    torch = pytest.importorskip("torch")
+    n, pdf = torch.from_numpy(directions(100, 1)), torch.zeros(100)
+    drawn = patches.sample(n, seed=1, out=(None, pdf, None))
+    assert np.shares_memory(drawn.pdf, pdf.numpy()) and pdf.min() >= 0 and pdf.max() > 0
+    assert torch.from_dlpack(drawn.wi).data_ptr() == drawn.wi.ctypes.data
+
+
 def test_threads_draw_side_by_side(patches):
     n = directions(20_000, 1)
     expected = [patches.sample(n, seed=seed).wi for seed in range(4)]
@@ -82,6 +91,26 @@ def test_threads_draw_side_by_side(patches):
     [thread.start() for thread in threads]
     [thread.join() for thread in threads]
     assert all(np.array_equal(a, b) for a, b in zip(results, expected))
+
+
+def test_other_threads_go_on_while_one_draws(patches):
+    """What holds the interpreter's lock stops all others until it ends."""
+    n, is_over, beats = directions(1, 1), threading.Event(), []
+
+    def beat():
+        while not is_over.wait(1e-3):
+            beats.append(time.perf_counter())
+
+    thread = threading.Thread(target=beat)
+    thread.start()
+    start = time.perf_counter()
+    patches.sample(n, count=3_000_000, radiance=False)
+    end = time.perf_counter()
+    is_over.set()
+    thread.join()
+    # A beat that waited for the lock comes at the end; one at the beginning may be before the lock was taken.
+    tenth = (end - start) / 10
+    assert sum(start + tenth < now < end - tenth for now in beats) > 2
 
 
 def test_a_file_draws_what_was_written_to_it(table, studio, tmp_path):

@@ -67,10 +67,13 @@ const ROW_COLUMN: &str = include_str!("../wgsl/row_column.wgsl");
 const FLOW: &str = include_str!("../wgsl/flow.wgsl");
 const COMPACT: &str = include_str!("../wgsl/compact.wgsl");
 const PATCHES: &str = include_str!("../wgsl/patches.wgsl");
+const PATCHES_ALONE: &str = include_str!("../wgsl/patches_alone.wgsl");
 const TABLE: &str = include_str!("../wgsl/table.wgsl");
 const NETWORK: &str = include_str!("../wgsl/network.wgsl");
 const SPLINE: &str = include_str!("../wgsl/spline.wgsl");
 const HEAD: &str = include_str!("../wgsl/head.wgsl");
+const HEAD_OVER_TAIL: &str = include_str!("../wgsl/head_over_tail.wgsl");
+const HEAD_OVER_PATCHES: &str = include_str!("../wgsl/head_over_patches.wgsl");
 const EXAMPLE: &str = include_str!("../wgsl/example.wgsl");
 
 impl Shader {
@@ -209,14 +212,17 @@ fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)
         constant("table_columns", table[2]);
         return Ok(vec![TABLE]);
     }
-    if let Ok(layers) = integers_of(arrays, "head.layers") {
-        for (name, value) in head_constants(layers, integers_of(arrays, "head.shape")?)? {
-            constant(name, value);
-        }
-        return Ok(vec![NETWORK, SPLINE, HEAD]);
+    let patches = shape_of(arrays, "patches.clusters");
+    let Ok(layers) = integers_of(arrays, "head.layers") else {
+        return patches.map(|_| vec![PATCHES, PATCHES_ALONE]);
+    };
+    for (name, value) in head_constants(layers, integers_of(arrays, "head.shape")?)? {
+        constant(name, value);
     }
-    shape_of(arrays, "patches.clusters")?;
-    Ok(vec![PATCHES])
+    Ok(match patches {
+        Ok(_) => vec![NETWORK, SPLINE, HEAD, PATCHES, HEAD_OVER_PATCHES],
+        Err(_) => vec![NETWORK, SPLINE, HEAD, HEAD_OVER_TAIL],
+    })
 }
 
 /// The sizes of a head's networks, and how its numbers between layers lie in one list: what networks see (and two features behind it), two rows of

@@ -5,19 +5,22 @@
 
 use std::{borrow::Cow, path::Path, sync::Arc};
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
     brdf::{Ggx, Kernel, Lambert},
+    columns::Arena,
     environment::{Environment, without_compact_emitters},
     export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
     head::{Condition, Head, Linear, Mode},
     patches::{Detail, PatchSampler},
     random::{Purpose, Stream},
     sampler::{EnvironmentLight, Sampler},
+    simd::LANES,
     spline::logit_count,
     tail::{Tail, TailKind, WarpMap},
+    tile::{ShadingPoint, Tile},
 };
 use headtail_shaders::Shader;
 use wgpu::util::DeviceExt;
@@ -51,7 +54,8 @@ struct Answer {
     wi: [f32; 3],
     pdf: f32,
     pdf_of_given: f32,
-    padding: [f32; 3],
+    share: f32,
+    padding: [f32; 2],
 }
 
 /// Points everywhere; among normals and directions are the poles, and directions along the seam of the map.
@@ -89,7 +93,10 @@ fn draw_on_device(shader: &Shader, queries: &[Query]) -> Option<Vec<Answer>> {
     let limits = adapter.limits();
     let descriptor = wgpu::DeviceDescriptor { required_limits: limits, ..Default::default() };
     let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
-    let source = wgpu::ShaderSource::Wgsl(Cow::Borrowed(&shader.source));
+    // The example answers with all but the share.
+    let source = shader.source.replace("pdf_of_given: f32 }", "pdf_of_given: f32, share: f32 }");
+    let source = source.replace("drawn.w, given)", "drawn.w, given, headtail_share(q.n, q.wo, q.lobes))");
+    let source = wgpu::ShaderSource::Wgsl(Cow::Owned(source));
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: None, source });
     let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: None,
@@ -135,8 +142,8 @@ fn draw_on_device(shader: &Shader, queries: &[Query]) -> Option<Vec<Answer>> {
     Some(bytemuck::cast_slice(&view).to_vec())
 }
 
-/// Compares a shader with its native sampler; prints how far they are apart.
-fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glossy: bool) {
+/// Compares a shader with its native sampler; prints how far they are apart. The shares beside BRDF sampling are left to [`compare_shares`].
+fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glossy: bool) -> Vec<Answer> {
     let (queries, alphas) = queries(count, glossy);
     let start = std::time::Instant::now();
     let answers = draw_on_device(shader, &queries).expect("a device: install mesa-vulkan-drivers");
@@ -171,6 +178,26 @@ fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glo
     );
     assert!(shares(far).iter().all(|share| *share < FAR), "{name}: {far:?} of {count}");
     assert!(shares(unexplained).iter().all(|share| *share < ACROSS), "{name}: {unexplained:?} of {count}");
+    answers
+}
+
+/// Compares the shares beside BRDF sampling in answers with those that a native sampler asks for at the same points.
+fn compare_shares(name: &str, sampler: &dyn Sampler, answers: &[Answer], glossy: bool) {
+    let (queries, alphas) = queries(answers.len(), glossy);
+    let point = |(query, &alpha): (&Query, &f32)| {
+        let (n, wo) = (Vec3A::from_array(query.n), Vec3A::from_array(query.wo));
+        let surface = if glossy { Ggx::new(alpha, Vec3::ONE).into() } else { Lambert { albedo: Vec3::ONE }.into() };
+        ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }
+    };
+    let points: Vec<ShadingPoint> = queries.iter().zip(&alphas).map(point).collect();
+    for (points, answers) in points.chunks(1024).zip(answers.chunks(1024)) {
+        let (tile, arena) = (Tile::of(points), Arena::default());
+        let mut shares = vec![[0.0; LANES]; tile.rows().strips()];
+        sampler.share(&tile.rows(), &mut shares, &arena);
+        for (answer, share) in answers.iter().zip(shares.as_flattened()) {
+            assert!((answer.share - share).abs() < 1e-5, "{name}: {} is not {share}", answer.share);
+        }
+    }
 }
 
 /// How much directions, their pdfs and pdfs of given directions change, in the measure of the test, where the numbers given move by a few of the last
@@ -283,10 +310,23 @@ fn shaders_of_heads_draw_what_the_native_heads_draw() {
             count / 16,
             true,
         ),
+        (
+            "head over patches",
+            of_head(head(Condition::Normal, coupled, &[], &[32], [8, 16])).over_patches(Detail::Leaves),
+            count / 16,
+            false,
+        ),
+        (
+            "head over fine patches",
+            of_head(head(Condition::GgxRoughness, autoregressive, &[24], &[32; 2], [8; 2])).over_patches(Detail::Twigs),
+            count / 16,
+            true,
+        ),
     ] {
         let shader = Shader::new(&flat_exported(&exported, None).unwrap()).unwrap();
         let native = exported.sampler(&studio, false).unwrap();
-        compare(name, &shader, &*native, count, glossy);
+        let answers = compare(name, &shader, &*native, count, glossy);
+        compare_shares(name, &*native, &answers, glossy);
     }
 }
 

@@ -21,11 +21,13 @@ fn shaders() -> Vec<Shader> {
     let rest = without_compact_emitters(width, height, &sunset.luminance()).expect("the map has a sun");
     let row_column = Tail::new(TailKind::RowColumn, width, height, &rest).unwrap();
     let head = ExportedSampler::read(Path::new("../checkpoints/studio-head.safetensors")).unwrap();
+    let over_patches = head.clone().over_patches(Detail::Leaves);
     let beside_a_sun = ExportedSampler::of_tail(head.intermediate.clone(), Arc::new(row_column), rest, &sunset, None);
     let arrays = [
         flat_patches(&tail, Detail::Leaves),
         flat_exported(&exported, None),
         flat_exported(&head, None),
+        flat_exported(&over_patches, None),
         flat_exported(&beside_a_sun, Some(&sunset)),
     ];
     arrays.into_iter().map(|arrays| Shader::new(&arrays.unwrap()).unwrap()).collect()
@@ -51,21 +53,32 @@ fn arrays_that_are_no_sampler_are_refused() {
     assert!(Shader::new(&[]).unwrap_err().to_string().contains("tail.nodes"));
 }
 
-/// OpenGL's and Vulkan's own compiler takes the translations, where it is installed.
-#[test]
-fn translations_are_taken_by_glslang() {
-    let program = "glslangValidator";
+/// What a program that checks shaders says of every translation, where it is installed.
+fn check_by(program: &str, target: Target) {
     if Command::new(program).arg("--version").output().is_err() {
         println!("{program} is not installed");
         return;
     }
     let folder = tempfile::tempdir().unwrap();
     for (number, shader) in shaders().iter().enumerate() {
-        let file = folder.path().join(format!("{number}.comp"));
-        fs::write(&file, shader.translate(Target::Glsl).unwrap()).unwrap();
+        let file = folder.path().join(format!("{number}.{}", target.name_and_extension().1));
+        fs::write(&file, shader.translate(target).unwrap()).unwrap();
         let output = Command::new(program).arg(&file).output().unwrap();
-        assert!(output.status.success(), "{number}: {}", String::from_utf8_lossy(&output.stdout));
+        let said = [output.stdout, output.stderr].concat();
+        assert!(output.status.success(), "{number}: {}", String::from_utf8_lossy(&said));
     }
+}
+
+/// OpenGL's own compiler takes the translations, where it is installed.
+#[test]
+fn translations_are_taken_by_glslang() {
+    check_by("glslangValidator", Target::Glsl);
+}
+
+/// Vulkan's own validator takes the translations, where it is installed.
+#[test]
+fn translations_are_taken_by_spirv_val() {
+    check_by("spirv-val", Target::Spirv);
 }
 
 /// DirectX's own compiler takes the translations, and refuses what is none, where `HEADTAIL_DXC` names its library.

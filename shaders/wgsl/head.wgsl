@@ -1,4 +1,4 @@
-// A head warp: two splines over Y whose logits are given by networks of the condition.
+// A head warp: two splines over the square whose logits are given by networks of the condition.
 
 // What a head for many measured materials is told of one; to be set before the calls. Other heads do not look at it.
 var<private> headtail_latents: array<f32, 6>;
@@ -56,17 +56,16 @@ fn headtail_azimuth(v: f32) {
     headtail_network(HEADTAIL_AZIMUTH, HEADTAIL_HEAD_AZIMUTH_LAYERS, HEADTAIL_HEAD_LOGITS);
 }
 
-// The share of samples to draw here, beside sampling the BSDF: what the head has learned, or one half.
-fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
-    if (HEADTAIL_HEAD_SELECTION_LAYERS == 0u) { return 0.5; }
-    headtail_see(n, wo, lobes.w);
+// The share of samples beside sampling the BSDF that the head has learned, where it is added to the logit of another one.
+fn headtail_head_share(n: vec3<f32>, wo: vec3<f32>, alpha: f32, prior: f32) -> f32 {
+    headtail_see(n, wo, alpha);
     headtail_network(HEADTAIL_SELECTION, HEADTAIL_HEAD_SELECTION_LAYERS, HEADTAIL_HEAD_LOGITS);
-    return 0.02 + 0.96 / (1.0 + headtail_exp(min(-headtail_units[HEADTAIL_HEAD_LOGITS], 88.0)));
+    return 0.02 + 0.96 / (1.0 + headtail_exp(min(-headtail_units[HEADTAIL_HEAD_LOGITS] - prior, 88.0)));
 }
 
-// Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.
-fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) -> vec4<f32> {
-    headtail_see(n, wo, lobes.w);
+// The point that a uniform point z is carried to, and the density there.
+fn headtail_head_draw(n: vec3<f32>, wo: vec3<f32>, alpha: f32, z: vec2<f32>) -> vec3<f32> {
+    headtail_see(n, wo, alpha);
     var u: vec2<f32>;
     var v: vec2<f32>;
     if (HEADTAIL_HEAD_COUPLED == 1u) {
@@ -80,19 +79,15 @@ fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) 
         headtail_azimuth(v.x);
         u = headtail_spline_forward(z.x, HEADTAIL_HEAD_AZIMUTH_BINS, true);
     }
-    let x = headtail_tail(vec2<f32>(u.x, v.x));
-    let w = headtail_direction(x.xy);
-    return vec4<f32>(w.xyz, u.y * v.y * x.z * w.w);
+    return vec3<f32>(u.x, v.x, u.y * v.y);
 }
 
-// The solid-angle pdf with which `headtail_sample` draws a unit direction.
-fn headtail_pdf(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, wi: vec3<f32>) -> f32 {
-    let x = headtail_square(wi);
-    let y = headtail_pull_back(x.xy);
-    headtail_see(n, wo, lobes.w);
-    headtail_elevation(y.x);
-    let v = headtail_spline_inverse(y.y, HEADTAIL_HEAD_ELEVATION_BINS, false);
-    headtail_azimuth(select(y.y, v.x, HEADTAIL_HEAD_COUPLED == 1u));
-    let u = headtail_spline_inverse(y.x, HEADTAIL_HEAD_AZIMUTH_BINS, true);
-    return u.y * v.y * y.z * x.z;
+// The density at a point.
+fn headtail_head_density(n: vec3<f32>, wo: vec3<f32>, alpha: f32, point: vec2<f32>) -> f32 {
+    headtail_see(n, wo, alpha);
+    headtail_elevation(point.x);
+    let v = headtail_spline_inverse(point.y, HEADTAIL_HEAD_ELEVATION_BINS, false);
+    headtail_azimuth(select(point.y, v.x, HEADTAIL_HEAD_COUPLED == 1u));
+    let u = headtail_spline_inverse(point.x, HEADTAIL_HEAD_AZIMUTH_BINS, true);
+    return u.y * v.y;
 }

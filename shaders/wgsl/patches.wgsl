@@ -1,4 +1,4 @@
-// Patches of sky: product sampling in closed form for a diffuse lobe and a Trowbridge-Reitz lobe.
+// Patches of sky: product sampling in closed form for a diffuse lobe and a Trowbridge-Reitz lobe, between the square of uniform points and Y.
 //
 // Lobes are (luminance of the diffuse reflectance, weight of the Trowbridge-Reitz lobe, luminance of its reflectance at normal incidence, its
 // width); of a diffuse surface (1, 0, 1, 1).
@@ -84,28 +84,28 @@ fn headtail_sums(start: u32, first: u32, count: u32, at: HeadtailSurface, is_lea
     return step;
 }
 
+// What to go down the trees for: the patch that a uniform point is in, or that of a given twig.
+struct HeadtailAim { z: vec2<f32>, is_given: bool, twig: u32 }
+
 struct HeadtailFound { place: u32, mass: f32, sides: vec4<f32> }
 
-// Down one tree: the rectangle of uniform points is cut in proportion to masses.
-fn headtail_descend(root: u32, given: HeadtailStep, z: vec2<f32>, cuts: vec4<f32>) -> HeadtailFound {
+// Down one tree: the rectangle of uniform points is cut in proportion to masses. `own` is the place of the given patch.
+fn headtail_descend(root: u32, given: HeadtailStep, aim: HeadtailAim, own: u32, cuts: vec4<f32>) -> HeadtailFound {
     var step = given;
     var sides = cuts;
     var before = 0.0;
     var after = step.total;
     var split = headtail_integers[HEADTAIL_PATCHES_FOREST + root];
     while ((split & 0x1000000u) == 0u) {
-        let middle = step.sums[max(split & 0x7fu, 1u) - 1u];
+        let second = split & 0x7fu;
+        let middle = step.sums[max(second, 1u) - 1u];
         let share = (middle - before) / max(after - before, HEADTAIL_TINY);
-        var lower: bool;
-        if ((split & 0x80u) != 0u) {
-            let cut = sides.x + (sides.y - sides.x) * share;
-            lower = z.x < cut;
-            sides = select(vec4<f32>(cut, sides.yzw), vec4<f32>(sides.x, cut, sides.zw), lower);
-        } else {
-            let cut = sides.z + (sides.w - sides.z) * share;
-            lower = z.y < cut;
-            sides = select(vec4<f32>(sides.xy, cut, sides.w), vec4<f32>(sides.xyz, cut), lower);
-        }
+        let is_column = (split & 0x80u) != 0u;
+        let ends = select(sides.zw, sides.xy, is_column);
+        let cut = ends.x + (ends.y - ends.x) * share;
+        let lower = select(select(aim.z.y, aim.z.x, is_column) < cut, own < second, aim.is_given);
+        let half = select(vec2<f32>(cut, ends.y), vec2<f32>(ends.x, cut), lower);
+        sides = select(vec4<f32>(sides.xy, half), vec4<f32>(half, sides.zw), is_column);
         before = select(middle, before, lower);
         after = select(after, middle, lower);
         split = headtail_integers[HEADTAIL_PATCHES_FOREST + root + (select(split >> 16u, split >> 8u, lower) & 0xffu)];
@@ -118,71 +118,62 @@ fn headtail_part(mass: f32, total: f32) -> f32 {
     return mass / total;
 }
 
+// The patch that one comes to: its rectangles of uniform points and of Y (left, right, top, bottom), and the density over Y.
+struct HeadtailPatch { sides: vec4<f32>, rectangle: vec4<f32>, density: f32 }
+
+fn headtail_walk(at: HeadtailSurface, aim: HeadtailAim) -> HeadtailPatch {
+    let roots = HEADTAIL_PATCHES_ROOTS;
+    let own = vec3<u32>(aim.twig / (HEADTAIL_PARTS * HEADTAIL_PARTS), aim.twig / HEADTAIL_PARTS, aim.twig) % vec3<u32>(HEADTAIL_CLUSTERS, HEADTAIL_PARTS, HEADTAIL_PARTS);
+    var step = headtail_sums(HEADTAIL_PATCHES_CLUSTERS, 0u, HEADTAIL_CLUSTERS, at, false);
+    var found = headtail_descend(headtail_integers[roots], step, aim, own.x, vec4<f32>(0.0, 1.0, 0.0, 1.0));
+    var probability = headtail_part(found.mass, step.total);
+    let cluster = found.place;
+    step = headtail_sums(HEADTAIL_PATCHES_LEAVES, cluster * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
+    found = headtail_descend(headtail_integers[roots + 1u + cluster], step, aim, own.y, found.sides);
+    probability *= headtail_part(found.mass, step.total);
+    let leaf = cluster * HEADTAIL_PARTS + found.place;
+    var rectangle = headtail_four(HEADTAIL_PATCHES_LEAF_RECTANGLES, leaf);
+    var inverse_energy = headtail_floats[HEADTAIL_PATCHES_LEAVES + 16u * leaf + 14u];
+    if (at.lobes.w < headtail_floats[HEADTAIL_PATCHES_NARROW]) {
+        step = headtail_sums(HEADTAIL_PATCHES_TWIGS, leaf * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
+        found = headtail_descend(headtail_integers[roots + 1u + HEADTAIL_CLUSTERS + leaf], step, aim, own.z, found.sides);
+        probability *= headtail_part(found.mass, step.total);
+        let twig = leaf * HEADTAIL_PARTS + found.place;
+        rectangle = headtail_four(HEADTAIL_PATCHES_TWIG_RECTANGLES, twig);
+        inverse_energy = headtail_floats[HEADTAIL_PATCHES_TWIGS + 16u * twig + 14u];
+    }
+    return HeadtailPatch(found.sides, rectangle, probability * inverse_energy);
+}
+
+// Where a point lies in a rectangle.
+fn headtail_inside(sides: vec4<f32>, point: vec2<f32>) -> vec2<f32> {
+    return vec2<f32>(headtail_remap(point.x, sides.x, sides.y), headtail_remap(point.y, sides.z, sides.w));
+}
+
 // A place in an interval, and never its end, which belongs to the next patch.
 fn headtail_within(start: f32, end: f32, inside: f32) -> f32 {
     let place = start + (end - start) * inside;
     return select(bitcast<f32>(bitcast<u32>(end) - 1u), place, place < end);
 }
 
-// The share of samples to draw here, beside sampling the BSDF; 1 for diffuse surfaces.
-fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
+// The point of Y of a uniform point z, and the density over Y.
+fn headtail_patches_draw(at: HeadtailSurface, z: vec2<f32>) -> vec3<f32> {
+    let found = headtail_walk(at, HeadtailAim(z, false, 0u));
+    let inside = headtail_inside(found.sides, z);
+    let r = found.rectangle;
+    return vec3<f32>(headtail_within(r.x, r.y, inside.x), headtail_within(r.z, r.w, inside.y), found.density);
+}
+
+// The patch of a cell of the map.
+fn headtail_patch_of(at: HeadtailSurface, cell: vec4<f32>) -> HeadtailPatch {
+    let twig = headtail_integers[HEADTAIL_PATCHES_TWIG_OF_CELL + u32(cell.y) * HEADTAIL_WIDTH + u32(cell.x)];
+    return headtail_walk(at, HeadtailAim(vec2<f32>(0.0), true, twig));
+}
+
+// The share of samples beside sampling the BSDF, by the width of lobes alone; 1 for diffuse surfaces.
+fn headtail_share_by_width(lobes: vec4<f32>) -> f32 {
     if (!(lobes.y > 0.0)) { return 1.0; }
     let of_lobe = clamp(0.5 * pow(0.05 / lobes.w, 1.25), 0.03, 0.9);
     let reflected = lobes.y * max(lobes.z, 0.3);
     return 1.0 - of_lobe * reflected / (reflected + lobes.x);
-}
-
-// Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.
-fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) -> vec4<f32> {
-    let at = HeadtailSurface(n, wo, lobes);
-    var step = headtail_sums(HEADTAIL_PATCHES_CLUSTERS, 0u, HEADTAIL_CLUSTERS, at, false);
-    var found = headtail_descend(headtail_integers[HEADTAIL_PATCHES_ROOTS], step, z, vec4<f32>(0.0, 1.0, 0.0, 1.0));
-    var probability = headtail_part(found.mass, step.total);
-    let cluster = found.place;
-    step = headtail_sums(HEADTAIL_PATCHES_LEAVES, cluster * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
-    found = headtail_descend(headtail_integers[HEADTAIL_PATCHES_ROOTS + 1u + cluster], step, z, found.sides);
-    probability *= headtail_part(found.mass, step.total);
-    let leaf = cluster * HEADTAIL_PARTS + found.place;
-    var rectangle = headtail_four(HEADTAIL_PATCHES_LEAF_RECTANGLES, leaf);
-    var inverse_energy = headtail_floats[HEADTAIL_PATCHES_LEAVES + 16u * leaf + 14u];
-    if (lobes.w < headtail_floats[HEADTAIL_PATCHES_NARROW]) {
-        step = headtail_sums(HEADTAIL_PATCHES_TWIGS, leaf * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
-        found = headtail_descend(headtail_integers[HEADTAIL_PATCHES_ROOTS + 1u + HEADTAIL_CLUSTERS + leaf], step, z, found.sides);
-        probability *= headtail_part(found.mass, step.total);
-        let twig = leaf * HEADTAIL_PARTS + found.place;
-        rectangle = headtail_four(HEADTAIL_PATCHES_TWIG_RECTANGLES, twig);
-        inverse_energy = headtail_floats[HEADTAIL_PATCHES_TWIGS + 16u * twig + 14u];
-    }
-    let inside = vec2<f32>(headtail_remap(z.x, found.sides.x, found.sides.y), headtail_remap(z.y, found.sides.z, found.sides.w));
-    let y = vec2<f32>(headtail_within(rectangle.x, rectangle.y, inside.x), headtail_within(rectangle.z, rectangle.w, inside.y));
-    let x = headtail_tail(y);
-    let w = headtail_direction(x.xy);
-    return vec4<f32>(w.xyz, probability * inverse_energy * x.z * w.w);
-}
-
-// The solid-angle pdf with which `headtail_sample` draws a unit direction.
-fn headtail_pdf(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, wi: vec3<f32>) -> f32 {
-    let at = HeadtailSurface(n, wo, lobes);
-    let x = headtail_square(wi);
-    let cell = headtail_cell(x.xy);
-    let twig = headtail_integers[HEADTAIL_PATCHES_TWIG_OF_CELL + u32(cell.y) * HEADTAIL_WIDTH + u32(cell.x)];
-    let leaf = twig / HEADTAIL_PARTS;
-    var own = leaf / HEADTAIL_PARTS;
-    var step = headtail_sums(HEADTAIL_PATCHES_CLUSTERS, 0u, HEADTAIL_CLUSTERS, at, false);
-    var probability = headtail_share_of(step, own);
-    step = headtail_sums(HEADTAIL_PATCHES_LEAVES, own * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
-    probability *= headtail_share_of(step, leaf % HEADTAIL_PARTS);
-    var inverse_energy = headtail_floats[HEADTAIL_PATCHES_LEAVES + 16u * leaf + 14u];
-    if (lobes.w < headtail_floats[HEADTAIL_PATCHES_NARROW]) {
-        step = headtail_sums(HEADTAIL_PATCHES_TWIGS, leaf * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
-        probability *= headtail_share_of(step, twig % HEADTAIL_PARTS);
-        inverse_energy = headtail_floats[HEADTAIL_PATCHES_TWIGS + 16u * twig + 14u];
-    }
-    return probability * inverse_energy * headtail_density(cell) * x.z;
-}
-
-fn headtail_share_of(given: HeadtailStep, place: u32) -> f32 {
-    var step = given;
-    let before = select(step.sums[max(place, 1u) - 1u], 0.0, place == 0u);
-    return headtail_part(step.sums[place] - before, step.total);
 }

@@ -19,6 +19,11 @@ fn shaders_are_written_with_their_buffers() {
         "fit --env overcast --material lambert --steps 1 --set conditions=4 --set validation_conditions=2 --tail row-column --out head",
     );
     succeed(at, "export head/sampler.safetensors --target hlsl --out head-hlsl");
+    let run = "--steps 1 --set conditions=4 --set validation_conditions=2 --out over";
+    succeed(at, &format!("fit --env overcast --over patches {run}"));
+    succeed(at, "export over/sampler.safetensors --target wgsl --out over-wgsl");
+    let layout = fs::read_to_string(at.join("over-wgsl/layout.json")).unwrap();
+    assert!(layout.contains("head.weights") && layout.contains("patches.leaves"), "{layout}");
     succeed(at, "export patches --env overcast --target glsl --out patches");
     let layout = fs::read_to_string(at.join("patches/layout.json")).unwrap();
     let layout: serde_json::Value = serde_json::from_str(&layout).unwrap();

@@ -1,6 +1,7 @@
 """Integrators for Mitsuba 3: `import headtail.mitsuba` registers `headtail_direct` and `headtail_path`, in every variant that has arrays.
 
-Properties: `sampler` ("patches", "patches:fine" or "table", made on first use), or `file` (a table of `headtail bake` or a head of `headtail fit` for the scene's map);
+Properties: `sampler` ("patches", "patches:fine" or "table", made on first use), or `file` (a table of `headtail bake`, or a head of `headtail fit`, over patches or
+not, for the scene's map);
 `hide_emitters`; of `headtail_path` also `max_depth` and `rr_depth`. The scene is lit by one environment map (`envmap`, with any `to_world`, or
 `constant`).
 """
@@ -18,7 +19,7 @@ def register():
     if variant is None or variant in _registered:
         return
     _registered.add(variant)
-    if not variant.startswith(("llvm_", "cuda_")) or not variant.endswith("_rgb"):
+    if not variant.startswith(("llvm_", "cuda_")) or not variant.endswith(("_rgb", "_mono")):
         for name in ("headtail_direct", "headtail_path"):
             mi.register_integrator(name, _refuse(name, variant))
         return
@@ -30,7 +31,7 @@ def register():
 
 def _refuse(name, variant):
     def refuse(props):
-        raise HeadtailError(f"{name}: the variant {variant} has no arrays of RGB colours; use llvm_ad_rgb or cuda_ad_rgb")
+        raise HeadtailError(f"{name}: the variant {variant} has no arrays of RGB colours or of grey; use llvm_ad_rgb, cuda_ad_rgb or their _mono")
 
     return refuse
 

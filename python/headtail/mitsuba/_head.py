@@ -1,4 +1,4 @@
-"""Head warps in Dr.Jit, as `render/src/head` has them for SIMD lanes: two splines over Y whose logits are networks of the condition."""
+"""Head warps in Dr.Jit, as `render/src/head` has them for SIMD lanes: two splines over the square whose logits are networks of the condition."""
 
 import drjit as dr
 import mitsuba as mi
@@ -6,19 +6,19 @@ import mitsuba as mi
 from headtail import HeadtailError
 
 from ._network import Layer, Network
+from ._patches import Patches, shares
 from ._spline import Spline
 from ._tails import tail_of
-from ._warp import directions, squares
+from ._warp import directions, positive, squares
 
 NORMAL, VIEW, WIDTH = 3, 10, 12
 SELECTION_FLOOR = 0.02
 
 
 class Head:
-    """The sampler of a head of `arrays` (see `Head::flat` in the crate headtail-render) over its tail."""
+    """A head of `arrays` (see `Head::flat` in the crate headtail-render): points of the square, and their density."""
 
     def __init__(self, arrays, loops=None):
-        self.tail = tail_of(arrays)
         self.condition, coupled, encoder, elevation, azimuth, selection, *_ = (int(number) for number in arrays["head.shape"])
         if self.condition not in (NORMAL, VIEW, WIDTH):
             raise HeadtailError("file: holds a head for measured materials, of which Mitsuba's BSDFs say nothing")
@@ -41,10 +41,10 @@ class Head:
             seen += [at.alpha, dr.log(at.alpha)]
         return seen + self.encoder(seen)
 
-    def share(self, seen):
-        """The learned share of samples beside BSDF sampling."""
+    def share(self, seen, prior=0):
+        """The learned share of samples beside BSDF sampling, where its logit is added to another one."""
         (logit,) = self.selection(seen)
-        return SELECTION_FLOOR + (1 - 2 * SELECTION_FLOOR) / (1 + dr.exp(-logit))
+        return SELECTION_FLOOR + (1 - 2 * SELECTION_FLOOR) / (1 + dr.exp(-logit - prior))
 
     def elevation_spline(self, seen, u):
         if self.is_coupled:
@@ -55,26 +55,84 @@ class Head:
     def azimuth_spline(self, seen, v):
         return Spline(self.azimuth([*seen, v]), True)
 
-    def sample(self, seen, z, active=True):
-        """Draws a direction for a uniform point z: (direction, solid-angle pdf)."""
+    def draw(self, seen, z):
+        """The points that uniform points z are carried to, and the densities there."""
         if self.is_coupled:
             u, by_u = self.azimuth_spline(seen, z.y).forward(z.x)
             v, by_v = self.elevation_spline(seen, u).forward(z.y)
         else:
             v, by_v = self.elevation_spline(seen, None).forward(z.y)
             u, by_u = self.azimuth_spline(seen, v).forward(z.x)
-        x, density = self.tail.forward(mi.Point2f(u, v), active)
+        return mi.Point2f(u, v), by_u * by_v
+
+    def density(self, seen, point):
+        """The densities at points."""
+        z, by_v = self.elevation_spline(seen, point.x).inverse(point.y)
+        _, by_u = self.azimuth_spline(seen, z if self.is_coupled else point.y).inverse(point.x)
+        return by_u * by_v
+
+
+class HeadOverTail:
+    """The sampler of a head over its tail."""
+
+    def __init__(self, arrays, loops=None):
+        self.head, self.tail = Head(arrays, loops), tail_of(arrays)
+        # What a head that sees no directions has learned of its share is for diffuse surfaces.
+        self.sees_lobes = self.head.condition != NORMAL
+        self.has_share = self.sees_lobes and self.head.has_selection
+
+    def prepare(self, at):
+        """What the networks see of a shading point."""
+        return self.head.prepare(at)
+
+    def share(self, seen):
+        """The learned share of samples beside BSDF sampling."""
+        return self.head.share(seen)
+
+    def sample(self, seen, z, active=True):
+        """Draws a direction for a uniform point z: (direction, solid-angle pdf)."""
+        y, q = self.head.draw(seen, z)
+        x, density = self.tail.forward(y, active)
         direction, factor = directions(x)
-        return direction, positive(by_u * by_v * density * factor)
+        return direction, positive(q * density * factor)
 
     def pdf(self, seen, wi, active=True):
         """The solid-angle pdf with which `sample` draws a direction."""
         x, factor = squares(wi)
         y, density = self.tail.pull_back(x, active)
-        z, by_v = self.elevation_spline(seen, y.x).inverse(y.y)
-        _, by_u = self.azimuth_spline(seen, z if self.is_coupled else y.y).inverse(y.x)
-        return positive(by_u * by_v * density * factor)
+        return positive(self.head.density(seen, y) * density * factor)
 
 
-def positive(pdf):
-    return dr.select((pdf > 0) & (pdf < dr.inf), pdf, 0)
+class HeadOverPatches:
+    """The sampler of a head over patches of sky, of which it draws what they leave over."""
+
+    sees_lobes = has_share = True
+
+    def __init__(self, arrays, loops=None):
+        self.head, self.patches = Head(arrays, loops), Patches(arrays)
+
+    def prepare(self, at):
+        """A shading point, and what the networks see of it."""
+        return at, self.head.prepare(at)
+
+    def share(self, prepared):
+        """The share of samples beside BSDF sampling: what the head has learned is a factor of the odds of patches."""
+        at, seen = prepared
+        share = mi.Float(1) if at.is_diffuse else shares((at.diffuse, at.specular, at.f0, at.alpha))
+        if not self.head.has_selection:
+            return share
+        inside = dr.clip((share - SELECTION_FLOOR) / (1 - 2 * SELECTION_FLOOR), 1e-3, 1 - 1e-3)
+        return self.head.share(seen, dr.log(inside / (1 - inside)))
+
+    def sample(self, prepared, z, active=True):
+        """Draws a direction for a uniform point z: (direction, solid-angle pdf)."""
+        at, seen = prepared
+        through, q = self.head.draw(seen, z)
+        direction, pdf = self.patches.sample(at, through, None, None, active)
+        return direction, positive(q * pdf)
+
+    def pdf(self, prepared, wi, active=True):
+        """The solid-angle pdf with which `sample` draws a direction."""
+        at, seen = prepared
+        through, pdf = self.patches.invert(at, wi, active)
+        return positive(self.head.density(seen, through) * pdf)

@@ -8,7 +8,7 @@ import headtail
 from headtail import HeadtailError
 
 from ._compact import WithCompactEmitters
-from ._head import NORMAL, Head
+from ._head import HeadOverPatches, HeadOverTail
 from ._patches import Patches, Point
 from ._surface import Surfaces
 from ._table import Table
@@ -33,7 +33,7 @@ def environment_of(emitter):
 def product_of(arrays, loops=None):
     """(the sampler of arrays, the sampler of all light but that of compact emitters). `loops` is as in `Network`."""
     if "head.layers" in arrays:
-        rest = Head(arrays, loops)
+        rest = (HeadOverPatches if "patches.clusters" in arrays else HeadOverTail)(arrays, loops)
     else:
         rest = (Table if "table.along" in arrays else Patches)(arrays)
     return (WithCompactEmitters(arrays, rest) if "compact.windows" in arrays else rest), rest
@@ -79,13 +79,12 @@ class Light:
             if self.surfaces.are_diffuse:
                 return [self.patches_alone(sampler, si, bsdf, n, wo, active)]
             return [self.patches_beside_bsdf(sampler, si, bsdf, n, wo, active)]
-        # What a head that sees no directions has learned of its share is for diffuse surfaces.
-        sees_views = isinstance(self.rest, Head) and self.rest.condition != NORMAL
-        *lobes, can_draw = self.surfaces.lobes(bsdf, si, active) if sees_views else (None, active)
-        prepared = self.product.prepare(Point(n, wo, lobes if sees_views else None))
+        sees_lobes = self.rest.sees_lobes
+        *lobes, can_draw = self.surfaces.lobes(bsdf, si, active) if sees_lobes else (None, active)
+        prepared = self.product.prepare(Point(n, wo, lobes if sees_lobes else None))
         if self.surfaces.are_diffuse:
             return [self.product_alone(sampler, si, bsdf, prepared, active)]
-        if sees_views and self.rest.has_selection:
+        if self.rest.has_share:
             share = dr.select(can_draw, self.product.share(prepared), 0)
             return [self.product_beside_bsdf(sampler, si, bsdf, prepared, share, active)]
         return self.product_and_bsdf(sampler, si, bsdf, prepared, active)

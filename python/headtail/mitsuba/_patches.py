@@ -3,7 +3,7 @@
 import drjit as dr
 import mitsuba as mi
 
-from ._warp import Tail, directions, remap, squares, upload
+from ._warp import BELOW_ONE, Tail, directions, positive, remap, squares, upload
 
 CLUSTERS, PARTS = 32, 16
 LEAF_FLOOR, CLUSTER_FLOOR = 0.15, 0.02
@@ -108,8 +108,11 @@ def shares(lobes):
 
 
 @dr.syntax
-def descend(forest, root, sums, total, z, left, right, top, bottom, active):
-    """Down one tree: (place, mass, the rectangle cut so far). Cuts are in proportion to masses, whose running sums are in local memory."""
+def descend(forest, root, sums, total, z, given, own, left, right, top, bottom, active):
+    """Down one tree: (place, mass, the rectangle cut so far). Cuts are in proportion to masses, whose running sums are in local memory.
+
+    The patch is that which z is in, or where `given` that of the place `own`.
+    """
     # As wide as the random numbers: Dr.Jit takes a loop's variable that is one number for all lanes as a constant.
     zero = z.x * 0
     left, right, top, bottom = left + zero, right + zero, top + zero, bottom + zero
@@ -123,7 +126,7 @@ def descend(forest, root, sums, total, z, left, right, top, bottom, active):
         start, end = dr.select(columns, left, top), dr.select(columns, right, bottom)
         share = (middle - before) / dr.maximum(after - before, 1.17549435e-38)
         cut = start + (end - start) * share
-        first = dr.select(columns, z.x, z.y) < cut
+        first = dr.select(given, own < (split & 0x7F), dr.select(columns, z.x, z.y) < cut)
         before, after = dr.select(first, before, middle), dr.select(first, middle, after)
         start, end = dr.select(first, start, cut), dr.select(first, cut, end)
         left, right = dr.select(columns, start, left), dr.select(columns, end, right)
@@ -160,22 +163,8 @@ class Patches:
             x, factor = squares(wi)
             cell, inside_cell = self.tail.cell(x)
             twig = dr.gather(mi.UInt32, self.twig_of_cell, cell, active & given)
-        sums, total = self.cluster_sums(at)
-        root = dr.gather(mi.UInt32, self.roots, mi.UInt32(0))
-        place, mass, *cuts = descend(self.forest, root, sums, total, z, *self.square(), active & ~given if has_given else active)
-        if has_given:
-            place, mass = self.given_part(sums, place, mass, twig // (PARTS * PARTS), given, active)
-        probability = part_share(mass, total)
-        number, probability, cuts, inverse_energy = self.level("leaves", 1, at, place, probability, z, cuts, twig // PARTS, given, active)
-        rectangle = dr.gather(mi.Vector4f, self.rectangles["leaf"], number, active)
-        if self.narrow > 1 or not at.is_diffuse:
-            narrow = active & (mi.Float(1) < self.narrow if at.is_diffuse else at.alpha < self.narrow)
-            number, probability, cuts, inverse_energy, rectangle = self.twig_level(
-                at, number, probability, z, cuts, twig, given, narrow, inverse_energy, rectangle
-            )
-        q = probability * inverse_energy
-        left, right, top, bottom = rectangle
-        inside = mi.Point2f(remap(z.x, cuts[0], cuts[1]), remap(z.y, cuts[2], cuts[3]))
+        (left, right, top, bottom), cuts, q = self.walk(at, z, given, twig, active)
+        inside = inside_of(cuts, z)
         y = mi.Point2f(within(left, right, inside.x), within(top, bottom, inside.y))
         draws = active & ~given if has_given else active
         x, density = self.tail.forward(y, draws)
@@ -184,12 +173,34 @@ class Patches:
         if has_given:
             density = self.tail.density(cell, inside_cell, active & given)
             direction, pdf = dr.select(given, wi, direction), dr.select(given, density * factor, pdf)
-        pdf *= q
-        return direction, dr.select((pdf > 0) & (pdf < dr.inf), pdf, 0)
+        return direction, positive(pdf * q)
 
-    @staticmethod
-    def square():
-        return mi.Float(0), mi.Float(1), mi.Float(0), mi.Float(1)
+    def invert(self, at, wi, active=True):
+        """The uniform points that are carried to directions, and the solid-angle pdfs there; where that is 0, no point is."""
+        x, factor = squares(wi)
+        y, density = self.tail.pull_back(x, active)
+        twig = dr.gather(mi.UInt32, self.twig_of_cell, self.tail.cell(x)[0], active)
+        rectangle, (left, right, top, bottom), q = self.walk(at, x, mi.Bool(True), twig, active)
+        inside = inside_of(rectangle, y)
+        z = mi.Point2f(left + (right - left) * inside.x, top + (bottom - top) * inside.y)
+        return dr.minimum(z, BELOW_ONE), positive(q * density * factor)
+
+    def walk(self, at, z, given, twig, active):
+        """(rectangle of Y, rectangle of uniform points, density over Y) of the patch that z is in, or where `given` of that of a twig."""
+        given = mi.Bool(False) if given is None else given
+        sums, total = self.cluster_sums(at)
+        root = dr.gather(mi.UInt32, self.roots, mi.UInt32(0))
+        square = mi.Float(0), mi.Float(1), mi.Float(0), mi.Float(1)
+        place, mass, *cuts = descend(self.forest, root, sums, total, z, given, twig // (PARTS * PARTS), *square, active)
+        probability = part_share(mass, total)
+        number, probability, cuts, inverse_energy = self.level("leaves", 1, at, place, probability, z, cuts, twig // PARTS, given, active)
+        rectangle = dr.gather(mi.Vector4f, self.rectangles["leaf"], number, active)
+        if self.narrow > 1 or not at.is_diffuse:
+            narrow = active & (mi.Float(1) < self.narrow if at.is_diffuse else at.alpha < self.narrow)
+            number, probability, cuts, inverse_energy, rectangle = self.twig_level(
+                at, number, probability, z, cuts, twig, given, narrow, inverse_energy, rectangle
+            )
+        return rectangle, cuts, probability * inverse_energy
 
     def cluster_sums(self, at):
         """Running sums of the clusters' masses, in local memory, and their total."""
@@ -199,14 +210,6 @@ class Patches:
             sums[k] = total
         return sums, total
 
-    @staticmethod
-    def given_part(sums, place, mass, own, given, active):
-        """Place and mass of a part that is given instead of drawn."""
-        upto = sums.read(own, active & given)
-        before = sums.read(dr.maximum(own, 1) - 1, active & given)
-        before = dr.select(own > 0, before, 0)
-        return dr.select(given, own, place), dr.select(given, upto - before, mass)
-
     def level(self, name, first_root, at, parent, probability, z, cuts, own, given, active):
         """One level down: (number, probability, cuts, one over the part's energy)."""
         sums, total = dr.alloc_local(mi.Float, PARTS), mi.Float(0)
@@ -214,10 +217,7 @@ class Patches:
             total += self.patch(name, parent * PARTS + k, active).mass(at, True)
             sums[k] = total
         root = dr.gather(mi.UInt32, self.roots, parent + first_root, active)
-        draws = active if given is None else active & ~given
-        place, mass, *cuts = descend(self.forest, root, sums, total, z, *cuts, draws)
-        if given is not None:
-            place, mass = self.given_part(sums, place, mass, own % PARTS, given, active)
+        place, mass, *cuts = descend(self.forest, root, sums, total, z, given, own % PARTS, *cuts, active)
         number = parent * PARTS + place
         inverse_energy = dr.gather(mi.Vector4f, self.records[name], number * 4 + 3, active).z
         return number, probability * part_share(mass, total), cuts, inverse_energy
@@ -241,6 +241,12 @@ class Patches:
 def part_share(mass, total):
     """The share of a mass; 0 where there is nothing to draw."""
     return dr.select((mass > 0) & (total > 0), mass / total, 0)
+
+
+def inside_of(rectangle, point):
+    """Where a point lies in a rectangle."""
+    left, right, top, bottom = rectangle
+    return mi.Point2f(remap(point.x, left, right), remap(point.y, top, bottom))
 
 
 def within(start, end, inside):

@@ -24,6 +24,11 @@ def is_diffuse(bsdf):
     return text.startswith(f"{DIFFUSE}[")
 
 
+def luminance(color):
+    """The luminance of a colour of three channels, or of one."""
+    return mi.luminance(color) if len(color) == 3 else color.x
+
+
 class Kind:
     """What can be said of a BSDF without a hit."""
 
@@ -51,11 +56,11 @@ class Kind:
             alpha = zero + 0.1
         diffuse, f0 = zero, zero + 0.8
         if {"base_color", "metallic"} <= self.attributes:
-            color = mi.luminance(bsdf.eval_attribute("base_color", si, active))
+            color = luminance(bsdf.eval_attribute("base_color", si, active))
             metallic = bsdf.eval_attribute_1("metallic", si, active)
             diffuse, f0 = (1 - metallic) * color, dr.lerp(0.04, color, metallic)
         elif self.has_diffuse:
-            diffuse, f0 = mi.luminance(bsdf.eval_diffuse_reflectance(si, active)), zero + 0.04
+            diffuse, f0 = luminance(bsdf.eval_diffuse_reflectance(si, active)), zero + 0.04
         return diffuse, zero + 1, f0, dr.clip(alpha, LEAST_ALPHA, 1), active
 
 

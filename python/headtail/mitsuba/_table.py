@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 
 from ._tails import tail_of
-from ._warp import BELOW_ONE, directions, remap, squares, upload
+from ._warp import BELOW_ONE, directions, positive, remap, squares, upload
 
 
 def fast_atan2(y, x):
@@ -21,6 +21,8 @@ def fast_atan2(y, x):
 
 class Table:
     """The sampler of a table of `arrays` (see `BakedTable::flat` in the crate headtail-render) over its tail."""
+
+    sees_lobes = has_share = False
 
     def __init__(self, arrays):
         self.tail = tail_of(arrays)
@@ -100,8 +102,7 @@ class Table:
 
     def solid_angle(self, pdf, mass, total):
         """The pdf of a cell's mass."""
-        pdf *= mass * (self.rows * self.columns) / total
-        return dr.select((pdf > 0) & (pdf < dr.inf), pdf, 0)
+        return positive(pdf * mass * (self.rows * self.columns) / total)
 
 
 def inside(index, position):

@@ -16,6 +16,11 @@ def remap(at, start, end):
     return dr.select(inside < BELOW_ONE, inside, BELOW_ONE)
 
 
+def positive(pdf):
+    """A pdf; 0 where it is none."""
+    return dr.select((pdf > 0) & (pdf < dr.inf), pdf, 0)
+
+
 def directions(x):
     """The unit direction of a point of X, and the factor from densities over X to pdfs over solid angle."""
     sin_phi, cos_phi = dr.sincos(x.x * dr.two_pi)

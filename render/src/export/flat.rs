@@ -9,7 +9,7 @@ use crate::{
     flat::FlatArray,
     patches::{Detail, Patches},
     sampler::CompactEmitters,
-    tail::Tail,
+    tail::{Hierarchical, Tail},
 };
 
 /// The arrays of `patches` over a tail.
@@ -17,17 +17,22 @@ use crate::{
 /// # Errors
 /// The tail is not the hierarchical one.
 pub fn flat_patches(tail: &Tail, detail: Detail) -> Result<Vec<FlatArray>> {
+    Ok([tail.flat(), patches_of(tail, |tail| Patches::alone(tail, detail))?].concat())
+}
+
+/// The arrays of the patches of a tail.
+fn patches_of(tail: &Tail, patches: impl Fn(&Hierarchical) -> Patches) -> Result<Vec<FlatArray>> {
     let Tail::Hierarchical(tail) = tail else {
         return Err(Error::argument(
             "tail",
             format!("is {}; patches are over the hierarchical one", tail.kind().name()),
         ));
     };
-    let patches = Patches::alone(tail, detail);
-    Ok([tail.flat(), patches.flat(tail.grid().columns(), tail.grid().rows())].concat())
+    Ok(patches(tail).flat(tail.grid().columns(), tail.grid().rows()))
 }
 
-/// The arrays of a file's table or head over its tail, and of its compact emitters, which take the map that the file was made for.
+/// The arrays of a file's table, or of its head and the patches below it, over its tail, and of its compact emitters, which take the map that the
+/// file was made for.
 ///
 /// # Errors
 /// The map is another one, or there is none and the file has compact emitters.
@@ -37,6 +42,9 @@ pub fn flat_exported(exported: &ExportedSampler, map: Option<&Arc<Environment>>)
         Intermediate::Head(head) => head.flat(),
     };
     let mut arrays = [exported.tail.flat(), intermediate].concat();
+    if let Some(detail) = exported.patches {
+        arrays.extend(patches_of(&exported.tail, |tail| Patches::new(tail, detail))?);
+    }
     if let Some(map) = map {
         exported.check_environment(map)?;
     }

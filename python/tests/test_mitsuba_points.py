@@ -1,0 +1,130 @@
+"""Samplers in Dr.Jit, point by point against the native ones, at the poles and the seam of the map too."""
+
+import numpy as np
+import pytest
+from conftest import map_of
+
+mi = pytest.importorskip("mitsuba")
+dr = pytest.importorskip("drjit")
+
+import headtail  # noqa: E402
+
+COUNT = 4000
+# Rounding moves a few points across borders, and where the map is steep it moves pdfs by more.
+NEAR, FEW = 1e-4, 1e-2
+
+
+class Points:
+    """Shading points and directions: numpy's, and Mitsuba's."""
+
+    def __init__(self):
+        random = np.random.default_rng(1)
+        n, wo, given = (random.normal(size=(COUNT, 3)) for _ in range(3))
+        for vectors in (n, given):
+            vectors[:4] = [[0, 1, 0], [0, -1, 0], [0, 0, -1], [-1e-7, 0, -1]]
+        self.n, wo, self.given = ((v / np.linalg.norm(v, axis=1, keepdims=True)).astype(np.float32) for v in (n, wo, given))
+        self.wo = np.where((self.n * wo).sum(1, keepdims=True) < 0, -wo, wo)
+        self.alpha = random.uniform(0.1, 0.9, COUNT).astype(np.float32)
+        self.u = random.random((COUNT, 2), dtype=np.float32)
+
+    def point(self, alpha):
+        """Mitsuba's shading points of GGX surfaces of a width, of diffuse ones for None."""
+        from headtail.mitsuba._patches import Point
+
+        zero = mi.Float(np.zeros(COUNT, np.float32))
+        lobes = None if alpha is None else (zero, zero + 1, zero + 1, zero + mi.Float(alpha))
+        return Point(vectors(self.n), vectors(self.wo), lobes)
+
+
+def vectors(rows):
+    return mi.Vector3f(np.ascontiguousarray(rows.T))
+
+
+def are_near(name, drawn, native_wi, pdf, native_pdf):
+    apart = np.abs(np.array(drawn).T - native_wi).max(1)[native_pdf > 0]
+    for differences in (apart, relative(pdf, native_pdf)):
+        assert (differences > NEAR).mean() < FEW and np.quantile(differences, 0.99) < NEAR, name
+
+
+def relative(pdf, native):
+    return np.abs(np.array(pdf) - native) / np.maximum(native, 1e-20)
+
+
+def map_texels(name):
+    return headtail.Environment.from_array(headtail.Environment(map_of(name)).array())
+
+
+def compare(name, native, product, points, alpha):
+    """A sampler that is alone, or in a mixture with BRDF sampling with a share that both know: draws, their pdfs, pdfs of given directions."""
+    surface = {} if alpha is None else {"alpha": alpha}
+    prepared = product.prepare(points.point(alpha))
+    is_mixed = alpha is not None and product.has_share and native.name != "head"
+    share = np.array(product.share(prepared)) if is_mixed else np.ones(COUNT, np.float32)
+    brdf = headtail.Sampler.from_spec("brdf", native.map)
+
+    def mixed(pdf, wi):
+        return share * np.array(pdf) + (1 - share) * (brdf.pdf(wi, points.n, points.wo, **surface) if is_mixed else 0)
+
+    # The first numbers of a mixture are the product's.
+    u = np.stack([np.minimum(points.u[:, 0] * share, np.nextafter(share, np.float32(0))), points.u[:, 1]], 1)
+    draws = native.sampler.sample(points.n, points.wo, u=u, radiance=False, **surface)
+    wi, pdf = product.sample(prepared, mi.Point2f(np.ascontiguousarray(points.u.T)))
+    are_near(name, wi, draws.wi, mixed(pdf, draws.wi), draws.pdf)
+    of_given = native.sampler.pdf(points.given, points.n, points.wo, **surface)
+    differences = relative(mixed(product.pdf(prepared, vectors(points.given)), points.given), of_given)
+    assert (differences > NEAR).mean() < FEW and np.quantile(differences, 0.99) < NEAR, name
+
+
+class Native:
+    """A sampler of the package: of a SPEC, for the map of a head."""
+
+    def __init__(self, name, spec):
+        self.name, self.map = spec.split(":")[0], map_texels(name)
+        self.sampler = headtail.Sampler.from_spec(spec, self.map)
+
+
+@pytest.fixture(scope="module")
+def points(variant):
+    if variant.endswith("_mono"):
+        pytest.skip("the arithmetic is that of colours")
+    return Points()
+
+
+@pytest.mark.parametrize("loops", [False, True])
+def test_heads_draw_what_the_native_ones_draw(points, heads, loops):
+    """Both ways to multiply matrices."""
+    from headtail.mitsuba._integrators import product_of
+
+    for name, file in heads.items():
+        native = Native(name, f"head+patches:{file}" if "patches" in name else f"head:{file}")
+        alpha = points.alpha if name in ("of any width", "over fine patches") else 0.3 if name == "of one width" else None
+        product, _ = product_of(native.sampler._native.arrays(), loops)
+        compare(name, native, product, points, alpha)
+
+
+@pytest.mark.parametrize("map", ["studio", "sunset"])
+def test_tables_draw_what_the_native_ones_draw(points, tmp_path, map):
+    from headtail.mitsuba._table import Table
+
+    file = tmp_path / "table.safetensors"
+    headtail.bake(headtail.Environment(map).array()).save(file)
+    native = Native("beside a sun" if map == "sunset" else map, f"direct:{file}")
+    compare(map, native, Table(native.sampler._native.arrays()), points, None)
+
+
+@pytest.mark.parametrize("glossy", [False, True])
+@pytest.mark.parametrize("fine", [False, True])
+def test_patches_draw_what_the_native_ones_draw(points, studio, fine, glossy):
+    from headtail.mitsuba._patches import Patches
+
+    native = headtail.Sampler(headtail._native.Sampler.patches_alone(studio._native, fine))
+    patches, surface = Patches(native._native.arrays()), {"alpha": points.alpha} if glossy else {}
+    at = points.point(points.alpha if glossy else None)
+    draws = native.sample(points.n, points.wo, u=points.u, radiance=False, **surface)
+    wi, pdf = patches.sample(at, mi.Point2f(np.ascontiguousarray(points.u.T)), None, None)
+    are_near("draws", wi, draws.wi, pdf, draws.pdf)
+    # One pass draws half of the points, and evaluates the pdfs of given directions at the others.
+    is_given = np.arange(COUNT) % 2 == 1
+    wi, pdf = patches.sample(at, mi.Point2f(np.ascontiguousarray(points.u.T)), mi.Bool(is_given), vectors(points.given))
+    expected = np.where(is_given, native.pdf(points.given, points.n, points.wo, **surface), draws.pdf)
+    are_near("both", wi, np.where(is_given[:, None], points.given, draws.wi), pdf, expected)

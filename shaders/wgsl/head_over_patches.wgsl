@@ -1,0 +1,29 @@
+// The sampler of a head over patches of sky: it draws what they leave over.
+
+// The share of samples to draw here, beside sampling the BSDF: what the head has learned is a factor of the odds of patches.
+fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
+    let share = headtail_share_by_width(lobes);
+    if (HEADTAIL_HEAD_SELECTION_LAYERS == 0u) { return share; }
+    let inside = clamp((share - 0.02) / 0.96, 1e-3, 1.0 - 1e-3);
+    return headtail_head_share(n, wo, lobes.w, headtail_ln(inside / (1.0 - inside)));
+}
+
+// Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.
+fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) -> vec4<f32> {
+    let through = headtail_head_draw(n, wo, lobes.w, z);
+    let y = headtail_patches_draw(HeadtailSurface(n, wo, lobes), through.xy);
+    let x = headtail_tail(y.xy);
+    let w = headtail_direction(x.xy);
+    return vec4<f32>(w.xyz, through.z * y.z * x.z * w.w);
+}
+
+// The solid-angle pdf with which `headtail_sample` draws a unit direction.
+fn headtail_pdf(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, wi: vec3<f32>) -> f32 {
+    let x = headtail_square(wi);
+    let cell = headtail_cell(x.xy);
+    let found = headtail_patch_of(HeadtailSurface(n, wo, lobes), cell);
+    if (!(found.density > 0.0)) { return 0.0; }
+    let inside = headtail_inside(found.rectangle, headtail_inverse(cell));
+    let through = min(found.sides.xz + inside * (found.sides.yw - found.sides.xz), vec2<f32>(HEADTAIL_BELOW_ONE));
+    return headtail_head_density(n, wo, lobes.w, through) * found.density * headtail_density(cell) * x.z;
+}

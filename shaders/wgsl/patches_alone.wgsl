@@ -1,0 +1,21 @@
+// The sampler of patches of sky.
+
+// The share of samples to draw here, beside sampling the BSDF; 1 for diffuse surfaces.
+fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
+    return headtail_share_by_width(lobes);
+}
+
+// Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.
+fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) -> vec4<f32> {
+    let y = headtail_patches_draw(HeadtailSurface(n, wo, lobes), z);
+    let x = headtail_tail(y.xy);
+    let w = headtail_direction(x.xy);
+    return vec4<f32>(w.xyz, y.z * x.z * w.w);
+}
+
+// The solid-angle pdf with which `headtail_sample` draws a unit direction.
+fn headtail_pdf(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, wi: vec3<f32>) -> f32 {
+    let x = headtail_square(wi);
+    let cell = headtail_cell(x.xy);
+    return headtail_patch_of(HeadtailSurface(n, wo, lobes), cell).density * headtail_density(cell) * x.z;
+}
