@@ -56,7 +56,7 @@ fn composite(workshop: &Workshop, index: usize) -> Result<Made> {
     let backdrop = shot.backdrop();
     let film = shot.film(&backdrop, &*estimator, Settings { depth: 4, mask_only: false, ..shot.settings(SHOWN, 3) });
     let mask = Mask::of(&film, MaskForm::ControlVariate);
-    let layers = Layers::new(&film, &mask, &shot.photograph, 1.0, true);
+    let layers = Layers::new(&film, &mask, &shot.photograph, Vec3A::ONE, true);
     let stops = automatic_exposure(&shot.photograph.image) + 0.5;
     let mut made = Made::of(heading(&format!("{} under {}", shot.name, shot.environment.name())));
     made.html += &strip(
@@ -109,7 +109,7 @@ fn mesh(workshop: &Workshop) -> Result<Made> {
     let backdrop = shot.backdrop();
     let film = shot.film(&backdrop, &*estimator, Settings { mask_only: false, ..shot.settings(SHOWN, 3) });
     let mask = Mask::of(&film, MaskForm::ControlVariate);
-    let layers = Layers::new(&film, &mask, &shot.photograph, 1.0, true);
+    let layers = Layers::new(&film, &mask, &shot.photograph, Vec3A::ONE, true);
     let (composite, stops) = (layers.composite(), automatic_exposure(&shot.photograph.image) + 0.5);
     let mse = headtail_render::statistics::ErrorMetrics::of(&composite, &after)?.mse;
     let mut made = Made::of(heading(&format!("{} on a mesh: {} under {}", shot.name, view.name, environment.name())));
