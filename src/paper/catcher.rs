@@ -44,7 +44,8 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
             Part::new(name, shot, move |workshop| composite(workshop, index))
         })
         .collect();
-    parts.push(Part::new("mesh", shot, mesh));
+    let own_shadow = pixels * effort.rendering(passes::OWN_SHADOW * effort.mask_spp);
+    parts.push(Part::new("mesh", shot + own_shadow, mesh));
     let training = cost::training(&workshop.heads.config(Material::Lambert));
     parts.push(Part::new("bias", training + pixels * effort.rendering(9 * effort.mask_spp), bias));
     (intro.to_owned(), parts)

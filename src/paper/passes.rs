@@ -22,7 +22,7 @@ const RAYS: u32 = 16;
 /// Runs at most.
 const RUNS: u32 = 4;
 /// How many times the samples of a mask without noise the reference has where the catcher shadows itself.
-const OWN_SHADOW: u32 = 8;
+pub const OWN_SHADOW: u32 = 8;
 /// The forms that are compared.
 const FORMS: [&str; 4] = ["two passes", "one pass, paper", "one pass, ratio", "one pass, control variate"];
 

@@ -3,15 +3,22 @@
 use std::{fs, path::Path};
 
 use headtail_render::{
-    environment::Environment,
     image::{Image, write_exr},
     scene::{FspyProject, UpAxis},
 };
 
 use super::{fail, folder, picture, succeed};
 
-/// Writes a grey photograph, and scenes of a long lid over a wide floor, level and tilted.
+/// A dim sky with a lamp of few texels, multiplied by factors.
+fn write_map(path: &Path, factors: [f32; 3]) {
+    let level = |k: usize| if (8..12).contains(&(k % 64)) && (6..9).contains(&(k / 64)) { 60.0 } else { 0.5 };
+    let pixels = (0..64 * 32).map(|k| factors.map(|factor| factor * level(k))).collect();
+    write_exr(path, &Image { width: 64, height: 32, pixels }, &[]).unwrap();
+}
+
+/// Writes a map, a grey photograph, and scenes of a long lid over a wide floor, level and tilted.
 fn write_inputs(path: &Path) {
+    write_map(&path.join("map.exr"), [1.0; 3]);
     write_exr(&path.join("photo.exr"), &Image { width: 48, height: 32, pixels: vec![[0.5; 3]; 48 * 32] }, &[]).unwrap();
     let corners = [-0.3_f32, 0.0, 0.3, 0.3, 0.0, 0.3, 0.3, 0.0, -0.3, -0.3, 0.0, -0.3];
     let bytes = corners.into_iter().flat_map(f32::to_le_bytes).chain([0, 1, 2, 0, 2, 3]);
@@ -59,14 +66,15 @@ fn map_and_object_turn_the_same_way() {
     write_inputs(path);
     let at = |turn: f32, options: &str| {
         let (sin, cos) = turn.to_radians().sin_cos();
-        let camera = format!("--look-from {},1.6,{} --look-at 0,0.2,0 --fov 30", 3.0 * sin, 3.0 * cos);
-        composite(path, &format!("--env window --scene lid.gltf {camera} {options}"))
+        let camera = format!("--look-from {},1.6,{} --look-at 0,0.1,0 --fov 30", 2.0 * sin, 2.0 * cos);
+        composite(path, &format!("--env map.exr --scene lid.gltf {camera} {options}"))
     };
     let first = at(0.0, "");
     let all = apart(&at(40.0, "--turn 40 --env-rotate 40"), &first);
     for options in ["--turn 40", "--env-rotate 40", "--turn 40 --env-rotate -40", "--turn -40 --env-rotate 40"] {
         let other = apart(&at(40.0, options), &first);
-        assert!(other > 0.01 && all < 0.05 * other, "{options}: {other}, all {all}");
+        // Samples are the same but where rounding decides at an edge.
+        assert!(other > 4e-3 && all < 0.1 * other, "{options}: {other}, all {all}");
     }
     // Another name of the same option.
     assert_eq!(at(40.0, "--turn 40 --turn-env 40"), at(40.0, "--turn 40 --env-rotate 40"));
@@ -78,7 +86,7 @@ fn a_plane_is_placed_as_a_mesh_is() {
     let here = folder();
     let path = here.path();
     write_inputs(path);
-    let view = "--env window --depth 1 --look-from 0,1.6,3 --look-at 0,0.4,0 --fov 30";
+    let view = "--env map.exr --depth 1 --look-from 0,1.6,3 --look-at 0,0.4,0 --fov 30";
     let mesh = composite(path, &format!("{view} --scene floor.gltf --catcher Floor --move 0.1,0.2,0"));
     // The normal is (-sin 20, cos 20, 0). The middle of the lid is 0.4 along it, and its underside 0.3 sin 20 lower.
     let (sin, cos) = 20_f32.to_radians().sin_cos();
@@ -97,17 +105,15 @@ fn a_plane_is_placed_as_a_mesh_is() {
 fn projects_may_have_y_up() {
     let here = folder();
     let path = here.path();
-    succeed(path, "view --env window --width 48 --height 32 --out photo.exr");
+    write_map(&path.join("map.exr"), [1.0; 3]);
+    succeed(path, "view --env map.exr --width 48 --height 32 --out photo.exr");
     let bytes = fs::read(path.join("photo.fspy")).unwrap();
     let project = FspyProject::decode(&bytes, UpAxis::Z).unwrap();
     fs::write(path.join("y.fspy"), project.encode(UpAxis::Y)).unwrap();
-    let of = |camera: &str| composite(path, &format!("--env window --scene sphere --size 0.8 {camera}"));
+    let of = |camera: &str| composite(path, &format!("--env map.exr --scene sphere --size 0.8 {camera}"));
     let z = of("--camera photo.fspy");
-    let y = apart(&of("--camera y.fspy --up y"), &z);
-    assert!(y < 1e-4, "{y}");
-    let command =
-        "composite --photo photo.exr --camera y.fspy --env window --scene sphere --size 0.8 --spp 1 --out wrong";
-    assert!(fail(path, command).contains("--up y"));
+    let (y, wrong) = (apart(&of("--camera y.fspy --up y"), &z), apart(&of("--camera y.fspy"), &z));
+    assert!(y < 1e-4 && wrong > 0.01, "{y}, read as with Z up {wrong}");
 }
 
 /// Factors of the light are those of a map that was multiplied by them: for object, light thrown back, and masks of either kind.
@@ -116,10 +122,7 @@ fn scaled_light_is_that_of_a_scaled_map() {
     let here = folder();
     let path = here.path();
     write_inputs(path);
-    let map = Environment::open("window").unwrap().to_image();
-    let tinted = map.pixels.iter().map(|&[r, g, b]| [3.0 * r, g, 0.25 * b]).collect();
-    write_exr(&path.join("map.exr"), &map, &[]).unwrap();
-    write_exr(&path.join("tinted.exr"), &Image { pixels: tinted, ..map }, &[]).unwrap();
+    write_map(&path.join("tinted.exr"), [3.0, 1.0, 0.25]);
     // BRDF sampling does not know the light: the samples are the same.
     let view = "--scene sphere --size 0.8 --sampler brdf --depth 3 --look-from 0,1.6,3 --look-at 0,0.4,0 --fov 30";
     for mask in ["", "--grey-mask"] {
