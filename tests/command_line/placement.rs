@@ -67,7 +67,7 @@ fn map_and_object_turn_the_same_way() {
     let at = |turn: f32, options: &str| {
         let (sin, cos) = turn.to_radians().sin_cos();
         let camera = format!("--look-from {},1.6,{} --look-at 0,0.1,0 --fov 30", 2.0 * sin, 2.0 * cos);
-        composite(path, &format!("--env map.exr --scene lid.gltf {camera} {options}"))
+        composite(path, &format!("--env map.exr --scene lid.gltf --move 0,0.4,0 {camera} {options}"))
     };
     let first = at(0.0, "");
     let all = apart(&at(40.0, "--turn 40 --env-rotate 40"), &first);
