@@ -5,8 +5,12 @@ use headtail_train::FitConfig;
 
 /// Seconds of one core for a training point of a network with few bins, measured on an AMD EPYC (Zen 3) with AVX2, as all numbers here.
 const TRAINING_POINT: f64 = 3e-6;
+/// Seconds of one core for a step of a head on the features of a neural material.
+const NEURAL_HEAD_STEP: f64 = 0.009;
 /// Seconds of one core for a step of a flow tail of 64 bins and 4096 points; the small one of quick runs takes as long.
 const FLOW_STEP: f64 = 0.03;
+/// Seconds of one core for a step of NeuSample's flow with 128 views.
+const RIVAL_STEP: f64 = 0.052;
 /// Seconds of one core for a point at which the samplers of a regime are measured.
 const MEASURED_POINT: f64 = 2e-5;
 
@@ -18,9 +22,19 @@ pub fn training(config: &FitConfig) -> f64 {
     points as f64 * TRAINING_POINT * (0.75 + config.head.bins as f64 / 32.0)
 }
 
+/// Seconds that a head on the features of a neural material takes for so many steps on one core.
+pub fn neural_head(steps: usize) -> f64 {
+    steps as f64 * NEURAL_HEAD_STEP
+}
+
 /// Seconds that a flow tail of so many steps takes on one core.
 pub fn flow_tail(steps: usize) -> f64 {
     steps as f64 * FLOW_STEP
+}
+
+/// Seconds that NeuSample's flow takes for so many steps on one core.
+pub fn rival(steps: usize) -> f64 {
+    steps as f64 * RIVAL_STEP
 }
 
 /// Seconds that everything a configuration says takes to train on the threads that there are.

@@ -10,7 +10,7 @@ use glam::Vec3A;
 #[derive(Args, Clone, Copy, Debug)]
 pub struct LightArguments {
     /// Turn the map around the vertical, counter-clockwise from above.
-    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, visible_alias = "turn-env", value_name = "DEGREES", default_value_t = 0.0, allow_hyphen_values = true)]
     pub env_rotate: f32,
     /// Multiply the map's light: one factor, or three for red, green and blue.
     #[arg(long, value_name = "S|R,G,B", default_value = "1")]

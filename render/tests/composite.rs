@@ -42,7 +42,7 @@ fn film_on(environment: &Arc<Environment>, sampler: &str, settings: Settings, ca
     let (camera, object) = (at_origin(), lid());
     let stage = Stage::new(object, catcher).unwrap();
     let photograph = grey(settings.width, settings.height, 1.0);
-    let backdrop = Backdrop::new(&stage, environment, &photograph, camera, 1.0);
+    let backdrop = Backdrop::new(&stage, environment, &photograph, camera, Vec3A::ONE);
     let estimator = sampler.parse::<SamplerSpec>().unwrap().build(environment).unwrap();
     let composition = Composition { stage: &stage, backdrop: &backdrop, camera: &camera, estimator: &*estimator };
     compose(composition, settings, &AtomicBool::new(false), &|_| {})
@@ -228,13 +228,13 @@ fn a_white_furnace_is_white() {
     let stage = Stage::new(object, catcher).unwrap();
     // Half of the sky's radiance in the units of the photograph.
     let photograph = grey(size, size, 1.0);
-    let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, 2.0);
+    let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, Vec3A::splat(2.0));
     let estimator = SamplerSpec::brdf().build(&environment).unwrap();
     let composition = Composition { stage: &stage, backdrop: &backdrop, camera: &camera, estimator: &*estimator };
     let full = Settings { depth: 200, mask_only: false, ..settings(size, 256) };
     let film = compose(composition, full, &AtomicBool::new(false), &|_| {});
     let mask = Mask::of(&film, MaskForm::ControlVariate);
-    let layers = Layers::new(&film, &mask, &photograph, 2.0, true);
+    let layers = Layers::new(&film, &mask, &photograph, Vec3A::splat(2.0), true);
     let composite = layers.composite();
     let covered: f32 = layers.alpha.iter().sum();
     assert!(covered > 100.0 && mask.values.iter().any(|value| value[1] < 0.7));
@@ -246,6 +246,44 @@ fn a_white_furnace_is_white() {
     // 60 sizes away, which the object sees as 1e-3 of its sky.
     assert!((mean(&|k| layers.alpha[k]) - 1.0).abs() < 1e-2, "object {}", mean(&|k| layers.alpha[k]));
     assert!((mean(&|k| 1.0 - layers.alpha[k]) - 1.0).abs() < 3e-3, "ground {}", mean(&|k| 1.0 - layers.alpha[k]));
+}
+
+/// A mirror ball on a photograph that is red on the left and green on the right, under a blue map: below it shows the photograph, and above the map.
+#[test]
+fn a_glossy_object_shows_the_photograph() {
+    const SIDE: usize = 48;
+    let blue = Image { width: 64, height: 32, pixels: vec![[0.0, 0.0, 1.0]; 64 * 32] };
+    let environment = Arc::new(Environment::from_image("blue", blue).unwrap());
+    let mirror: MaterialSpec = "ggx:alpha=0.01".parse().unwrap();
+    let object = mirror.dress(Scene::open("sphere").unwrap(), &object_bounds()).unwrap();
+    let camera = Camera::new(Vec3A::new(0.0, 2.0, 6.0), Vec3A::new(0.0, 0.5, 0.0), 40.0).unwrap();
+    let low = Vec3A::new(0.0, object.bounds().min.y, 0.0);
+    let stage = Stage::new(object, Catcher::plane(low, Vec3A::Y, &Scene::open("sphere").unwrap(), &camera).unwrap());
+    let stage = stage.unwrap();
+    let is_left = |k: usize| k % SIDE < SIDE / 2;
+    let pixels = (0..SIDE * SIDE).map(|k| if is_left(k) { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] }).collect();
+    let photograph = Photograph::of_radiance(Image { width: SIDE, height: SIDE, pixels });
+    let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, Vec3A::ONE);
+    let estimator = SamplerSpec::brdf().build(&environment).unwrap();
+    let composition = Composition { stage: &stage, backdrop: &backdrop, camera: &camera, estimator: &*estimator };
+    let full = Settings { depth: 2, mask_only: false, ..settings(SIDE, 32) };
+    let film = compose(composition, full, &AtomicBool::new(false), &|_| {});
+    let layers = Layers::new(&film, &Mask::of(&film, MaskForm::ControlVariate), &photograph, Vec3A::ONE, true);
+    let filled: Vec<usize> = (0..SIDE * SIDE).filter(|&k| layers.alpha[k] == 1.0).collect();
+    let (top, bottom) = (filled[0] / SIDE, filled[filled.len() - 1] / SIDE);
+    let mean = |is_there: &dyn Fn(usize) -> bool| {
+        let own: Vec<Vec3A> =
+            filled.iter().filter(|&&k| is_there(k)).map(|&k| layers.object.get(k % SIDE, k / SIDE)).collect();
+        assert!(own.len() > 20, "{}", own.len());
+        own.iter().sum::<Vec3A>() / own.len() as f32
+    };
+    let above = mean(&|k| k / SIDE < top + (bottom - top) / 3);
+    let below = |left: bool| mean(&|k| k / SIDE > bottom - (bottom - top) / 3 && is_left(k) == left);
+    // A smooth ball reflects all light but for some per cent, from one place for each pixel.
+    assert!(above.z > 0.9 && above.x + above.y < 0.05, "{above}");
+    for (color, own, other) in [(below(true), 0, 1), (below(false), 1, 0)] {
+        assert!(color[own] > 0.5 && color[other] < 0.1 * color[own] && color.z < 0.5 * color[own], "{own}: {color}");
+    }
 }
 
 fn object_bounds() -> headtail_render::scene::Bounds {
@@ -263,7 +301,7 @@ fn light_from_below_the_horizon_casts_no_shadow() {
     let camera = Camera::new(Vec3A::new(0.0, 0.5, 5.0), Vec3A::ZERO, 30.0).unwrap();
     let stage = Stage::new(object, Catcher::mesh(wall)).unwrap();
     let photograph = grey(16, 16, 1.0);
-    let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, 1.0);
+    let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, Vec3A::ONE);
     let estimator = SamplerSpec::brdf().build(&environment).unwrap();
     let composition = Composition { stage: &stage, backdrop: &backdrop, camera: &camera, estimator: &*estimator };
     let film = compose(composition, settings(16, 16), &AtomicBool::new(false), &|_| {});
@@ -288,7 +326,7 @@ fn a_flat_mesh_catches_as_a_plane_does() {
         };
         let stage = Stage::new(object, catcher).unwrap();
         let photograph = grey(32, 32, 1.0);
-        let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, 1.0);
+        let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, Vec3A::ONE);
         let estimator = SamplerSpec::patches().build(&environment).unwrap();
         let composition = Composition { stage: &stage, backdrop: &backdrop, camera: &camera, estimator: &*estimator };
         let film = compose(composition, settings(32, 64), &AtomicBool::new(false), &|_| {});
@@ -308,7 +346,7 @@ fn what_nothing_falls_on_is_the_photograph_to_the_bit() {
     let stage = Stage::new(object, catcher).unwrap();
     let pixels = (0..24 * 24).map(|k| [0.1 + k as f32 / 100.0, 0.3, 0.7]).collect();
     let photograph = Photograph::of_radiance(Image { width: 24, height: 24, pixels });
-    let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, 1.0);
+    let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, Vec3A::ONE);
     let estimator = SamplerSpec::patches().build(&environment).unwrap();
     let composition = Composition { stage: &stage, backdrop: &backdrop, camera: &camera, estimator: &*estimator };
     let full = Settings { depth: 3, mask_only: false, ..settings(24, 8) };
@@ -318,7 +356,7 @@ fn what_nothing_falls_on_is_the_photograph_to_the_bit() {
     });
     assert!(films[0].catcher == films[1].catcher && films[0].object == films[1].object, "threads change the film");
     let mask = Mask::of(&films[0], MaskForm::ControlVariate);
-    let layers = Layers::new(&films[0], &mask, &photograph, 1.0, true);
+    let layers = Layers::new(&films[0], &mask, &photograph, Vec3A::ONE, true);
     let above = 24 * 6;
     assert_eq!(layers.composite().pixels[..above], photograph.image.pixels[..above]);
     assert!(layers.alpha.iter().sum::<f32>() > 1.0);

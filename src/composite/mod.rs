@@ -21,6 +21,7 @@ use headtail_render::{
 use crate::terminal::{self, note, say, warning};
 use crate::{
     arguments::{Triple, note_use},
+    light::LightArguments,
     output::OutputFolder,
     progress,
     report::{number::duration, picture},
@@ -32,7 +33,7 @@ pub use setting::Setting;
 #[command(after_help = "Examples:
   headtail view --env room.hdr --out out/room.exr
   headtail composite --photo out/room.exr --camera out/room.fspy --env room.hdr --scene spot.glb --material lambert --out out/composite
-  headtail composite --photo desk.jpg --camera desk.fspy --env desk.hdr --turn-env 40 --scene cup.glb --size 0.12 --move 0.1,0,-0.2 --preview --out out/cup
+  headtail composite --photo desk.jpg --camera desk.fspy --env desk.hdr --env-rotate 40 --scene cup.glb --size 0.12 --move 0.1,0,-0.2 --preview --out out/cup
   headtail composite --photo wall.png --look-from 0,1.6,4 --look-at 0,1,0 --fov 40 --env room.hdr --scene room.glb --catcher Walls --out out/wall
 
 DIR holds composite.png, composite.exr, layers.exr (layers object with alpha, shadow, light, photograph, for Nuke, Blender or Natron: \
@@ -60,9 +61,8 @@ pub struct Arguments {
     /// The light: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr map.
     #[arg(long, value_name = "NAME|FILE")]
     pub env: String,
-    /// Turn the map around the vertical, counter-clockwise from above.
-    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_hyphen_values = true)]
-    pub turn_env: f32,
+    #[command(flatten)]
+    pub light: LightArguments,
     /// The object: a built-in scene or a glTF 2.0 file (.glb, .gltf).
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: String,
@@ -109,8 +109,8 @@ pub struct Arguments {
     /// Width of the composite in pixels. Default: that of the photograph, for a preview a quarter.
     #[arg(long, value_parser = clap::value_parser!(u32).range(8..=16384))]
     pub width: Option<u32>,
-    /// What the photograph's values are multiplied by to be in the map's units. Default: 1 for OpenEXR and Radiance; for PNG and JPEG what gives
-    /// them the brightness that the map has in the same view.
+    /// What the photograph's values are multiplied by to be in the map's units, before --env-scale. Default: 1 for OpenEXR and Radiance; for PNG and
+    /// JPEG what gives them the brightness that the map has in the same view.
     #[arg(long, value_name = "FACTOR")]
     pub gain: Option<f32>,
     /// Quickly: a quarter of the width and few samples.
@@ -173,7 +173,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     bar.finish_and_clear();
     check_sight(&film)?;
     let mask = Mask::of(&film, arguments.mask);
-    let layers = Layers::new(&film, &mask, &setting.photograph, setting.gain, !arguments.grey_mask);
+    let layers = Layers::new(&film, &mask, &setting.photograph, setting.to_map, !arguments.grey_mask);
     write(arguments, &output, &setting, &film, &layers)?;
     if arguments.json {
         terminal::print_json(&facts(arguments, &setting, &film, &mask))?;
@@ -218,6 +218,8 @@ fn facts(arguments: &Arguments, setting: &Setting, film: &Film, mask: &Mask) -> 
         "sampler": arguments.sampler.to_string(),
         "mask": arguments.mask.to_string(),
         "gain": setting.gain,
+        "env_rotate": arguments.light.env_rotate,
+        "env_scale": arguments.light.env_scale.0.to_array(),
         "catcher": arguments.catcher,
         "mask_rays": film.mask_rays,
         "other_rays": film.other_rays,
@@ -275,6 +277,11 @@ fn write(arguments: &Arguments, output: &OutputFolder, setting: &Setting, film: 
         Attribute::new("mask", arguments.mask.to_string()),
         Attribute::new("spp", film.spp as i32),
         Attribute::new("gain", setting.gain),
+        Attribute::new("environment.rotated", arguments.light.env_rotate),
+        Attribute::new(
+            "environment.scale",
+            arguments.light.env_scale.0.to_array().map(|factor| factor.to_string()).join(","),
+        ),
         Attribute::new("headtail.version", env!("CARGO_PKG_VERSION")),
     ];
     let development = Development::of(setting);

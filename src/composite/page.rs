@@ -26,7 +26,8 @@ pub struct Pictures {
 
 /// The whole page; it needs nothing but itself.
 pub fn page(arguments: &Arguments, setting: &Setting, film: &Film, pictures: &Pictures) -> String {
-    let title = format!("{} under {}", setting.stage.object().name(), setting.environment.name());
+    let light = arguments.light.words();
+    let title = format!("{} under {}{light}", setting.stage.object().name(), setting.environment.name());
     let command = crate::terminal::command();
     let (width, height) = (film.width, film.height);
     let entries = entries(pictures);

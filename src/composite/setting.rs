@@ -14,6 +14,7 @@ use headtail_render::{
 
 use super::{Arguments, Up};
 use crate::arguments::open_environment;
+use crate::light::{Factors, LightArguments};
 use crate::terminal::note;
 
 /// Everything in the coordinates of the map.
@@ -26,8 +27,11 @@ pub struct Setting {
     pub environment: Arc<Environment>,
     /// Object and catcher.
     pub stage: Stage,
-    /// What the photograph's values are multiplied by to be in the map's units.
+    /// What the photograph's values are multiplied by to be in the units of the map as it is lit.
     pub gain: f32,
+    /// The same in those of the map as it was made, per channel: the photograph is divided by the factors of the light instead of multiplying the map, for
+    /// which samplers were made.
+    pub to_map: Vec3A,
 }
 
 /// The least width of a preview.
@@ -38,9 +42,11 @@ impl Setting {
     pub fn open(arguments: &Arguments) -> Result<Self> {
         let (photograph, camera) = photograph_and_camera(arguments)?;
         let environment = open_environment(&arguments.env)?;
-        ensure!(arguments.turn_env.is_finite(), "--turn-env: not an angle");
+        let LightArguments { env_rotate, env_scale: Factors(scale) } = arguments.light;
+        arguments.light.check()?;
+        ensure!(scale.min_element() > 0.0, "--env-scale: a composite needs light in all three channels");
         // Instead of the map, for which samplers were made, everything else is turned the other way.
-        let turn = Affine3A::from_rotation_y(-arguments.turn_env.to_radians());
+        let turn = Affine3A::from_rotation_y(-env_rotate.to_radians());
         let camera = camera.moved(&turn);
         let stage = stage(arguments, &camera, &turn)?;
         let photograph = sized(arguments, photograph);
@@ -56,12 +62,12 @@ impl Setting {
                 gain
             }
         };
-        Ok(Self { photograph, camera, environment, stage, gain })
+        Ok(Self { photograph, camera, environment, stage, gain, to_map: gain / scale })
     }
 
     /// What the catcher looks like.
     pub fn backdrop(&self) -> Backdrop<'_> {
-        Backdrop::new(&self.stage, &self.environment, &self.photograph, self.camera, self.gain)
+        Backdrop::new(&self.stage, &self.environment, &self.photograph, self.camera, self.to_map)
     }
 }
 

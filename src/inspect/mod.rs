@@ -2,7 +2,7 @@
 
 mod cloth;
 mod continuity;
-mod tails;
+pub mod tails;
 mod visibility;
 
 use std::path::PathBuf;
@@ -99,7 +99,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let _output = OutputFile::take(&arguments.out, |_| true)?;
     if let (true, Some(map)) = (arguments.tail, &arguments.env) {
         let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
-        let tails::Found { picture, table, objects } = tails::inspect(&*open_environment(map)?, file.as_ref())?;
+        let environment = open_environment(map)?;
+        let flow = file.as_ref().map(|file| tails::flow_of(file, &environment)).transpose()?.flatten();
+        let tails::Found { picture, table, objects } = tails::inspect(&environment, flow)?;
         write(arguments, &picture)?;
         if arguments.json {
             return terminal::print_json(&objects);
@@ -152,12 +154,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         out!("{title}\n{facts}\n{} written", arguments.out.display());
     }
     Ok(())
-}
-
-/// What the exact tails of a map make of the square: a picture, and a table in plain text.
-pub fn tail_picture(environment: &headtail_render::environment::Environment) -> Result<(Chart, String)> {
-    let tails::Found { picture, table, .. } = tails::inspect(environment, None)?;
-    Ok((picture, table))
 }
 
 fn write(arguments: &Arguments, picture: &Chart) -> Result<()> {

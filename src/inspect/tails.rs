@@ -53,20 +53,24 @@ pub struct Found {
     pub objects: Vec<serde_json::Value>,
 }
 
-/// The picture and the table of the exact tails of a map, and of a file's tail if that is another one.
-pub fn inspect(environment: &Environment, file: Option<&ExportedSampler>) -> Result<Found> {
+/// The flow tail of a file for a map; none if its tail is an exact one.
+///
+/// # Errors
+/// The file is for another map, or its tail for a part of the light.
+pub fn flow_of<'a>(exported: &'a ExportedSampler, environment: &Environment) -> Result<Option<&'a Tail>> {
+    exported.check_environment(environment)?;
+    ensure!(
+        !exported.compact_emitters,
+        "the file's tail leaves out compact emitters and is not comparable with the map's"
+    );
+    Ok((exported.tail.kind() == TailKind::Flow).then_some(&*exported.tail))
+}
+
+/// The picture and the table of the exact tails of a map, and of a flow that was fitted to it.
+pub fn inspect(environment: &Environment, flow: Option<&Tail>) -> Result<Found> {
     let exact = |kind| Tail::new(kind, environment.width(), environment.height(), &environment.luminance());
     let mut tails = vec![exact(TailKind::RowColumn)?, exact(TailKind::Hierarchical)?];
-    if let Some(exported) = file {
-        exported.check_environment(environment)?;
-        ensure!(
-            !exported.compact_emitters,
-            "the file's tail leaves out compact emitters and is not comparable with the map's"
-        );
-        if exported.tail.kind() == TailKind::Flow {
-            tails.push((*exported.tail).clone());
-        }
-    }
+    tails.extend(flow.cloned());
     let figures: Vec<Figures> = tails.iter().map(Figures::of).collect();
     let mut table = String::from(
         "tail           KL (nats)  largest jump  99 % jump  tears  mean tear  worst cell  y -> x   x -> y\n",

@@ -44,7 +44,8 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
             Part::new(name, shot, move |workshop| composite(workshop, index))
         })
         .collect();
-    parts.push(Part::new("mesh", shot, mesh));
+    let own_shadow = pixels * effort.rendering(passes::OWN_SHADOW * effort.mask_spp);
+    parts.push(Part::new("mesh", shot + own_shadow, mesh));
     let training = cost::training(&workshop.heads.config(Material::Lambert));
     parts.push(Part::new("bias", training + pixels * effort.rendering(9 * effort.mask_spp), bias));
     (intro.to_owned(), parts)
@@ -56,7 +57,7 @@ fn composite(workshop: &Workshop, index: usize) -> Result<Made> {
     let backdrop = shot.backdrop();
     let film = shot.film(&backdrop, &*estimator, Settings { depth: 4, mask_only: false, ..shot.settings(SHOWN, 3) });
     let mask = Mask::of(&film, MaskForm::ControlVariate);
-    let layers = Layers::new(&film, &mask, &shot.photograph, 1.0, true);
+    let layers = Layers::new(&film, &mask, &shot.photograph, Vec3A::ONE, true);
     let stops = automatic_exposure(&shot.photograph.image) + 0.5;
     let mut made = Made::of(heading(&format!("{} under {}", shot.name, shot.environment.name())));
     made.html += &strip(
@@ -109,7 +110,7 @@ fn mesh(workshop: &Workshop) -> Result<Made> {
     let backdrop = shot.backdrop();
     let film = shot.film(&backdrop, &*estimator, Settings { mask_only: false, ..shot.settings(SHOWN, 3) });
     let mask = Mask::of(&film, MaskForm::ControlVariate);
-    let layers = Layers::new(&film, &mask, &shot.photograph, 1.0, true);
+    let layers = Layers::new(&film, &mask, &shot.photograph, Vec3A::ONE, true);
     let (composite, stops) = (layers.composite(), automatic_exposure(&shot.photograph.image) + 0.5);
     let mse = headtail_render::statistics::ErrorMetrics::of(&composite, &after)?.mse;
     let mut made = Made::of(heading(&format!("{} on a mesh: {} under {}", shot.name, view.name, environment.name())));

@@ -28,6 +28,8 @@ pub struct Data {
     materials: Vec<PathBuf>,
     /// A measured material as a network, where there is one.
     fabric: Option<Material>,
+    /// The file that it is in.
+    measured: Option<PathBuf>,
     is_built_in: bool,
 }
 
@@ -65,7 +67,7 @@ impl Data {
         let Some(folder) = folder else {
             let maps = ["studio", "window", "sunset", "overcast"].map(str::to_owned).to_vec();
             let materials = neural_materials(Path::new("checkpoints"));
-            return Ok(Self { maps, scenes: Vec::new(), materials, fabric: None, is_built_in: true });
+            return Ok(Self { maps, scenes: Vec::new(), materials, fabric: None, measured: None, is_built_in: true });
         };
         ensure!(is_folder(folder), "--data: {}: there is no such folder", folder.display());
         let maps = files(folder, "envmaps", &["hdr", "exr"])?;
@@ -77,20 +79,29 @@ impl Data {
         maps.truncate(if quick { 3 } else { usize::MAX });
         let own = neural_materials(&folder.join("materials"));
         let materials = if own.is_empty() { neural_materials(Path::new("checkpoints")) } else { own };
-        let measured = folder.join("nbrdf/nbrdf_all.f32");
-        let fabric = format!("nbrdf:{}#{FABRIC}", measured.display());
-        let fabric = if measured.is_file() { Some(fabric.parse().map_err(anyhow::Error::msg)?) } else { None };
-        Ok(Self { maps, scenes: files(folder, "scenes", &["glb", "gltf"])?, materials, fabric, is_built_in: false })
+        let measured = Some(folder.join("nbrdf/nbrdf_all.f32")).filter(|file| file.is_file());
+        let fabric = measured.as_ref().map(|file| format!("nbrdf:{}#{FABRIC}", file.display()).parse());
+        let fabric = fabric.transpose().map_err(anyhow::Error::msg)?;
+        let scenes = files(folder, "scenes", &["glb", "gltf"])?;
+        Ok(Self { maps, scenes, materials, fabric, measured, is_built_in: false })
     }
 
-    /// A text that differs where maps or scenes do.
-    pub fn key(&self) -> String {
-        let size = |path: &str| fs::metadata(path).map_or(0, |metadata| metadata.len());
-        let maps = self.maps.iter().map(|map| format!("{map} {}", size(map)));
-        let scenes = self.scenes.iter().map(|scene| format!("{} {}", scene.display(), size(&scene.to_string_lossy())));
-        let materials =
-            self.materials.iter().map(|file| format!("{} {}", file.display(), size(&file.to_string_lossy())));
-        maps.chain(scenes).chain(materials).collect::<Vec<_>>().join(", ")
+    /// A hash of the names and contents of all files, and of the names of built-in maps. What a .gltf file refers to is not in it.
+    ///
+    /// # Errors
+    /// A file cannot be read.
+    pub fn key(&self) -> Result<String> {
+        let maps = self.maps.iter().map(Path::new);
+        let others = self.scenes.iter().chain(&self.materials).chain(&self.measured).map(PathBuf::as_path);
+        let mut hasher = blake3::Hasher::new();
+        for path in maps.chain(others) {
+            hasher.update(path.file_name().unwrap_or_default().as_encoded_bytes());
+            if path.is_file() {
+                let contents = fs::read(path).with_context(|| format!("{}", path.display()))?;
+                hasher.update(blake3::hash(&contents).as_bytes());
+            }
+        }
+        Ok(hasher.finalize().to_hex().to_string())
     }
 
     /// In words.
@@ -194,4 +205,39 @@ fn files(folder: &Path, under: &str, endings: &[&str]) -> Result<Vec<PathBuf>> {
         .collect();
     paths.sort();
     Ok(paths)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Parts are kept for what files hold: neither size nor place says that.
+    #[test]
+    fn the_key_is_of_what_files_hold() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path();
+        let data = |folder: &Path| {
+            let file = |name: &str| folder.join(name);
+            Data {
+                maps: vec![file("a.hdr").to_string_lossy().into_owned()],
+                scenes: vec![file("b.glb")],
+                materials: vec![file("c.safetensors")],
+                fabric: None,
+                measured: Some(file("d.f32")),
+                is_built_in: false,
+            }
+        };
+        let names = ["a.hdr", "b.glb", "c.safetensors", "d.f32"];
+        names.into_iter().for_each(|name| fs::write(path.join(name), name).unwrap());
+        let first = data(path).key().unwrap();
+        for name in names {
+            fs::write(path.join(name), name.to_uppercase()).unwrap();
+            assert_ne!(data(path).key().unwrap(), first, "{name}");
+            fs::write(path.join(name), name).unwrap();
+        }
+        fs::create_dir(path.join("moved")).unwrap();
+        names.into_iter().for_each(|name| fs::rename(path.join(name), path.join("moved").join(name)).unwrap());
+        assert_eq!(data(&path.join("moved")).key().unwrap(), first);
+        assert_ne!(Data::open(None, true).unwrap().key().unwrap(), first);
+    }
 }

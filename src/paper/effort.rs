@@ -11,6 +11,8 @@ pub struct Effort {
     pub ggx_steps: usize,
     /// Steps of the flow tail.
     pub flow_steps: usize,
+    /// Steps of NeuSample's flows; none are trained where there are none.
+    pub rival_steps: usize,
     /// Width of renderings; their height is three quarters of it.
     pub width: usize,
     /// Runs of each sampler.
@@ -34,6 +36,7 @@ impl Effort {
         ggx_steps: 600,
         // With 150 steps the flow of a room with a window shears by more turns than its table takes.
         flow_steps: 300,
+        rival_steps: 0,
         width: 160,
         runs: 3,
         reference_spp: 512,
@@ -46,6 +49,7 @@ impl Effort {
         cosine_steps: 1000,
         ggx_steps: 4000,
         flow_steps: 1000,
+        rival_steps: 2000,
         width: 320,
         runs: 6,
         reference_spp: 2048,

@@ -43,8 +43,13 @@ fn materials() -> [Material; 3] {
     [Material::Lambert, Material::Ggx { low: 0.4, high: 0.4 }, Material::Ggx { low: 0.2, high: 0.8 }]
 }
 
-/// A material's name; of a measured one without its file.
+/// A material's name; of a measured or neural one without its file.
 pub fn short_name(material: Material) -> String {
+    if let Material::Measured(materials) = material
+        && let Some(texture) = materials.texture()
+    {
+        return texture.description().name.clone();
+    }
     let name = material.to_string();
     name.split_once('#').map_or(name.clone(), |(_, name)| name.to_owned())
 }

@@ -6,21 +6,25 @@ use std::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
+    time::Instant,
 };
 
 use anyhow::{Result, bail};
 use headtail_render::{
+    brdf::{Brdf as _, NeuralTexture},
     environment::Environment,
     export::{ExportedSampler, Intermediate},
-    head::Head,
+    head::{Condition, Head},
+    rival::{RivalFile, RivalKind},
     tail::TailKind,
 };
 use headtail_train::{
     FitConfig, Loss, Material, Preset, Run, Summary, Target, TrainingLight, Viewpoints, build_target, exported_sampler,
     fit, native_head,
+    rival::{RivalFit, RivalMaterial, RivalSettings},
 };
 
-use super::{effort::Effort, fits::short_name};
+use super::{data::View, effort::Effort, fits::short_name};
 use crate::arguments::make_folder;
 
 /// The heads of a page.
@@ -51,10 +55,11 @@ impl Heads {
         Ok(Self { folder: folder.to_owned(), effort, stop, naive: Mutex::default(), flows: Mutex::default() })
     }
 
-    /// How a head is trained that stands for the paper's: this program's fast preset, without the share beside BRDF sampling that it would learn.
+    /// How a head is trained that stands for the paper's: this program's fast preset, without the share beside BRDF sampling that it would learn but for
+    /// neural materials over surfaces.
     pub fn config(&self, material: Material) -> FitConfig {
         let mut config = Preset::fast_for(material).config().for_material(material);
-        config.head.share = false;
+        config.head.share &= material.condition() == Condition::Texture;
         config.fall_back = false;
         config.validate_every = 0;
         config.steps = if material == Material::Lambert { self.effort.cosine_steps } else { self.effort.ggx_steps };
@@ -66,10 +71,60 @@ impl Heads {
     /// # Errors
     /// See [`fit()`]; an interrupted training is an error.
     pub fn of(&self, environment: &Environment, material: Material) -> Result<Trained> {
-        let config = self.config(material);
-        let name = format!("{}-{}-{}", environment.name(), short_name(material), config.steps);
+        let name = format!("{}-{}", environment.name(), short_name(material));
+        self.seen(environment, material, &name, || Ok(Viewpoints::Sphere))
+    }
+
+    /// The head of a neural material for what a camera sees under a map.
+    ///
+    /// # Errors
+    /// As [`Self::of`], and if the camera sees nothing.
+    pub fn of_view(&self, environment: &Environment, material: Material, view: &View) -> Result<Trained> {
+        let (width, height) = (self.effort.width, self.effort.width * 3 / 4);
+        let viewpoints = || Ok(Viewpoints::of_scene(&view.scene, &view.camera, width, height, 0)?);
+        let name = format!("{}-{}-{}-{width}", environment.name(), view.name, short_name(material));
+        self.seen(environment, material, &name, viewpoints)
+    }
+
+    /// NeuSample's flow for a neural material: from its file, or trained now.
+    ///
+    /// # Errors
+    /// See [`RivalFit::new`]; an interrupted training is an error.
+    pub fn neusample(&self, texture: &Arc<NeuralTexture>) -> Result<PathBuf> {
+        let steps = self.effort.rival_steps;
+        let material = RivalMaterial::textured(texture.clone());
+        let file = self.file(&format!("neusample-{}{}-{steps}", material.name, short(&material.identity)));
+        if RivalFile::read(&file).is_ok_and(|known| known.rivals[0].1 == material.identity) {
+            return Ok(file);
+        }
+        let start = Instant::now();
+        let kind = RivalKind::Flow;
+        let mut fit = RivalFit::new(RivalSettings { steps, ..RivalSettings::new(kind) }, &material, None)?;
+        while fit.step() < steps {
+            fit.advance()?;
+            if self.stop.load(Ordering::Relaxed) {
+                bail!(crate::progress::Interrupted::new("while a flow of NeuSample's was trained"));
+            }
+        }
+        let rivals = vec![(material.name.clone(), material.identity, fit.rival()?)];
+        RivalFile { kind, rivals, seconds: Some(start.elapsed().as_secs_f64()) }.write(&file)?;
+        Ok(file)
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
         let name: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
-        let file = self.folder.join(name).with_extension("safetensors");
+        self.folder.join(name).with_extension("safetensors")
+    }
+
+    fn seen(
+        &self,
+        environment: &Environment,
+        material: Material,
+        name: &str,
+        viewpoints: impl FnOnce() -> Result<Viewpoints>,
+    ) -> Result<Trained> {
+        let config = self.config(material);
+        let file = self.file(&format!("{name}{}-{}", identity(material), config.steps));
         if let Ok(exported) = ExportedSampler::read(&file)
             && exported.check_environment(environment).is_ok()
             && let Intermediate::Head(head) = exported.intermediate
@@ -78,7 +133,7 @@ impl Heads {
             return Ok(Trained { head, file, seconds });
         }
         let light = TrainingLight::new(&config, environment)?;
-        let target = build_target(&config, &light.tail, Viewpoints::Sphere);
+        let target = build_target(&config, &light.tail, viewpoints()?);
         let fitted = fit(&config, &*target, &mut |_| {}, &self.stop)?;
         self.check(&fitted.summary)?;
         exported_sampler(&fitted.head, &config, &fitted.summary, environment, &light, true)?.write(&file)?;
@@ -144,4 +199,15 @@ impl Heads {
         }
         Ok(())
     }
+}
+
+/// What tells materials of one name apart: the first letters of the hashes of their weights; nothing for analytic ones.
+fn identity(material: Material) -> String {
+    let Material::Measured(materials) = material else { return String::new() };
+    let of_files = materials.brdfs().iter().filter_map(|brdf| brdf.identity());
+    of_files.chain(materials.texture().map(|texture| texture.hash())).map(|hash| short(&hash)).collect()
+}
+
+fn short(hash: &blake3::Hash) -> String {
+    format!("-{}", &hash.to_hex()[..8])
 }

@@ -4,6 +4,7 @@ mod ablation;
 mod bias;
 mod catcher;
 mod comparison;
+mod cosine_weighted;
 mod costs;
 mod data;
 mod densities;
@@ -148,7 +149,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let effort = if arguments.quick { Effort::QUICK } else { Effort::FULL };
     let stop = progress::stop_flag()?;
     let heads = Heads::new(&arguments.out.join("heads"), effort, stop.clone())?;
-    let stamp = format!("{} {} {effort:?}", env!("CARGO_PKG_VERSION"), data.key());
+    let stamp = format!("{} {} {effort:?}", env!("CARGO_PKG_VERSION"), data.key()?);
     let workshop = Workshop { data, effort, heads, stop };
     let sections = sections(&workshop);
     let is_wanted = |name: &str| arguments.only.is_empty() || arguments.only.iter().any(|text| name.contains(&**text));
@@ -265,7 +266,7 @@ impl Page {
                     "After Litalien et al. 2024, \u{201c}Neural Product Importance Sampling via Warp Composition\u{201d}. Scenes and maps are not the paper\u{2019}s: \
                      its numbers stand beside ours where its text states them, and only ratios can be compared. Heads are trained with this program\u{2019}s batches and optimiser ("
                     (workshop.effort.cosine_steps) " and " (workshop.effort.ggx_steps)
-                    " steps), without a learned share beside BRDF sampling."
+                    " steps), without a learned share beside BRDF sampling but for neural materials."
                 }
             }
         }

@@ -1,27 +1,41 @@
 //! The paper's figures of neural materials: bedroom and cloth.
 
 use anyhow::{Context, Result};
-use headtail_render::spec::SamplerSpec;
+use headtail_render::{
+    estimator::SingleSample,
+    sampler::Covering,
+    spec::{FileKind, RivalFamily, SamplerSpec, Source},
+};
+use headtail_train::Material;
 
 use super::{
     Workshop,
     comparison::{Subject, compare},
+    cosine_weighted::CosineWeighted,
     figure::heading,
+    measure::Entry,
     part::{Made, Part},
     scenes::{baselines, entry},
 };
+use crate::cost;
 
 /// Scene, material, and how often its tile is repeated.
 const FABRICS: [(&str, &str, u32); 3] = [("bedroom", "welt", 24), ("cloth", "satin", 20), ("cloth", "velvet", 12)];
 
 /// The section.
 pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
-    let intro = "<p class=\"note\">Fabrics as networks over textures of features, 4 samples per pixel: a matte striped weave on the bed, metallic threads and glossy pile as a drape. \u{201c}brdf\u{201d} draws from \
-         the two lobes that each material's own network gives, which is what NeuSample is to the paper; \u{201c}emitter\u{201d} draws from the light alone. There are no heads for materials with textures: \u{201c}patches\u{201d}, the product in \
-         closed form, is this program's product sampler, and the ablation has a head for a measured fabric. <span class=\"paper\">The paper: NeuSample is little better than cosine sampling, emitter sampling is better than both, \
-         its product sampler is the best by a significant margin, also where lobes are narrow and NeuSample is combined with emitter sampling (equal time; no figures but those of the ablation).</span></p>\n";
+    let mut intro = "<p class=\"note\">Fabrics as networks over textures of features, 4 samples per pixel: a matte striped weave on the bed, metallic threads and glossy pile as a drape. \u{201c}cosine\u{201d} draws as \
+         for diffuse surfaces, \u{201c}brdf\u{201d} from the two lobes that each material\u{2019}s own network gives, \u{201c}neusample\u{201d} from NeuSample\u{2019}s flow for the material (<code>fit-rival --kind flow</code>), alone or in one-sample MIS \
+         with the light (\u{201c}+ emitter\u{201d}), \u{201c}emitter\u{201d} from the light alone. \u{201c}head + MIS\u{201d} is a head on the material\u{2019}s features for what the camera sees (<code>fit --material neural:FILE --conditions-from SCENE</code>), with a learned share \
+         beside the material\u{2019}s own lobes; \u{201c}patches\u{201d} is the product in closed form. <span class=\"paper\">The paper: NeuSample is little better than cosine sampling, emitter sampling is better than both, \
+         its product sampler is the best by a significant margin, also where lobes are narrow and NeuSample is combined with emitter sampling (equal time; no figures but those of the ablation).</span></p>\n"
+        .to_owned();
+    if workshop.effort.rival_steps == 0 {
+        intro += "<p class=\"incomplete\"><b>NeuSample\u{2019}s flows are left out of a quick page:</b> their training takes two minutes of one core for each material.</p>\n";
+    }
     let part = |(scene, material, repeat): (&'static str, &'static str, u32)| {
-        let cost = 2.0 * workshop.effort.comparison(6);
+        let training = cost::neural_head(workshop.effort.ggx_steps) + cost::rival(workshop.effort.rival_steps);
+        let cost = 2.0 * workshop.effort.comparison(9) + training;
         Part::new(format!("{scene}, {material}"), cost, move |workshop| fabric(workshop, scene, material, repeat))
     };
     let there = FABRICS.into_iter().filter(|(_, material, _)| workshop.data.neural_material(material).is_some());
@@ -36,26 +50,39 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
         ),
     };
     if parts.is_empty() {
-        return (String::new(), vec![Part::new("none", 0.0, move |_| Ok(Made::of(intro.to_owned() + &said)))]);
+        return (String::new(), vec![Part::new("none", 0.0, move |_| Ok(Made::of(intro.clone() + &said)))]);
     }
-    (intro.to_owned() + &said, parts)
+    (intro + &said, parts)
 }
 
 fn fabric(workshop: &Workshop, scene: &'static str, material: &'static str, repeat: u32) -> Result<Made> {
     let environment = workshop.data.map(if scene == "cloth" { 1 } else { 0 })?;
     let file = workshop.data.neural_material(material).context("a neural material that was there")?;
-    let view = workshop.data.view(scene, &format!("neural:{},repeat={repeat}", file.display()))?;
+    let text = format!("neural:{},repeat={repeat}", file.display());
+    let view = workshop.data.view(scene, &text)?;
     let title = format!("{scene}, {material}, under {}", environment.name());
+    let own: Material = text.parse().map_err(anyhow::Error::msg)?;
+    let head = SamplerSpec::file_with_mis(FileKind::Head, workshop.heads.of_view(&environment, own, &view)?.file);
+    let cosine = SingleSample::new(Covering::new(CosineWeighted)?, environment.clone());
+    let mut samplers = vec![("brdf", SamplerSpec::brdf())];
     let mut entries = baselines(&environment)?;
-    entries.insert(1, entry("brdf", &SamplerSpec::brdf(), &environment)?);
-    entries.insert(2, entry("emitter", &SamplerSpec::emitter(), &environment)?);
+    let resampling = entries.split_off(1);
+    entries.push(Entry { name: "cosine".into(), estimator: Box::new(cosine) });
+    entries.push(entry("brdf", &SamplerSpec::brdf(), &environment)?);
+    if let (1.., Material::Measured(own)) = (workshop.effort.rival_steps, own) {
+        let file = workshop.heads.neusample(own.texture().context("a material with a texture")?)?;
+        for (name, with_emitter) in [("neusample", false), ("neusample + emitter", true)] {
+            let (family, file) = (RivalFamily::NeuSample, file.clone());
+            let spec = SamplerSpec::One(Source::Rival { family, file, with_emitter });
+            entries.push(entry(name, &spec, &environment)?);
+            samplers.push((name, spec));
+        }
+    }
+    entries.push(entry("emitter", &SamplerSpec::emitter(), &environment)?);
+    entries.extend(resampling);
+    entries.push(entry("head + MIS", &head, &environment)?);
     entries.push(entry("patches", &SamplerSpec::patches(), &environment)?);
-    let samplers = vec![
-        ("brdf", SamplerSpec::brdf()),
-        ("emitter", SamplerSpec::emitter()),
-        ("mis", SamplerSpec::mis()),
-        ("patches", SamplerSpec::patches()),
-    ];
-    let subject = Subject { view, environment, entries, shown: Some("emitter"), heads: None, samplers };
+    samplers.extend([("mis", SamplerSpec::mis()), ("head + MIS", head), ("patches", SamplerSpec::patches())]);
+    let subject = Subject { view, environment, entries, shown: Some("head + MIS"), heads: None, samplers };
     compare(workshop, &subject, heading(&title))
 }

@@ -57,7 +57,7 @@ impl Shot {
 
     /// What the catcher looks like, and its light: of a mesh for all normals, which takes some time.
     pub fn backdrop(&self) -> Backdrop<'_> {
-        Backdrop::new(&self.stage, &self.environment, &self.photograph, self.camera, 1.0)
+        Backdrop::new(&self.stage, &self.environment, &self.photograph, self.camera, Vec3A::ONE)
     }
 
     /// One pass.

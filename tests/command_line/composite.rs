@@ -1,7 +1,8 @@
 //! `view`, `composite` and `paper` from outside.
 
-use std::fs;
+use std::{collections::HashMap, fs, path::Path};
 
+use exr::prelude::read_first_flat_layer_from_file;
 use headtail_render::{
     image::{Image, Photograph, write_exr},
     scene::{FspyProject, UpAxis},
@@ -33,6 +34,32 @@ fn an_object_is_put_into_a_view_of_a_map() {
     assert_eq!(before.pixels[..60 * 8], after.pixels[..60 * 8]);
     assert!(before != after && after.pixels.as_flattened().iter().all(|value| value.is_finite()));
     assert_eq!(picture(&path.join("out/layers.exr")), after);
+    assert_layers_make(&path.join("out/layers.exr"), &before, &after);
+}
+
+/// What a compositor makes of the layers of a file is the composite, over the photograph.
+fn assert_layers_make(file: &Path, photograph: &Image, composite: &Image) {
+    let layer = read_first_flat_layer_from_file(file).unwrap();
+    let channels = layer.layer_data.channel_data.list;
+    let channels: HashMap<String, Vec<f32>> =
+        channels.into_iter().map(|own| (own.name.to_string(), own.sample_data.values_as_f32().collect())).collect();
+    let alpha = &channels["object.A"];
+    assert!(alpha.iter().any(|alpha| (0.01..0.99).contains(alpha)), "edges are covered in part");
+    for (k, letter) in ["R", "G", "B"].into_iter().enumerate() {
+        let [object, shadow, light, behind] =
+            ["object", "shadow", "light", "photograph"].map(|name| &channels[&format!("{name}.{letter}")]);
+        assert!(shadow.iter().any(|&shadow| shadow < 0.9) && light.iter().any(|&light| light > 0.0), "{letter}");
+        for (index, alpha) in alpha.iter().enumerate() {
+            assert_eq!(behind[index], photograph.pixels[index][k]);
+            let expected = object[index] + (1.0 - alpha) * (behind[index] * shadow[index] + light[index]);
+            let found = composite.pixels[index][k];
+            // A few roundings of sums of the size of the terms.
+            assert!(
+                (found - expected).abs() <= 1e-6 * (1.0 + expected.abs()),
+                "{letter} {index}: {found}, not {expected}"
+            );
+        }
+    }
 }
 
 #[test]
@@ -201,13 +228,20 @@ fn the_paper_is_made_section_by_section() {
     assert!(fail(path, "paper --quick --data empty --out out").contains("no .hdr or .exr"));
 }
 
-/// A signal leaves the parts that were done, and the same command goes on.
+/// A signal leaves the parts that were done, and the same command makes those that are missing, and no others.
 #[cfg(target_os = "linux")]
 #[test]
 fn an_interrupted_paper_goes_on() {
     let here = folder();
     let path = here.path();
-    let mut command = super::command(path, "paper --quick --only neural --only example --out out");
+    let arguments = "paper --quick --only neural --only example --out out";
+    let part = |name: &str| path.join("out/sections").join(name).with_extension("json");
+    // Sections are made in their order; the second is of no work here, and is put in the place of one that was done.
+    succeed(path, "paper --quick --only neural --out out");
+    let (done, missing) = (part("neural--none"), part("example--image-and-Gaussian"));
+    let kept = fs::read_to_string(&done).unwrap().replace("materials are not here", "Kept");
+    fs::write(&done, &kept).unwrap();
+    let mut command = super::command(path, arguments);
     let child = command.stderr(std::process::Stdio::piped()).spawn().unwrap();
     std::thread::sleep(std::time::Duration::from_millis(600));
     let status = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
@@ -216,4 +250,14 @@ fn an_interrupted_paper_goes_on() {
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{message}");
     assert!(message.contains("interrupted"), "{message}");
+    assert!(!missing.exists() && fs::read_to_string(&done).unwrap() == kept);
+    let said = succeed(path, arguments);
+    assert!(said.contains("2 of 8 sections"), "{said}");
+    assert!(missing.exists() && fs::read_to_string(&done).unwrap() == kept);
+    let page = fs::read_to_string(path.join("out/paper.html")).unwrap();
+    assert!(page.contains("near-perfect fit") && page.contains("Kept"));
+    // What was finished is not made again.
+    let made = fs::metadata(&missing).unwrap().modified().unwrap();
+    succeed(path, arguments);
+    assert_eq!(fs::metadata(&missing).unwrap().modified().unwrap(), made);
 }

@@ -13,6 +13,7 @@ mod interruption;
 mod lost_work;
 mod options;
 mod pictures;
+mod placement;
 mod print;
 mod refusals;
 mod samplers;

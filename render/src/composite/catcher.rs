@@ -97,8 +97,8 @@ pub struct Backdrop<'a> {
     environment: &'a Environment,
     photograph: &'a Photograph,
     camera: Camera,
-    /// What turns the photograph's values into the map's units.
-    gain: f32,
+    /// What turns the photograph's values into the map's units, per channel.
+    gain: Vec3A,
     irradiance: Table,
 }
 
@@ -112,13 +112,13 @@ enum Table {
 }
 
 impl<'a> Backdrop<'a> {
-    /// A photograph by a camera, whose values times `gain` are radiance in the units of the map.
+    /// A photograph by a camera, whose values times `gain` (positive, per channel) are radiance in the units of the map.
     pub fn new(
         stage: &Stage,
         environment: &'a Environment,
         photograph: &'a Photograph,
         camera: Camera,
-        gain: f32,
+        gain: Vec3A,
     ) -> Self {
         let exact = Irradiance::new(environment);
         let irradiance = match stage.plane {
@@ -137,6 +137,11 @@ impl<'a> Backdrop<'a> {
     pub(super) fn inverse_irradiance(&self, n: Vec3A) -> Vec3A {
         let irradiance = self.irradiance.at(n);
         Vec3A::select(irradiance.cmpgt(Vec3A::splat(f32::MIN_POSITIVE)), irradiance.recip(), Vec3A::ZERO)
+    }
+
+    /// Light of the map in the units of the photograph.
+    pub(super) fn seen(&self, light: Vec3A) -> Vec3A {
+        light / self.gain
     }
 
     /// What the catcher radiates at `p` without the object, in the map's units: the photograph where that shows it, and what the map has

@@ -24,8 +24,8 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// The layers of a film and its mask; the photograph has the film's size, and its values times `gain` are radiance.
-    pub fn new(film: &Film, mask: &Mask, photograph: &Photograph, gain: f32, in_color: bool) -> Self {
+    /// The layers of a film and its mask; the photograph has the film's size, and its values times `gain`, per channel, are radiance of the map.
+    pub fn new(film: &Film, mask: &Mask, photograph: &Photograph, gain: Vec3A, in_color: bool) -> Self {
         let (width, height, spp) = (film.width, film.height, f64::from(film.spp.max(1)));
         let black = || Image::black(width, height);
         let mut layers = Self {
@@ -37,7 +37,7 @@ impl Layers {
         };
         for (index, (catcher, object)) in film.catcher.iter().zip(&film.object).enumerate() {
             layers.alpha[index] = (f64::from(object.0) / spp) as f32;
-            layers.object.pixels[index] = (object.1 / (spp * f64::from(gain))).as_vec3().to_array();
+            layers.object.pixels[index] = (object.1 / (spp * gain.as_dvec3())).as_vec3().to_array();
             let rest = f64::from(film.spp - object.0);
             if rest > 0.0 {
                 let share = (f64::from(catcher.hits) / rest) as f32;

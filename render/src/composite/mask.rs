@@ -95,6 +95,12 @@ impl Mask {
         Self { width: film.width, values: (0..film.catcher.len()).map(pixel).collect() }
     }
 
+    /// The same with the mask of luminance in all channels.
+    #[must_use]
+    pub fn grey(&self) -> Self {
+        Self { values: self.values.iter().map(|value| [value[3]; 4]).collect(), ..*self }
+    }
+
     /// The quotient of the sums of a pass with the object and of one without it, both of the same camera: two passes.
     pub fn of_two(with: &Film, without: &Film) -> Self {
         let quotient = |(a, b): (&CatcherSums, &CatcherSums)| {

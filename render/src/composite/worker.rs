@@ -376,9 +376,9 @@ fn add(pixels: &mut Pixels, path: &Path, radiance: Vec3A) {
     }
 }
 
-/// What a white surface reflects, over what it would reflect unshadowed: per channel, and of luminance.
+/// What a white surface reflects, over what it would reflect unshadowed: per channel, and of luminance in the units of the photograph.
 fn relative(radiance: Vec3A, backdrop: &Backdrop<'_>, n: Vec3A) -> DVec4 {
     let arriving = std::f32::consts::PI * radiance;
-    let grey = f64::from(luminance(arriving)) / f64::from(luminance(backdrop.irradiance(n)));
-    (arriving * backdrop.inverse_irradiance(n)).as_dvec3().extend(grey)
+    let [own, all] = [arriving, backdrop.irradiance(n)].map(|light| f64::from(luminance(backdrop.seen(light))));
+    (arriving * backdrop.inverse_irradiance(n)).as_dvec3().extend(own / all)
 }

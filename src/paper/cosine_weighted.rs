@@ -1,0 +1,44 @@
+//! Cosine-weighted directions, whatever the material: a baseline of the paper's.
+
+use glam::{Vec2, Vec3};
+use headtail_render::{
+    brdf::{Kernel as _, Lambert},
+    columns::Arena,
+    sampler::{Coverage, Draws, Sampler},
+    simd::{LANES, Lanes},
+    tile::Rows,
+};
+
+/// Draws as a diffuse surface asks for; `brdf` would draw by a material's own lobes.
+pub struct CosineWeighted;
+
+const DIFFUSE: Lambert = Lambert { albedo: Vec3::ONE };
+
+/// Calls `f` with strip, lane and normal of each lane.
+fn for_each(at: &Rows<'_>, mut f: impl FnMut(usize, usize, Vec3)) {
+    for strip in 0..at.strips() {
+        let [x, y, z] = at.normals(strip);
+        (0..LANES).for_each(|lane| f(strip, lane, Vec3::new(x[lane], y[lane], z[lane])));
+    }
+}
+
+impl Sampler for CosineWeighted {
+    fn sample(&self, at: &Rows<'_>, _state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, _arena: &Arena) {
+        let [x, y, z] = out.wi;
+        for_each(at, |strip, lane, n| {
+            let (wi, pdf) = DIFFUSE.sample(n, n, Vec2::new(u[0][strip][lane], u[1][strip][lane]));
+            (x[strip][lane], y[strip][lane], z[strip][lane]) = wi.into();
+            out.pdf[strip][lane] = pdf;
+        });
+    }
+
+    fn pdf(&self, at: &Rows<'_>, _state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], _arena: &Arena) {
+        for_each(at, |strip, lane, n| {
+            out[strip][lane] = DIFFUSE.pdf(n, n, Vec3::from_array(wi.map(|column| column[strip][lane])));
+        });
+    }
+
+    fn coverage(&self) -> Coverage {
+        Coverage::Everything
+    }
+}
