@@ -8,7 +8,7 @@ use std::{
 
 use anyhow::{Context, Result};
 use clap::Args;
-use headtail_render::{brdf::NeuralTexture, fabric::SourceKind};
+use headtail_render::fabric::SourceKind;
 use headtail_train::neural_texture::{Decibels, Fit, Settings, State, error_over};
 
 use crate::{
@@ -67,7 +67,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
-    let _output = OutputFile::take(&arguments.out, |there| NeuralTexture::read(there).is_ok())?;
+    let output = OutputFile::take(&arguments.out)?;
     let Arguments { side, steps, batch, paths, seed, .. } = *arguments;
     let settings = Settings { side, steps, batch, paths, seed };
     settings.check()?;
@@ -105,7 +105,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if !has_gone_on {
         material.set_seconds(seconds);
     }
-    material.write(&arguments.out)?;
+    output.write(|path| material.write(path))?;
     output::remove_kept(&kept)?;
     out!(
         "{}: {psnr:.1} dB against its source (over the mean square {snr:.1} dB), whose own noise is at {noise:.1} dB",

@@ -68,7 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
-    let _output = OutputFile::take(&arguments.out, |there| RivalFile::read(there).is_ok())?;
+    let output = OutputFile::take(&arguments.out)?;
     let &Arguments { kind, steps, views, directions, seed, .. } = arguments;
     let settings = RivalSettings { steps, views, directions, seed, ..RivalSettings::new(kind) };
     settings.check()?;
@@ -79,7 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         rivals.push((material.name.clone(), material.identity, training.train(material, &stop)?));
     }
     let seconds = (!training.has_gone_on).then(|| start.elapsed().as_secs_f64());
-    RivalFile { kind, rivals, seconds }.write(&arguments.out)?;
+    output.write(|path| RivalFile { kind, rivals, seconds }.write(path))?;
     output::remove_kept(&training.kept)?;
     say!("{} written after {:.0} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())

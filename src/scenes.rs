@@ -1,6 +1,6 @@
 //! `headtail scenes`: what scenes and environments are built in, and pictures of them.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
@@ -46,14 +46,19 @@ pub struct Arguments {
 
 /// Lists the scenes, then renders them.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let _output = arguments.out.as_deref().map(OutputFolder::share).transpose()?;
     let scenes: Vec<Scene> = built_in_names().filter_map(Scene::built_in).collect();
+    let names: Vec<String> = scenes.iter().map(picture_name).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let output = arguments.out.as_deref().map(|folder| OutputFolder::take(folder, &names)).transpose()?;
     match arguments.json {
         true => print_json(&scenes)?,
         false => print(&scenes),
     }
-    let Some(folder) = &arguments.out else { return Ok(()) };
-    write_pictures(arguments, &scenes, folder)
+    output.map_or(Ok(()), |output| write_pictures(arguments, &scenes, &output))
+}
+
+fn picture_name(scene: &Scene) -> String {
+    format!("{}.png", scene.name())
 }
 
 fn print_json(scenes: &[Scene]) -> Result<()> {
@@ -82,8 +87,9 @@ fn print(scenes: &[Scene]) {
     }
 }
 
-fn write_pictures(arguments: &Arguments, scenes: &[Scene], folder: &Path) -> Result<()> {
+fn write_pictures(arguments: &Arguments, scenes: &[Scene], output: &OutputFolder) -> Result<()> {
     let environment = open_environment(&arguments.env)?;
+    output.begin(&[])?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
     let product = Covering::new(ProductSampler::new(light, table))?;
@@ -94,10 +100,10 @@ fn write_pictures(arguments: &Arguments, scenes: &[Scene], folder: &Path) -> Res
         let (camera, environment) = (&scene.camera(), &*environment);
         let view = View { scene, camera, environment, width, height, unshadowed: false, depth: arguments.depth };
         let rendering = quietly(view, &estimator, Budget::Spp(arguments.spp), Points::new(PointSet::Sobol, 1));
-        write_png(&folder.join(scene.name()).with_extension("png"), &rendering.composite(), of_rendering(&rendering))?;
+        write_png(&output.file(&picture_name(scene))?, &rendering.composite(), of_rendering(&rendering))?;
         bar.inc(1);
     }
     bar.finish_and_clear();
-    note!("{} pictures written to {}", scenes.len(), folder.display());
+    note!("{} pictures written to {}", scenes.len(), output.path().display());
     Ok(())
 }

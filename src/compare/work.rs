@@ -111,8 +111,10 @@ impl<'a> Work<'a> {
                     bar.set_message(format!("{} {name}", entry.label));
                     // In a budget of time, the number of samples depends on the machine, and points should not.
                     let points = self.opened.points(*asked, seed + u64::from(run));
-                    self.run(number, name, taken, run, points)?;
-                    done += seconds[index][number];
+                    let of_run = seconds[index][number];
+                    let show = |share: f64| bar.set_position(progress::thousandths(done + share * of_run));
+                    self.run(number, (name, taken), run, points, &show)?;
+                    done += of_run;
                     bar.set_position(progress::thousandths(done));
                 }
             }
@@ -162,10 +164,17 @@ impl<'a> Work<'a> {
     }
 
     /// One run: the picture, its row in the table, and all that is written of it.
-    fn run(&mut self, number: usize, budget_name: &str, budget: Budget, run: u32, points: Points) -> Result<()> {
+    fn run(
+        &mut self,
+        number: usize,
+        (budget_name, budget): (&str, Budget),
+        run: u32,
+        points: Points,
+        progress: &dyn Fn(f64),
+    ) -> Result<()> {
         let entry = &self.entries[number];
         // To the end, whatever the stop flag says: it is one run.
-        let rendering = self.opened.render(&*entry.estimator, budget, points, &AtomicBool::new(false), &|_| {});
+        let rendering = self.opened.render(&*entry.estimator, budget, points, &AtomicBool::new(false), progress);
         let row = self.row(entry, budget_name, run, points.seed(), &rendering)?;
         self.comparison.rows.push(row);
         self.report.update_table(&self.comparison)?;
