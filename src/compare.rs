@@ -14,6 +14,7 @@ use headtail_render::{
     estimator::Estimator,
     export::{ExportedSampler, Intermediate},
     integrator::Budget,
+    memory,
     rival::RivalFile,
     spec::{FileKind, SamplerSpec, Source},
     visibility::SceneVisibility,

@@ -139,7 +139,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     say!("{} and {} (exposed by {stops:+.1} stops) written", arguments.out.display(), png.display());
     if let Some(file) = aovs_file {
-        let features = integrator::features(opened.view(), part);
+        let features = integrator::features(opened.view(), opened.part());
         file.write(|path| write_features(path, &features, arguments.light.env_rotate, &attributes))?;
         say!("{} written", aovs(&arguments.out).display());
     }

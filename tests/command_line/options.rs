@@ -149,6 +149,10 @@ fn data_is_json_and_nothing_else() {
     assert_eq!(json("info f/sampler.safetensors --json")["tail"], "hierarchical");
     let tails = json("inspect --tail --env overcast --json --out tails.pdf");
     assert!(tails[1]["tail"] == "hierarchical" && tails[1]["tear_sides"].is_f64(), "{tails}");
+    let cloth = json("fit-material --source lacquer --side 8 --steps 1 --batch 256 --json --out cloth.safetensors");
+    assert!(cloth["source"] == "lacquer" && cloth["psnr"].is_f64() && cloth["path_error"].is_f64(), "{cloth}");
+    let rivals = json("fit-rival --kind lobes --material neural:cloth.safetensors --steps 1 --json --out rival.safetensors");
+    assert!(rivals[0]["relative_variance"].is_f64() && rivals[0]["cross_entropy"].is_f64(), "{rivals}");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3A};
 use headtail_render::{
-    bake::{BakedTable, CellDirections, CellGrid, CellPoints, NormalGrid},
+    bake::{BakedTable, CellDirections, CellGrid, CellPoints, NormalGrid, Share},
     head::{Condition, Head},
     tail::Tail,
 };
