@@ -1,6 +1,6 @@
 //! `headtail scenes`: what scenes and environments are built in, and pictures of them.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, sync::atomic::AtomicBool};
 
 use anyhow::Result;
 use clap::Args;
@@ -8,7 +8,7 @@ use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     estimator::Ris,
     image::write_png,
-    integrator::{Budget, View},
+    integrator::{self, Budget, View},
     points::{PointSet, Points},
     sampler::{BrdfSampler, Covering, EnvironmentLight, ProductSampler},
     scene::{Scene, built_in_names},
@@ -16,7 +16,7 @@ use headtail_render::{
 };
 
 use crate::terminal::{self, note, out};
-use crate::{arguments::open_environment, exposure::of_rendering, output::OutputFolder, progress, render::quietly};
+use crate::{arguments::open_environment, exposure::of_rendering, output::OutputFolder, progress};
 
 /// List the built-in scenes; with --out, write a picture of each.
 #[derive(Args)]
@@ -94,14 +94,17 @@ fn write_pictures(arguments: &Arguments, scenes: &[Scene], output: &OutputFolder
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
     let product = Covering::new(ProductSampler::new(light, table))?;
     let estimator = Ris::new(product, Covering::new(BrdfSampler)?, 4, environment.clone())?;
-    let bar = progress::bar(scenes.len() as u64, "rendering");
-    for scene in scenes {
+    let bar = progress::bar(progress::SHARES, "rendering");
+    let show = bar.shares();
+    let (stop, count) = (AtomicBool::new(false), scenes.len() as f64);
+    for (number, scene) in scenes.iter().enumerate() {
         let (width, height) = (arguments.width as usize, (arguments.width * 3 / 4) as usize);
         let (camera, environment) = (&scene.camera(), &*environment);
         let view = View { scene, camera, environment, width, height, unshadowed: false, depth: arguments.depth };
-        let rendering = quietly(view, &estimator, Budget::Spp(arguments.spp), Points::new(PointSet::Sobol, 1));
+        let (budget, points) = (Budget::Spp(arguments.spp), Points::new(PointSet::Sobol, 1));
+        let show = |share: f64| show((number as f64 + share) / count);
+        let rendering = integrator::render(view, &estimator, budget, points, &stop, &show);
         write_png(&output.file(&picture_name(scene))?, &rendering.composite(), of_rendering(&rendering))?;
-        bar.inc(1);
     }
     bar.finish_and_clear();
     note!("{} pictures written to {}", scenes.len(), output.path().display());
