@@ -77,10 +77,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     memory::require_pictures(width, height, 0)?;
     let image = rectified_view(&environment, &camera, width, height);
     let stops = automatic_exposure(&image) + arguments.exposure;
-    let attributes = [
-        Attribute::new("environment", latin_1(environment.name())),
-        Attribute::new("png.exposure", stops),
-    ];
+    let attributes =
+        [Attribute::new("environment", latin_1(environment.name())), Attribute::new("png.exposure", stops)];
     exr_file.write(|path| write_exr(path, &image, &attributes))?;
     let codes: Vec<[u8; 3]> =
         image.pixels.iter().map(|pixel| pixel.map(|value| srgb_code(value * stops.exp2()))).collect();

@@ -5,8 +5,8 @@ use std::{path::PathBuf, sync::atomic::Ordering, time::Instant};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use headtail_render::{
-    estimator::LearnedVisibility, integrator::learn_visibility, memory, patches::Detail, points::PointSet, scene::MaterialSpec,
-    visibility::SceneVisibility,
+    estimator::LearnedVisibility, integrator::learn_visibility, memory, patches::Detail, points::PointSet,
+    scene::MaterialSpec, visibility::SceneVisibility,
 };
 
 use crate::{

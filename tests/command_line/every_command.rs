@@ -76,7 +76,8 @@ fn writing<'a>() -> Vec<Writing<'a>> {
 fn write_inputs(folder: &Path) {
     fs::write(folder.join("space.toml"), SPACE).unwrap();
     let weights = |k: usize| ((k * 37) % 19) as f32 * 0.01 - 0.09;
-    fs::write(folder.join("raw.f32"), (0..2 * 675).flat_map(|k| weights(k).to_le_bytes()).collect::<Vec<u8>>()).unwrap();
+    fs::write(folder.join("raw.f32"), (0..2 * 675).flat_map(|k| weights(k).to_le_bytes()).collect::<Vec<u8>>())
+        .unwrap();
     fs::write(folder.join("raw.names.txt"), "a\nb\n").unwrap();
 }
 
@@ -98,7 +99,8 @@ fn a_reader_that_goes_away_loses_nothing_and_only_the_same_command_replaces() {
     let path = here.path();
     write_inputs(path);
     let cases = writing();
-    let others = ["backends --steps 1 --conditions 4 --samples 16 --backend flex", "info bake/table", "completions bash"];
+    let others =
+        ["backends --steps 1 --conditions 4 --samples 16 --backend flex", "info bake/table", "completions bash"];
     let without_reader = |arguments: &str| {
         let output = unread(path, arguments);
         let said = text(&output.stderr);
@@ -324,7 +326,8 @@ fn work_of_minutes_is_announced() {
             // The first line about progress comes after ten seconds.
             assert!(!last.contains(" done, ") || !last.contains("left"), "{arguments}: {said:?}");
         }
-        let announced = said.last().is_some_and(|line| line.contains(" about ") && (line.contains(" min") || line.contains(" h")));
+        let announced =
+            said.last().is_some_and(|line| line.contains(" about ") && (line.contains(" min") || line.contains(" h")));
         assert!(announced, "{arguments}: {said:?}");
     }
 }

@@ -277,8 +277,12 @@ fn a_full_disk_keeps_the_runs_that_were_done() {
     let mut process = std::process::Command::new("unshare");
     let output = process.args(["-rm", "bash", "-c", &script]).current_dir(here.path()).output();
     let Some(said) = output.ok().map(|output| text(&output.stdout)).filter(|said| said.contains("MOUNTED")) else {
-        let allows_namespaces = std::process::Command::new("unshare").args(["-rm", "true"]).status().is_ok_and(|s| s.success());
-        assert!(!(allows_namespaces && std::env::var("CI").is_ok_and(|ci| ci == "true")), "a namespace, and no mount in it");
+        let allows_namespaces =
+            std::process::Command::new("unshare").args(["-rm", "true"]).status().is_ok_and(|s| s.success());
+        assert!(
+            !(allows_namespaces && std::env::var("CI").is_ok_and(|ci| ci == "true")),
+            "a namespace, and no mount in it"
+        );
         eprintln!("skipped: no file system can be mounted; namespaces: {allows_namespaces}");
         return;
     };

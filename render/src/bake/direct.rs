@@ -2,7 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::{cell_directions::CellDirections, cell_grid::CellGrid, normal_grid::NormalGrid, share::Share, table::BakedTable};
+use super::{
+    cell_directions::CellDirections, cell_grid::CellGrid, normal_grid::NormalGrid, share::Share, table::BakedTable,
+};
 use crate::{error::Result, tail::Tail};
 
 /// The share of its time in which the mean squares are found.
