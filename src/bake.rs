@@ -7,13 +7,12 @@ use std::{path::PathBuf, time::Instant};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use headtail_render::{
-    bake::{CellGrid, NormalGrid, direct_bake},
+    bake::{CellGrid, NormalGrid, direct_bake, direct_bake_watched},
     environment::Environment,
     export::{ExportedSampler, Intermediate, TrainingSummary},
     tail::{Tail, TailKind},
-    visibility::SceneVisibility,
 };
-use headtail_train::learned_bake;
+use headtail_train::{learned_bake, learned_bake_watched};
 
 use crate::arguments::{Grid, TailArgument, open_environment};
 use crate::output::OutputFile;
@@ -64,48 +63,40 @@ pub struct Arguments {
 /// Bakes and writes the table.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
+    let output = OutputFile::take(&arguments.out)?;
     if let (true, Some(map)) = (arguments.visibility, &arguments.env) {
-        let _output = OutputFile::take(&arguments.out, |there| SceneVisibility::read(there).is_ok())?;
-        arguments.view.bake(map)?.write(&arguments.out)?;
+        let learned = arguments.view.bake(map)?;
+        output.write(|path| learned.write(path))?;
         say!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
         return Ok(());
     }
     let normals = NormalGrid::new(arguments.normals.0, arguments.normals.1).context("--normals")?;
     let cells = CellGrid::new(arguments.cells.0, arguments.cells.1).context("--cells")?;
-    let output = |run: Option<&str>| {
-        let is_same = |there: &std::path::Path| {
-            let old = ExportedSampler::read(there);
-            old.is_ok_and(|old| old.run.as_deref() == run && !matches!(old.intermediate, Intermediate::Head(_)))
-        };
-        OutputFile::take(&arguments.out, is_same)
-    };
-    let (baked, _output) = match (&arguments.from, &arguments.env) {
+    let baked = match (&arguments.from, &arguments.env) {
         (Some(file), _) => {
             let exported = ExportedSampler::read(file)?;
             let head = exported.head_over_tail().map_err(|error| error.in_file(file))?;
             let run = exported.run.as_ref().map(|run| format!("{run}\n{}", settings(false, normals, cells)));
-            let output = output(run.as_deref())?;
             announce(normals, cells, |few| drop(learned_bake(head, &exported.tail, few, cells)));
-            let busy = progress::busy("baking");
+            let bar = progress::bar(progress::SHARES, "baking");
             let tabulating = Instant::now();
-            let table = learned_bake(head, &exported.tail, normals, cells)?;
-            drop(busy);
+            let table = learned_bake_watched(head, &exported.tail, normals, cells, &bar.shares())?;
+            bar.finish_and_clear();
             let seconds = tabulating.elapsed().as_secs_f64();
             // A file without the time of its training is one that must not depend on the clock.
             let training = exported
                 .training
                 .clone()
                 .map(|training| TrainingSummary { tabulated_seconds: training.seconds.map(|_| seconds), ..training });
-            (ExportedSampler { intermediate: Intermediate::Bake(table), run, training, ..exported }, output)
+            ExportedSampler { intermediate: Intermediate::Bake(table), run, training, ..exported }
         }
         (None, Some(map)) => {
-            let output = output(Some(&direct_settings(map, arguments.tail, normals, cells)?))?;
             let environment = open_environment(map)?;
-            (direct(map, &environment, arguments.tail, normals, cells)?, output)
+            direct(map, &environment, arguments.tail, normals, cells)?
         }
         (None, None) => bail!("give --from FILE, or --direct with --env MAP"),
     };
-    baked.write(&arguments.out)?;
+    output.write(|path| baked.write(path))?;
     say!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())
 }
@@ -149,9 +140,9 @@ pub fn direct(
     let kind: TailKind = tail.into();
     let warp = Tail::new(kind, environment.width(), environment.height(), &environment.luminance())?;
     announce(normals, cells, |few| drop(direct_bake(&warp, few, cells)));
-    let busy = progress::busy("baking");
-    let table = direct_bake(&warp, normals, cells)?;
-    drop(busy);
+    let bar = progress::bar(progress::SHARES, "baking");
+    let table = direct_bake_watched(&warp, normals, cells, &bar.shares())?;
+    bar.finish_and_clear();
     let run = direct_settings(name, tail, normals, cells)?;
     Ok(ExportedSampler::new(Intermediate::DirectBake(table), kind, environment, None)?.with_run(run))
 }

@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 
 use super::{Sweep, collect, folder::SweepFolder, local, report, retry, slurm, status, worker};
 use crate::terminal::{self, only_data, out, print_json, say};
-use crate::{arguments::make_folder, progress};
+use crate::{output::OutputFile, progress};
 
 /// Run a space of settings: every trial once, resumed where it was stopped.
 #[derive(Args)]
@@ -141,25 +141,23 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Action::Collect(arguments) => collect(arguments),
         Action::Report(output) => {
             let sweep = output.place.open()?;
-            let file = output.file(&sweep, "report.html")?;
-            written(&file, &report::page(&sweep, &terminal::command(), &file)?)
+            written(&output.file(&sweep, "report.html"), |file| report::page(&sweep, &terminal::command(), file))
         }
         Action::Work(work) => self::work(work),
     }
 }
 
 impl Output {
-    /// The file, in a folder that is there.
-    fn file(&self, sweep: &Sweep, name: &str) -> Result<PathBuf> {
-        let file = self.file.clone().unwrap_or_else(|| sweep.folder.path().join(name));
-        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
-        folder.map_or(Ok(()), make_folder)?;
-        Ok(file)
+    fn file(&self, sweep: &Sweep, name: &str) -> PathBuf {
+        self.file.clone().unwrap_or_else(|| sweep.folder.path().join(name))
     }
 }
 
-fn written(file: &Path, text: &str) -> Result<()> {
-    headtail_render::file::replace(file, text.as_bytes())?;
+/// Writes what is made for the place of a file, which the page's links lead from.
+fn written(file: &Path, text: impl FnOnce(&Path) -> Result<String>) -> Result<()> {
+    let output = OutputFile::take(file)?;
+    let text = text(file)?;
+    output.write(|path| headtail_render::file::replace(path, text.as_bytes()))?;
     say!("{} written", file.display());
     Ok(())
 }
@@ -173,7 +171,7 @@ fn collect(arguments: &Collect) -> Result<()> {
     if arguments.json {
         print_json(&rows.iter().map(|row| row.record(&sweep)).collect::<Vec<_>>())?;
     }
-    written(&arguments.output.file(&sweep, "trials.csv")?, &collect::csv(&sweep, &rows)?)
+    written(&arguments.output.file(&sweep, "trials.csv"), |_| collect::csv(&sweep, &rows))
 }
 
 fn print_status(arguments: &Status) -> Result<()> {
