@@ -194,7 +194,7 @@ impl<'a> Crew<'a> {
             "a worker ended with {status}; its messages are in {}",
             self.sweep.folder.logs().display()
         );
-        self.all.suspend(|| note!("a worker was ended by {status}; another takes its place"));
+        note!("a worker was ended by {status}; another takes its place");
         self.start()
     }
 

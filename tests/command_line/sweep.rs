@@ -298,9 +298,11 @@ fn twenty_kills_of_workers_and_of_the_parent_change_nothing() {
     while kills < 20 {
         sleep(Duration::from_millis(10 + numbers.below(60)));
         // Now and then there is something to go on from, however slow the machine is.
-        if kills % 5 == 4 {
-            let before = steps();
-            wait(|| steps() > before);
+        let (before, since) = (steps(), Instant::now());
+        while kills % 5 == 4 && steps() <= before && process.try_wait().unwrap().is_none() {
+            let messages = fs::read_to_string(path.join("messages")).unwrap();
+            assert!(since.elapsed() < Duration::from_secs(120), "no step in two minutes: {messages}");
+            sleep(Duration::from_millis(10));
         }
         if process.try_wait().unwrap().is_some() {
             break;
@@ -319,7 +321,11 @@ fn twenty_kills_of_workers_and_of_the_parent_change_nothing() {
         }
     }
     process.wait().unwrap();
-    assert!(kills == 20 && parents >= 2, "the sweep was over after {kills} kills, {parents} of the parent");
+    assert!(
+        kills == 20 && parents >= 2,
+        "the sweep was over after {kills} kills, {parents} of the parent: {}",
+        fs::read_to_string(path.join("messages")).unwrap()
+    );
     let left = headtail(path, "sweep retry space.toml --out killed");
     assert!(left.status.success(), "{}", text(&left.stderr));
     succeed(path, "sweep run space.toml --out killed --jobs 2 --threads 1");
