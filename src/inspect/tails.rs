@@ -201,7 +201,9 @@ fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
     for figures in figures {
         let Tears { length, mean, .. } = figures.tears;
         let title = format!("{}: torn along {length:.1} sides, by {:.1} %", figures.kind.name(), 100.0 * mean);
-        panels.push(Panel::plain(title, (&figures.tears.colors(), continuity::SIDE), Sides::Square)?);
+        // Twice as wide as high, as the square is drawn above.
+        let colors: Vec<[u8; 3]> = figures.tears.colors().into_iter().flat_map(|color| [color; 2]).collect();
+        panels.push(Panel::plain(title, (&colors, 2 * continuity::SIDE), Sides::Square)?);
     }
     densities("tails", &[format!("What tails of '{map}' make of the square")], &panels, 2)
 }

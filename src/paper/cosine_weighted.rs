@@ -42,3 +42,38 @@ impl Sampler for CosineWeighted {
         Coverage::Everything
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3A;
+    use headtail_render::{
+        brdf::Ggx,
+        random::{Purpose, Stream},
+        sampler::{AtPoint, BrdfSampler},
+        tile::ShadingPoint,
+    };
+
+    use super::*;
+
+    /// On a diffuse surface that is BRDF sampling; on any other it stays what it is.
+    #[test]
+    fn every_surface_is_sampled_as_a_diffuse_one() {
+        let n = Vec3A::new(0.3, 0.8, -0.4).normalize();
+        let diffuse = ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface: DIFFUSE.into() };
+        let glossy = ShadingPoint { surface: Ggx::new(0.1, Vec3::ONE).into(), ..diffuse };
+        let expected = AtPoint::new(&BrdfSampler, &diffuse);
+        let mut random = Stream::new(1, Purpose::Test, 0);
+        let u: Vec<Vec2> = (0..50).map(|_| random.uniform2()).collect();
+        let wi: Vec<Vec3A> = (0..50).map(|_| random.direction()).collect();
+        for point in [diffuse, glossy] {
+            let own = AtPoint::new(&CosineWeighted, &point);
+            for (a, b) in own.sample_many(&u).into_iter().zip(expected.sample_many(&u)) {
+                let (a, b) = (a.unwrap(), b.unwrap());
+                assert!((a.wi - b.wi).length() < 1e-6 && (a.pdf - b.pdf).abs() < 1e-6, "{a:?} {b:?}");
+            }
+            for (a, b) in own.pdf_many(&wi).into_iter().zip(expected.pdf_many(&wi)) {
+                assert!((a - b).abs() < 1e-6, "{a} {b}");
+            }
+        }
+    }
+}

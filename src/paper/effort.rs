@@ -43,7 +43,7 @@ impl Effort {
         mask_spp: 512,
         density_rows: 96,
     };
-    /// Some one and a half hours of one core for twelve maps. A reference of 2048 samples by patches has a 500th of the error at 4 samples.
+    /// Some two hours of one core for twelve maps. A reference of 2048 samples by patches has a 500th of the error at 4 samples.
     pub const FULL: Self = Self {
         maps: 12,
         cosine_steps: 1000,
