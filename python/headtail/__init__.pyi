@@ -5,20 +5,20 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-class DLPack(Protocol):
+class _DLPack(Protocol):
     def __dlpack__(self, **settings: Any) -> Any: ...
     def __dlpack_device__(self) -> tuple[Any, int]: ...
 
-Array = npt.ArrayLike | DLPack
-Path = str | PathLike[str]
-Floats = npt.NDArray[np.float32]
+_Array = npt.ArrayLike | _DLPack
+_Path = str | PathLike[str]
+_Floats = npt.NDArray[np.float32]
 
 class HeadtailError(ValueError): ...
 
 class Environment:
-    def __init__(self, name_or_path: Path) -> None: ...
+    def __init__(self, name_or_path: _Path) -> None: ...
     @classmethod
-    def from_array(cls, texels: Array, name: str = ...) -> Environment: ...
+    def from_array(cls, texels: _Array, name: str = ...) -> Environment: ...
     @property
     def name(self) -> str: ...
     @property
@@ -27,77 +27,78 @@ class Environment:
     def hash(self) -> str: ...
     @property
     def repairs(self) -> list[str]: ...
-    def array(self) -> Floats: ...
-    def radiance(self, wi: Array, out: Array | None = ...) -> Floats: ...
+    def array(self) -> _Floats: ...
+    def radiance(self, wi: _Array, out: _Array | None = ...) -> _Floats: ...
 
 class Draws(NamedTuple):
-    wi: Floats
-    pdf: Floats
-    radiance: Floats | None
+    wi: _Floats
+    pdf: _Floats
+    radiance: _Floats | None
 
 class Sampler:
+    def __init__(self, native: Any) -> None: ...
     @classmethod
-    def from_spec(cls, spec: str, env: Environment | Path | Array) -> Sampler: ...
+    def from_spec(cls, spec: str, env: Environment | _Path | _Array) -> Sampler: ...
     @classmethod
-    def open(cls, path: Path, env: Environment | Path | Array | None = ...) -> Sampler: ...
+    def open(cls, path: _Path, env: Environment | _Path | _Array | None = ...) -> Sampler: ...
     @property
     def info(self) -> dict[str, Any]: ...
     def sample(
         self,
-        n: Array,
-        wo: Array | None = ...,
-        alpha: Array | float | None = ...,
-        f0: Array | float | None = ...,
-        u: Array | None = ...,
+        n: _Array,
+        wo: _Array | None = ...,
+        alpha: _Array | float | None = ...,
+        f0: _Array | float | None = ...,
+        u: _Array | None = ...,
         *,
         count: int | None = ...,
         seed: int = ...,
         radiance: bool = ...,
-        out: tuple[Array | None, Array | None, Array | None] | None = ...,
+        out: tuple[_Array | None, _Array | None, _Array | None] | None = ...,
     ) -> Draws: ...
     def pdf(
         self,
-        wi: Array,
-        n: Array,
-        wo: Array | None = ...,
-        alpha: Array | float | None = ...,
-        f0: Array | float | None = ...,
+        wi: _Array,
+        n: _Array,
+        wo: _Array | None = ...,
+        alpha: _Array | float | None = ...,
+        f0: _Array | float | None = ...,
         *,
-        out: Array | None = ...,
-    ) -> Floats: ...
-    def save(self, path: Path) -> None: ...
+        out: _Array | None = ...,
+    ) -> _Floats: ...
+    def save(self, path: _Path) -> None: ...
 
 class Scene:
-    def __init__(self, name_or_path: Path, *, material: str | None = ..., ground: bool = ...) -> None: ...
+    def __init__(self, name_or_path: _Path, *, material: str | None = ..., ground: bool = ...) -> None: ...
     @property
     def triangle_count(self) -> int: ...
-    def triangles(self) -> Floats: ...
+    def triangles(self) -> _Floats: ...
     @property
     def camera(self) -> tuple[list[float], list[float], float]: ...
     @property
     def is_diffuse(self) -> bool: ...
 
 class Rendering(NamedTuple):
-    image: Floats
-    coverage: Floats
+    image: _Floats
+    coverage: _Floats
     spp: int
     seconds: float
     rays_per_sample: float
 
 def bake(
-    source: Sampler | Environment | Path | Array,
+    source: Sampler | Environment | _Path | _Array,
     *,
     normals: Sequence[int] = ...,
     cells: Sequence[int] = ...,
     tail: str = ...,
 ) -> Sampler: ...
 def fit(
-    env: Environment | Path | Array,
+    env: Environment | _Path | _Array,
     material: str = ...,
     *,
     preset: str | None = ...,
     progress: Callable[[dict[str, Any]], Any] | None = ...,
-    checkpoint_dir: Path | None = ...,
+    checkpoint_dir: _Path | None = ...,
     checkpoint_every: int = ...,
     resume: bool = ...,
     reproducible: bool = ...,
@@ -105,9 +106,9 @@ def fit(
 ) -> Sampler: ...
 def settings(material: str | None = ..., *, preset: str | None = ..., **settings: Any) -> str: ...
 def render(
-    scene: Scene | Path,
+    scene: Scene | _Path,
     sampler: Sampler | str,
-    env: Environment | Path | Array | None = ...,
+    env: Environment | _Path | _Array | None = ...,
     *,
     spp: int | None = ...,
     seconds: float | None = ...,
@@ -123,8 +124,8 @@ def render(
     progress: Callable[[float], Any] | None = ...,
 ) -> Rendering: ...
 def compare(
-    scene: Scene | Path,
-    env: Environment | Path | Array,
+    scene: Scene | _Path,
+    env: Environment | _Path | _Array,
     samplers: Sequence[Sampler | str],
     *,
     spp: Sequence[int] = ...,

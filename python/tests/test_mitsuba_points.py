@@ -40,8 +40,8 @@ def vectors(rows):
     return mi.Vector3f(np.ascontiguousarray(rows.T))
 
 
-def are_near(name, drawn, native_wi, pdf, native_pdf):
-    apart = np.abs(np.array(drawn).T - native_wi).max(1)[native_pdf > 0]
+def are_near(name, wi, native_wi, pdf, native_pdf):
+    apart = np.abs(wi - native_wi).max(1)
     for differences in (apart, relative(pdf, native_pdf)):
         assert (differences > NEAR).mean() < FEW and np.quantile(differences, 0.99) < NEAR, name
 
@@ -63,13 +63,16 @@ def compare(name, native, product, points, alpha):
     brdf = headtail.Sampler.from_spec("brdf", native.map)
 
     def mixed(pdf, wi):
+        # Where nothing is drawn there is no direction.
+        wi = np.where((wi == 0).all(1, keepdims=True), points.n, wi)
         return share * np.array(pdf) + (1 - share) * (brdf.pdf(wi, points.n, points.wo, **surface) if is_mixed else 0)
 
     # The first numbers of a mixture are the product's.
     u = np.stack([np.minimum(points.u[:, 0] * share, np.nextafter(share, np.float32(0))), points.u[:, 1]], 1)
     draws = native.sampler.sample(points.n, points.wo, u=u, radiance=False, **surface)
     wi, pdf = product.sample(prepared, mi.Point2f(np.ascontiguousarray(points.u.T)))
-    are_near(name, wi, draws.wi, mixed(pdf, draws.wi), draws.pdf)
+    drawn = draws.pdf > 0
+    are_near(name, np.array(wi).T[drawn], draws.wi[drawn], mixed(pdf, draws.wi)[drawn], draws.pdf[drawn])
     of_given = native.sampler.pdf(points.given, points.n, points.wo, **surface)
     differences = relative(mixed(product.pdf(prepared, vectors(points.given)), points.given), of_given)
     assert (differences > NEAR).mean() < FEW and np.quantile(differences, 0.99) < NEAR, name
@@ -122,9 +125,12 @@ def test_patches_draw_what_the_native_ones_draw(points, studio, fine, glossy):
     at = points.point(points.alpha if glossy else None)
     draws = native.sample(points.n, points.wo, u=points.u, radiance=False, **surface)
     wi, pdf = patches.sample(at, mi.Point2f(np.ascontiguousarray(points.u.T)), None, None)
-    are_near("draws", wi, draws.wi, pdf, draws.pdf)
+    drawn = draws.pdf > 0
+    are_near("draws", np.array(wi).T[drawn], draws.wi[drawn], np.array(pdf)[drawn], draws.pdf[drawn])
     # One pass draws half of the points, and evaluates the pdfs of given directions at the others.
     is_given = np.arange(COUNT) % 2 == 1
     wi, pdf = patches.sample(at, mi.Point2f(np.ascontiguousarray(points.u.T)), mi.Bool(is_given), vectors(points.given))
     expected = np.where(is_given, native.pdf(points.given, points.n, points.wo, **surface), draws.pdf)
-    are_near("both", wi, np.where(is_given[:, None], points.given, draws.wi), pdf, expected)
+    counts = is_given | drawn
+    expected_wi = np.where(is_given[:, None], points.given, draws.wi)
+    are_near("both", np.array(wi).T[counts], expected_wi[counts], np.array(pdf)[counts], expected[counts])

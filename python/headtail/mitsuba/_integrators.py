@@ -9,7 +9,7 @@ from headtail import HeadtailError
 
 from ._compact import WithCompactEmitters
 from ._head import HeadOverPatches, HeadOverTail
-from ._patches import Patches, Point
+from ._patches import Patches, Point, shares
 from ._surface import Surfaces
 from ._table import Table
 from ._warp import remap
@@ -108,7 +108,7 @@ class Light:
         """One direction of patches or of the BSDF, with the mixture's pdf."""
         context, z = mi.BSDFContext(), sampler.next_2d(active)
         *lobes, can_draw = self.surfaces.lobes(bsdf, si, active)
-        share = dr.select(can_draw, self.product.shares(lobes), 0)
+        share = dr.select(can_draw, shares(lobes), 0)
         by_product = z.x < share
         by_bsdf = active & ~by_product
         drawn, weight = bsdf.sample(context, si, sampler.next_1d(active), sampler.next_2d(active), by_bsdf)

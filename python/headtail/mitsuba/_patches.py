@@ -150,8 +150,6 @@ class Patches:
         self.twig_of_cell = upload(arrays["patches.twig_of_cell"])
         self.narrow = float(arrays["patches.narrow"][0])
 
-    shares = staticmethod(shares)
-
     def sample(self, at, z, given, wi, active=True):
         """Draws directions for uniform points z, and evaluates pdfs of directions `wi` where `given`: (direction, solid-angle pdf).
 
