@@ -2,17 +2,17 @@
 
 mod visibility;
 
-use std::{path::PathBuf, time::Instant};
+use std::{path::PathBuf, sync::OnceLock, time::Instant};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use headtail_render::{
-    bake::{CellGrid, NormalGrid, direct_bake, direct_bake_watched},
+    bake::{CellGrid, NormalGrid, direct_bake_watched},
     environment::Environment,
     export::{ExportedSampler, Intermediate, TrainingSummary},
     tail::{Tail, TailKind},
 };
-use headtail_train::{learned_bake, learned_bake_watched};
+use headtail_train::learned_bake_watched;
 
 use crate::arguments::{Grid, TailArgument, open_environment};
 use crate::output::OutputFile;
@@ -77,11 +77,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let exported = ExportedSampler::read(file)?;
             let head = exported.head_over_tail().map_err(|error| error.in_file(file))?;
             let run = exported.run.as_ref().map(|run| format!("{run}\n{}", settings(false, normals, cells)));
-            announce(normals, cells, |few| drop(learned_bake(head, &exported.tail, few, cells)));
-            let bar = progress::bar(progress::SHARES, "baking");
             let tabulating = Instant::now();
-            let table = learned_bake_watched(head, &exported.tail, normals, cells, &bar.shares())?;
-            bar.finish_and_clear();
+            let table = with_bar(|show| learned_bake_watched(head, &exported.tail, normals, cells, show))?;
             let seconds = tabulating.elapsed().as_secs_f64();
             // A file without the time of its training is one that must not depend on the clock.
             let training = exported
@@ -101,20 +98,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Normals from pole to pole x around of a trial, and how many times as many make one worth its time.
-const TRIAL: (usize, usize) = (8, 16);
-const MANY: usize = 64;
-
-/// Says about how long a large table takes, by a trial of `bake` with few normals.
-fn announce(normals: NormalGrid, cells: CellGrid, bake: impl Fn(NormalGrid)) {
-    let Ok(few) = NormalGrid::new(TRIAL.0, TRIAL.1) else { return };
-    // 2^17 normals of one cell are soon done.
-    if normals.nodes() < MANY * few.nodes() || normals.nodes() * cells.cells() < 1 << 22 {
-        return;
-    }
-    let start = Instant::now();
-    bake(few);
-    progress::announce("baking", start.elapsed().as_secs_f64() * normals.nodes() as f64 / few.nodes() as f64);
+/// Bakes with a bar that begins with the first share, so that what comes before is not taken for a part of it.
+fn with_bar<T>(bake: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
+    let bar = OnceLock::new();
+    let show = |share: f64| {
+        let bar = bar.get_or_init(|| progress::bar(progress::SHARES, "baking"));
+        bar.set_position((progress::SHARES as f64 * share) as u64);
+    };
+    let table = bake(&show);
+    bar.into_inner().iter().for_each(progress::Bar::finish_and_clear);
+    table
 }
 
 /// What a table is set by, as a part of the settings that its file holds.
@@ -139,10 +132,7 @@ pub fn direct(
 ) -> Result<ExportedSampler> {
     let kind: TailKind = tail.into();
     let warp = Tail::new(kind, environment.width(), environment.height(), &environment.luminance())?;
-    announce(normals, cells, |few| drop(direct_bake(&warp, few, cells)));
-    let bar = progress::bar(progress::SHARES, "baking");
-    let table = direct_bake_watched(&warp, normals, cells, &bar.shares())?;
-    bar.finish_and_clear();
+    let table = with_bar(|show| direct_bake_watched(&warp, normals, cells, show))?;
     let run = direct_settings(name, tail, normals, cells)?;
     Ok(ExportedSampler::new(Intermediate::DirectBake(table), kind, environment, None)?.with_run(run))
 }

@@ -236,12 +236,12 @@ fn a_reference_knows_its_noise() {
     // that of a mean over some 150 pixels of squares, of relative deviation 1.4 for normal errors and more for these: 0.3 is two deviations.
     assert!((noisy_mis / mis - 1.0).abs() < 0.3, "{noisy_mis} {mis}");
     assert!(noisy_patches < 2.0 * patches || page.contains("limited by it"), "{noisy_patches} {patches}");
-    // Runs of 64 times the reference's samples are far better than it, whatever their errors are: theirs is said to be limited.
+    // Runs of 512 times the reference's samples are far better than it, whatever their errors are: theirs is said to be limited.
     let arguments = format!(
-        "compare --scene sphere --env studio {SMALL} --samplers mis,patches --runs 2 --spp 256 --reference-spp 4 --out limited"
+        "compare --scene sphere --env studio {SMALL} --samplers mis,patches --runs 1 --spp 2048 --reference-spp 4 --out limited"
     );
     let said = succeed(path, &arguments);
-    assert!(said.contains("mis at 256spp, patches at 256spp are limited by it"), "{said}");
+    assert!(said.contains("mis at 2048spp, patches at 2048spp are limited by it"), "{said}");
     assert!(fs::read_to_string(path.join("limited/report.html")).unwrap().contains("limited by it"));
     assert!(mean(&picture(&path.join("noisy/reference.exr"))) > 0.0);
 }
