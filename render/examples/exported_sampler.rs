@@ -1,10 +1,9 @@
-//! Estimates the unshadowed light that a white diffuse surface reflects, with an exported sampler:
-//! `cargo run --release -p headtail-render --example exported_sampler -- FILE MAP`.
+//! An exported sampler at work: `cargo run --release -p headtail-render --example exported_sampler -- FILE MAP`.
 use glam::{Vec3, Vec3A};
-use headtail_render::points::{Dimension, PointSet, Points};
-use headtail_render::{brdf::Lambert, columns::Arena, environment::*, export::ExportedSampler, sampler::*, tile::*};
+use headtail_render::{brdf::*, columns::Arena, environment::*, export::ExportedSampler, points::*, sampler::*, tile::*};
 use std::{error::Error, path::Path, sync::Arc};
 
+/// The unshadowed light that a white diffuse surface reflects.
 pub fn reflected(file: &Path, map: &str) -> Result<Vec3A, Box<dyn Error>> {
     let environment = Arc::new(Environment::open(map)?);
     let sampler = ExportedSampler::read(file)?.open(&environment)?;
@@ -21,7 +20,7 @@ pub fn reflected(file: &Path, map: &str) -> Result<Vec3A, Box<dyn Error>> {
             sampler.sample(&rows, state, [u, v], out, &arena);
         });
         rows.brdf_cosine([x, y, z], [&mut *red, &mut *green, &mut *blue], &arena);
-        let columns = [&*x, y, z, pdf, red, green, blue].map(|column| column.as_flattened());
+        let columns = [&*x, y, z, pdf, red, green, blue].map(<[_]>::as_flattened);
         for place in 0..rows.len() {
             let [x, y, z, pdf, red, green, blue] = columns.map(|column| column[place]);
             if pdf > 0.0 {
@@ -35,5 +34,6 @@ pub fn reflected(file: &Path, map: &str) -> Result<Vec3A, Box<dyn Error>> {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let [file, map] = std::env::args().skip(1).collect::<Vec<_>>().try_into().map_err(|_| "usage: FILE MAP")?;
-    Ok(println!("reflected radiance {:.4}", reflected(Path::new(&file), &map)?))
+    println!("reflected radiance {:.4}", reflected(Path::new(&file), &map)?);
+    Ok(())
 }
