@@ -167,7 +167,12 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
         state: State::Running { planned },
     };
     let mut work = Work::new(&opened, &entries, &budgets, &stop, output, comparison, reference.noise)?;
-    work.run_all(arguments.runs, arguments.seed)?;
+    let ran = work.run_all(arguments.runs, arguments.seed);
+    if ran.is_err() && !work.comparison.rows.is_empty() {
+        // What was done is kept as far as it can be; the error that is told is the first one.
+        drop(work.finish(State::Interrupted { planned }));
+    }
+    ran?;
     let interrupted = stop.load(Ordering::Relaxed) && work.comparison.rows.len() < planned;
     if interrupted && work.comparison.rows.is_empty() {
         bail!(progress::Interrupted::new("no run is done"));

@@ -46,10 +46,10 @@ pub struct Arguments {
 
 /// Lists the scenes, then renders them.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let scenes: Vec<Scene> = built_in_names().filter_map(Scene::built_in).collect();
-    let names: Vec<String> = scenes.iter().map(picture_name).collect();
+    let names: Vec<String> = built_in_names().map(picture_name).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let output = arguments.out.as_deref().map(|folder| OutputFolder::take(folder, &names)).transpose()?;
+    let scenes: Vec<Scene> = built_in_names().filter_map(Scene::built_in).collect();
     match arguments.json {
         true => print_json(&scenes)?,
         false => print(&scenes),
@@ -57,8 +57,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     output.map_or(Ok(()), |output| write_pictures(arguments, &scenes, &output))
 }
 
-fn picture_name(scene: &Scene) -> String {
-    format!("{}.png", scene.name())
+fn picture_name(scene: &str) -> String {
+    format!("{scene}.png")
 }
 
 fn print_json(scenes: &[Scene]) -> Result<()> {
@@ -104,7 +104,7 @@ fn write_pictures(arguments: &Arguments, scenes: &[Scene], output: &OutputFolder
         let (budget, points) = (Budget::Spp(arguments.spp), Points::new(PointSet::Sobol, 1));
         let show = |share: f64| show((number as f64 + share) / count);
         let rendering = integrator::render(view, &estimator, budget, points, &stop, &show);
-        write_png(&output.file(&picture_name(scene))?, &rendering.composite(), of_rendering(&rendering))?;
+        write_png(&output.file(&picture_name(scene.name()))?, &rendering.composite(), of_rendering(&rendering))?;
     }
     bar.finish_and_clear();
     note!("{} pictures written to {}", scenes.len(), output.path().display());
