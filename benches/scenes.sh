@@ -56,5 +56,5 @@ for map in "${maps[@]}"; do
 done
 for material in lambert ggx; do
     mapfile -t results < <(find "$out/$material" -mindepth 1 -maxdepth 1 -type d ! -name '*-unshadowed' ! -name '*-oracle' | sort)
-    $headtail chart "${results[@]}" --out "$out/$material.html"
+    $headtail chart "${results[@]}" --out "$out/$material.html" --force
 done

@@ -2,18 +2,17 @@
 
 mod visibility;
 
-use std::{path::PathBuf, time::Instant};
+use std::{path::PathBuf, sync::OnceLock, time::Instant};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use headtail_render::{
-    bake::{CellGrid, NormalGrid, direct_bake},
+    bake::{CellGrid, NormalGrid, direct_bake_watched},
     environment::Environment,
     export::{ExportedSampler, Intermediate, TrainingSummary},
     tail::{Tail, TailKind},
-    visibility::SceneVisibility,
 };
-use headtail_train::learned_bake;
+use headtail_train::learned_bake_watched;
 
 use crate::arguments::{Grid, TailArgument, open_environment};
 use crate::output::OutputFile;
@@ -64,66 +63,51 @@ pub struct Arguments {
 /// Bakes and writes the table.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
+    let output = OutputFile::take(&arguments.out)?;
     if let (true, Some(map)) = (arguments.visibility, &arguments.env) {
-        let _output = OutputFile::take(&arguments.out, |there| SceneVisibility::read(there).is_ok())?;
-        arguments.view.bake(map)?.write(&arguments.out)?;
+        let learned = arguments.view.bake(map)?;
+        output.write(|path| learned.write(path))?;
         say!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
         return Ok(());
     }
     let normals = NormalGrid::new(arguments.normals.0, arguments.normals.1).context("--normals")?;
     let cells = CellGrid::new(arguments.cells.0, arguments.cells.1).context("--cells")?;
-    let output = |run: Option<&str>| {
-        let is_same = |there: &std::path::Path| {
-            let old = ExportedSampler::read(there);
-            old.is_ok_and(|old| old.run.as_deref() == run && !matches!(old.intermediate, Intermediate::Head(_)))
-        };
-        OutputFile::take(&arguments.out, is_same)
-    };
-    let (baked, _output) = match (&arguments.from, &arguments.env) {
+    let baked = match (&arguments.from, &arguments.env) {
         (Some(file), _) => {
             let exported = ExportedSampler::read(file)?;
             let head = exported.head_over_tail().map_err(|error| error.in_file(file))?;
             let run = exported.run.as_ref().map(|run| format!("{run}\n{}", settings(false, normals, cells)));
-            let output = output(run.as_deref())?;
-            announce(normals, cells, |few| drop(learned_bake(head, &exported.tail, few, cells)));
-            let busy = progress::busy("baking");
             let tabulating = Instant::now();
-            let table = learned_bake(head, &exported.tail, normals, cells)?;
-            drop(busy);
+            let table = with_bar(|show| learned_bake_watched(head, &exported.tail, normals, cells, show))?;
             let seconds = tabulating.elapsed().as_secs_f64();
             // A file without the time of its training is one that must not depend on the clock.
             let training = exported
                 .training
                 .clone()
                 .map(|training| TrainingSummary { tabulated_seconds: training.seconds.map(|_| seconds), ..training });
-            (ExportedSampler { intermediate: Intermediate::Bake(table), run, training, ..exported }, output)
+            ExportedSampler { intermediate: Intermediate::Bake(table), run, training, ..exported }
         }
         (None, Some(map)) => {
-            let output = output(Some(&direct_settings(map, arguments.tail, normals, cells)?))?;
             let environment = open_environment(map)?;
-            (direct(map, &environment, arguments.tail, normals, cells)?, output)
+            direct(map, &environment, arguments.tail, normals, cells)?
         }
         (None, None) => bail!("give --from FILE, or --direct with --env MAP"),
     };
-    baked.write(&arguments.out)?;
+    output.write(|path| baked.write(path))?;
     say!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())
 }
 
-/// Normals from pole to pole x around of a trial, and how many times as many make one worth its time.
-const TRIAL: (usize, usize) = (8, 16);
-const MANY: usize = 64;
-
-/// Says about how long a large table takes, by a trial of `bake` with few normals.
-fn announce(normals: NormalGrid, cells: CellGrid, bake: impl Fn(NormalGrid)) {
-    let Ok(few) = NormalGrid::new(TRIAL.0, TRIAL.1) else { return };
-    // 2^17 normals of one cell are soon done.
-    if normals.nodes() < MANY * few.nodes() || normals.nodes() * cells.cells() < 1 << 22 {
-        return;
-    }
-    let start = Instant::now();
-    bake(few);
-    progress::announce("baking", start.elapsed().as_secs_f64() * normals.nodes() as f64 / few.nodes() as f64);
+/// Bakes with a bar that begins with the first share, so that what comes before is not taken for a part of it.
+fn with_bar<T>(bake: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
+    let bar = OnceLock::new();
+    let show = |share: f64| {
+        let bar = bar.get_or_init(|| progress::bar(progress::SHARES, "baking"));
+        bar.set_position((progress::SHARES as f64 * share) as u64);
+    };
+    let table = bake(&show);
+    bar.into_inner().iter().for_each(progress::Bar::finish_and_clear);
+    table
 }
 
 /// What a table is set by, as a part of the settings that its file holds.
@@ -148,10 +132,7 @@ pub fn direct(
 ) -> Result<ExportedSampler> {
     let kind: TailKind = tail.into();
     let warp = Tail::new(kind, environment.width(), environment.height(), &environment.luminance())?;
-    announce(normals, cells, |few| drop(direct_bake(&warp, few, cells)));
-    let busy = progress::busy("baking");
-    let table = direct_bake(&warp, normals, cells)?;
-    drop(busy);
+    let table = with_bar(|show| direct_bake_watched(&warp, normals, cells, show))?;
     let run = direct_settings(name, tail, normals, cells)?;
     Ok(ExportedSampler::new(Intermediate::DirectBake(table), kind, environment, None)?.with_run(run))
 }

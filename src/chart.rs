@@ -27,8 +27,8 @@ pub struct Arguments {
 
 /// Reads the results and writes the page.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let _output = OutputFile::take(&arguments.out, |_| true)?;
-    report::write_overview(&arguments.out, &arguments.results)?;
+    let output = OutputFile::take(&arguments.out)?;
+    output.write(|path| report::write_overview(path, &arguments.results))?;
     say!("open {}", arguments.out.display());
     Ok(())
 }

@@ -4,11 +4,17 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use headtail_render::{brdf::NeuralTexture, fabric::SourceKind, image::write_png};
-use headtail_train::neural_texture::{DISTANCES, Decibels, error_over, side_by_side};
+use glam::Vec3;
+use headtail_render::{
+    brdf::NeuralTexture,
+    fabric::{Query, Source, SourceKind},
+    image::write_png,
+};
+use headtail_train::neural_texture::{DISTANCES, Decibels, QUERIES, error_over, side_by_side};
 
 use crate::{
     output::OutputFile,
+    progress,
     terminal::{self, out},
 };
 
@@ -43,6 +49,30 @@ pub struct Arguments {
     out: PathBuf,
 }
 
+/// A source that shows how many light paths are done.
+struct Watched<'a> {
+    source: &'a dyn Source,
+    bar: &'a progress::Bar,
+}
+
+/// Light paths between two steps of the bar, for each query.
+const STEP: u32 = 128;
+
+impl Source for Watched<'_> {
+    /// The mean over parts of the light paths, each with a seed of its own.
+    fn reflect(&self, queries: &[Query], samples: u32, seed: u64) -> Vec<Vec3> {
+        let mut sum = vec![Vec3::ZERO; queries.len()];
+        for part in 0..samples.div_ceil(STEP) {
+            let count = STEP.min(samples - part * STEP);
+            let values = self.source.reflect(queries, count, seed ^ u64::from(part) << 44);
+            let share = count as f32 / samples as f32;
+            sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += share * value);
+            self.bar.inc(u64::from(count) * queries.len() as u64);
+        }
+        sum
+    }
+}
+
 /// Measures and writes the picture.
 pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(threads) = arguments.threads {
@@ -53,11 +83,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let is_png = arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
     ensure!(is_png, "--out {}: the file's name must end in .png", arguments.out.display());
-    let _output = OutputFile::take(&arguments.out, |_| true)?;
+    let output = OutputFile::take(&arguments.out)?;
     let material = NeuralTexture::read(&arguments.material)?;
     let source = arguments.source.build()?;
-    let (image, errors) = side_by_side(&*source, &material, arguments.paths);
-    write_png(&arguments.out, &image, 0.0)?;
+    let (paths, questions) = (u64::from(arguments.paths), u64::from(arguments.questions));
+    let bar = progress::bar((QUERIES as u64 + 2 * questions) * paths, "checking");
+    let source = Watched { source: &*source, bar: &bar };
+    let (image, errors) = side_by_side(&source, &material, arguments.paths);
+    output.write(|path| write_png(path, &image, 0.0))?;
     if !arguments.json {
         for (distance, error) in DISTANCES.iter().zip(&errors) {
             out!("at {distance} tiles: {error:.1} dB");
@@ -65,7 +98,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     // Another seed than that of any fit by default: none of these questions was asked.
     let Decibels { psnr, noise, snr } =
-        error_over(&*source, &material, arguments.questions as usize, 2 * arguments.paths, 1 << 40);
+        error_over(&source, &material, arguments.questions as usize, 2 * arguments.paths, 1 << 40);
+    bar.finish_and_clear();
     if arguments.json {
         let at = DISTANCES.iter().zip(&errors);
         let at: Vec<_> = at.map(|(tiles, decibels)| serde_json::json!({ "tiles": tiles, "psnr": decibels })).collect();

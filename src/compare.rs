@@ -10,10 +10,11 @@ use std::{fs, path::PathBuf, sync::atomic::Ordering, time::Instant};
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use headtail_render::{
-    bake::direct_bake,
+    bake::direct_bake_watched,
     estimator::Estimator,
     export::{ExportedSampler, Intermediate},
     integrator::Budget,
+    memory,
     rival::RivalFile,
     spec::{FileKind, SamplerSpec, Source},
     visibility::SceneVisibility,
@@ -140,6 +141,8 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     check_different("--samplers", specs.iter().map(ToString::to_string))?;
     let mut opened = arguments.view.open()?;
     opened.choose(arguments.light, arguments.crop)?;
+    // The reference and its halves; the first picture of each sampler with each budget, and its errors.
+    memory::require_pictures(opened.part().width, opened.part().height, 4 + 2 * specs.len() * budgets.len())?;
     let entries = specs.into_iter().map(|spec| Entry::build(spec, &opened)).collect::<Result<Vec<_>>>()?;
     let inputs = entries.iter().filter_map(|entry| entry.file.as_deref()).chain(arguments.reference.as_deref());
     output.begin(&inputs.collect::<Vec<_>>())?;
@@ -164,7 +167,12 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
         state: State::Running { planned },
     };
     let mut work = Work::new(&opened, &entries, &budgets, &stop, output, comparison, reference.noise)?;
-    work.run_all(arguments.runs, arguments.seed)?;
+    let ran = work.run_all(arguments.runs, arguments.seed);
+    if ran.is_err() && !work.comparison.rows.is_empty() {
+        // What was done is kept as far as it can be; the error that is told is the first one.
+        drop(work.finish(State::Interrupted { planned }));
+    }
+    ran?;
     let interrupted = stop.load(Ordering::Relaxed) && work.comparison.rows.len() < planned;
     if interrupted && work.comparison.rows.is_empty() {
         bail!(progress::Interrupted::new("no run is done"));
@@ -219,10 +227,10 @@ impl Entry {
             && let Intermediate::DirectBake(table) = &exported.intermediate
         {
             // The file does not say how long that took; it is the same work again.
-            let busy = progress::busy(&preparation.sampler);
+            let bar = progress::bar(progress::SHARES, &preparation.sampler);
             let start = Instant::now();
-            direct_bake(&exported.tail, table.normals(), table.cells())?;
-            drop(busy);
+            direct_bake_watched(&exported.tail, table.normals(), table.cells(), &bar.shares())?;
+            bar.finish_and_clear();
             let seconds = start.elapsed().as_secs_f64();
             preparation.seconds += seconds;
             preparation.text = format!("file read; baked before, which takes {seconds:.1} s here");

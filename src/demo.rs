@@ -39,7 +39,8 @@ pub struct Arguments {
 /// Runs every step and says what it does.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
-    let output = OutputFolder::take(&arguments.out, &["head.safetensors", "results.csv"])?;
+    let output =
+        OutputFolder::take(&arguments.out, &["head.safetensors", "direct.safetensors", "results.csv", "report.html"])?;
     let environment = open_environment(&arguments.env)?;
     output.begin(&[])?;
 

@@ -68,7 +68,9 @@ impl From<TargetArgument> for Target {
 
 /// Writes the shader, its buffers and their layout.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let output = OutputFolder::take(&arguments.out, &["layout.json"])?;
+    let target = Target::from(arguments.target);
+    let source_name = format!("headtail.{}", target.name_and_extension().1);
+    let output = OutputFolder::take(&arguments.out, &[&source_name, "floats.bin", "integers.bin", "layout.json"])?;
     let detail = match &*arguments.sampler {
         "patches" => Some(Detail::Leaves),
         "patches:fine" => Some(Detail::Twigs),
@@ -84,14 +86,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             flat_exported(&ExportedSampler::read(&file)?, map.as_ref()).map_err(|error| error.in_file(&file))?
         }
     };
-    let (shader, target) = (Shader::new(&arrays)?, Target::from(arguments.target));
+    let shader = Shader::new(&arrays)?;
     let source = shader.translate(target)?;
     output.begin(&[])?;
     let bytes = |numbers: &[u32]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();
     let floats: Vec<u32> = shader.floats.iter().map(|number| number.to_bits()).collect();
-    let name = format!("headtail.{}", target.name_and_extension().1);
     let files = [
-        (&*name, source),
+        (&*source_name, source),
         ("floats.bin", bytes(&floats)),
         ("integers.bin", bytes(&shader.integers)),
         ("layout.json", shader.layout.into_bytes()),
@@ -99,6 +100,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for (name, content) in files {
         replace(&output.file(name)?, &content)?;
     }
-    say!("{} written, with floats.bin, integers.bin and layout.json", arguments.out.join(name).display());
+    say!("{} written, with floats.bin, integers.bin and layout.json", arguments.out.join(&source_name).display());
     Ok(())
 }

@@ -8,13 +8,13 @@ use std::{
 
 use anyhow::{Context, Result};
 use clap::Args;
-use headtail_render::{brdf::NeuralTexture, fabric::SourceKind};
+use headtail_render::fabric::SourceKind;
 use headtail_train::neural_texture::{Decibels, Fit, Settings, State, error_over};
 
 use crate::{
     output::{self, OutputFile},
     progress,
-    terminal::{out, say},
+    terminal::{self, out, say},
 };
 
 /// Steps between two savings of the state.
@@ -58,16 +58,22 @@ pub struct Arguments {
     /// Threads; all by default. The result does not depend on their number.
     #[arg(long, value_name = "N")]
     threads: Option<u16>,
+    /// Print the errors as a JSON object.
+    #[arg(long)]
+    json: bool,
 }
 
 /// Fits and writes the material.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
+    if arguments.json {
+        terminal::only_data();
+    }
     let stop = progress::stop_flag()?;
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
-    let _output = OutputFile::take(&arguments.out, |there| NeuralTexture::read(there).is_ok())?;
+    let output = OutputFile::take(&arguments.out)?;
     let Arguments { side, steps, batch, paths, seed, .. } = *arguments;
     let settings = Settings { side, steps, batch, paths, seed };
     settings.check()?;
@@ -105,12 +111,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if !has_gone_on {
         material.set_seconds(seconds);
     }
-    material.write(&arguments.out)?;
+    output.write(|path| material.write(path))?;
     output::remove_kept(&kept)?;
-    out!(
-        "{}: {psnr:.1} dB against its source (over the mean square {snr:.1} dB), whose own noise is at {noise:.1} dB",
-        arguments.out.display()
-    );
+    if arguments.json {
+        terminal::print_json(&serde_json::json!({
+            "file": arguments.out.display().to_string(),
+            "source": name,
+            "steps": steps,
+            "seconds": (!has_gone_on).then_some(seconds),
+            "psnr": psnr,
+            "noise_psnr": noise,
+            "snr": snr,
+            "path_error": mean,
+        }))?;
+    } else {
+        out!(
+            "{}: {psnr:.1} dB against its source (over the mean square {snr:.1} dB), whose own noise is at {noise:.1} dB",
+            arguments.out.display()
+        );
+    }
     if let Some(mean) = mean {
         say!("weighted squared error of single light paths at the end: {mean:.4}");
     }

@@ -14,7 +14,7 @@ use headtail_train::rival::{RivalFit, RivalMaterial, RivalQuality, RivalSettings
 use crate::{
     output::{self, OutputFile},
     progress,
-    terminal::{out, say},
+    terminal::{self, out, say},
 };
 
 /// Steps between two savings of the state.
@@ -59,28 +59,42 @@ pub struct Arguments {
     /// Threads; all by default. The result does not depend on their number.
     #[arg(long, value_name = "N")]
     threads: Option<u16>,
+    /// Print the figures of each material as an array of JSON objects.
+    #[arg(long)]
+    json: bool,
 }
 
 /// Trains a sampler for each material and writes them.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
+    if arguments.json {
+        terminal::only_data();
+    }
     let stop = progress::stop_flag()?;
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
-    let _output = OutputFile::take(&arguments.out, |there| RivalFile::read(there).is_ok())?;
+    let output = OutputFile::take(&arguments.out)?;
     let &Arguments { kind, steps, views, directions, seed, .. } = arguments;
     let settings = RivalSettings { steps, views, directions, seed, ..RivalSettings::new(kind) };
     settings.check()?;
     let materials = RivalMaterial::open(&arguments.material)?;
     let mut training = Training::begin(settings, &materials, arguments.out.with_added_extension("state"))?;
-    let mut rivals = Vec::new();
+    let (mut rivals, mut figures) = (Vec::new(), Vec::new());
     for material in &materials {
-        rivals.push((material.name.clone(), material.identity, training.train(material, &stop)?));
+        let rival = training.train(material, &stop)?;
+        figures.push(Figures::of(material, &rival, training.loss(), seed));
+        if !arguments.json {
+            out!("{}", figures[figures.len() - 1]);
+        }
+        rivals.push((material.name.clone(), material.identity, rival));
     }
     let seconds = (!training.has_gone_on).then(|| start.elapsed().as_secs_f64());
-    RivalFile { kind, rivals, seconds }.write(&arguments.out)?;
+    output.write(|path| RivalFile { kind, rivals, seconds }.write(path))?;
     output::remove_kept(&training.kept)?;
+    if arguments.json {
+        terminal::print_json(&figures)?;
+    }
     say!("{} written after {:.0} s", arguments.out.display(), start.elapsed().as_secs_f64());
     Ok(())
 }
@@ -128,9 +142,13 @@ impl<'a> Training<'a> {
         }
         bar.finish_and_clear();
         let rival = fit.rival()?;
-        report(material, &rival, fit.state(), self.settings.seed);
         self.done.push(fit.state().clone());
         Ok(rival)
+    }
+
+    /// The last training's, in nats.
+    fn loss(&self) -> Option<f32> {
+        self.done.last().and_then(|state| state.loss)
     }
 
     fn save(&self, current: &RivalState) -> Result<()> {
@@ -139,14 +157,38 @@ impl<'a> Training<'a> {
     }
 }
 
-/// Says how good a sampler is.
-fn report(material: &RivalMaterial, rival: &Rival, state: &RivalState, seed: u64) {
-    let RivalQuality { own_variance, variance, kept } = RivalQuality::measure(material, rival, VIEWS, DIRECTIONS, seed);
-    out!(
-        "{}: relative variance under a white sky {variance:.4} (the material's own sampling {own_variance:.4}), {:.2} % of the draws are \
-         samples, cross-entropy {:.4} nats",
-        material.name,
-        100.0 * kept,
-        state.loss.unwrap_or(f32::NAN),
-    );
+/// How good a sampler is.
+#[derive(serde::Serialize)]
+struct Figures {
+    material: String,
+    /// Under a white sky.
+    relative_variance: f64,
+    own_relative_variance: f64,
+    /// The share of draws that are samples.
+    kept: f64,
+    cross_entropy: Option<f32>,
+}
+
+impl Figures {
+    fn of(material: &RivalMaterial, rival: &Rival, cross_entropy: Option<f32>, seed: u64) -> Self {
+        let RivalQuality { own_variance, variance, kept } =
+            RivalQuality::measure(material, rival, VIEWS, DIRECTIONS, seed);
+        let (relative_variance, own_relative_variance) = (variance, own_variance);
+        Self { material: material.name.clone(), relative_variance, own_relative_variance, kept, cross_entropy }
+    }
+}
+
+impl std::fmt::Display for Figures {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{}: relative variance under a white sky {:.4} (the material's own sampling {:.4}), {:.2} % of the draws are samples, \
+             cross-entropy {:.4} nats",
+            self.material,
+            self.relative_variance,
+            self.own_relative_variance,
+            100.0 * self.kept,
+            self.cross_entropy.unwrap_or(f32::NAN)
+        )
+    }
 }

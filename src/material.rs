@@ -68,8 +68,7 @@ fn write(out: &std::path::Path, networks: &[(String, Network)]) -> Result<()> {
     if out.extension().is_none_or(|extension| extension != "safetensors") {
         bail!("--out {}: materials are written as .safetensors", out.display());
     }
-    let _output = OutputFile::take(out, |there| neural::read_networks(there).is_ok())?;
-    neural::write_networks(out, networks)?;
+    OutputFile::take(out)?.write(|path| neural::write_networks(path, networks))?;
     say!("{} written, {} materials", out.display(), networks.len());
     Ok(())
 }

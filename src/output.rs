@@ -1,11 +1,15 @@
 //! Where results go: those of another command are not overwritten, and nobody else writes there at the same time.
 //!
-//! A folder of results holds a file [`RECORD`], with the command that made them and the names of its files. Its lock excludes other
-//! writers; the system takes it back from a process that is killed.
+//! A folder with results holds a record, with the command that made them and the names of its files. Its lock excludes others who write
+//! the whole folder; the system takes it back from a process that is killed.
+
+mod file;
+mod record;
 
 use std::{
+    ffi::OsString,
     fs::{self, File, OpenOptions, TryLockError},
-    io::{BufRead, BufReader, ErrorKind, Write},
+    io::ErrorKind,
     path::{Path, PathBuf},
     sync::{
         Mutex, PoisonError,
@@ -13,13 +17,10 @@ use std::{
     },
 };
 
-use anyhow::{Context, Result, bail, ensure};
-use headtail_render::{file, image::text_attribute};
+use anyhow::{Context, Result, bail};
 
-/// The file of a folder of results that says what made them.
-const RECORD: &str = ".headtail";
-/// The attribute of OpenEXR results that tells one command from another.
-pub const REQUEST: &str = "headtail.request";
+pub use file::OutputFile;
+use record::{Entry, RECORD};
 
 static FORCE: AtomicBool = AtomicBool::new(false);
 
@@ -44,8 +45,9 @@ pub fn force(force: bool) {
 pub struct OutputFolder {
     path: PathBuf,
     record: File,
-    /// What the record says: a request, and a file that it made.
-    known: Mutex<Vec<(String, String)>>,
+    known: Mutex<Vec<Entry>>,
+    /// What tells this command from others.
+    request: String,
     results: Vec<String>,
     was_made: bool,
 }
@@ -57,12 +59,20 @@ impl OutputFolder {
     /// If it cannot be written to, if another process writes there, or if there are results of another command and `--force` was not
     /// given.
     pub fn take(path: &Path, results: &[&str]) -> Result<Self> {
+        Self::take_for(path, results, request())
+    }
+
+    /// [`Self::take`] for a command whose results go on with those of all commands of one [`request_of`].
+    ///
+    /// # Errors
+    /// As [`Self::take`].
+    pub fn take_for(path: &Path, results: &[&str], request: String) -> Result<Self> {
         let mut folder = Self::share(path)?;
         folder.results = results.iter().map(|&name| name.to_owned()).collect();
-        let request = request();
+        folder.request = request;
         let is_ours = |name: &str| {
             let known = folder.known.lock().unwrap_or_else(PoisonError::into_inner);
-            known.iter().any(|(by, file)| *by == request && file == name)
+            record::latest(&known, name).is_some_and(|entry| entry.request == folder.request)
         };
         let other = results.iter().find(|name| path.join(name).exists() && !is_ours(name));
         match other {
@@ -84,12 +94,10 @@ impl OutputFolder {
         fs::create_dir_all(path).with_context(|| format!("{}: the folder cannot be made", path.display()))?;
         // Even one who may read the record may lack the right to make new files.
         tempfile::tempfile_in(path).with_context(cannot)?;
-        let lock = lock_file(&path.join(RECORD)).with_context(cannot)?;
+        let lock = record::lock(path).with_context(cannot)?;
         let Some(record) = lock else { bail!("{}: another headtail is writing there", path.display()) };
-        let lines = BufReader::new(&record).lines().map_while(Result::ok);
-        let entry = |line: String| line.split_once(' ').map(|(request, name)| (request.to_owned(), name.to_owned()));
-        let known = Mutex::new(lines.filter_map(entry).collect());
-        Ok(Self { path: path.to_owned(), record, known, results: Vec::new(), was_made })
+        let known = Mutex::new(record::entries(&record));
+        Ok(Self { path: path.to_owned(), record, known, request: request(), results: Vec::new(), was_made })
     }
 
     /// Begins to write: all files of the commands whose results are replaced go, but those in `inputs`.
@@ -98,16 +106,12 @@ impl OutputFolder {
     /// If a file cannot be removed or the record cannot be written.
     pub fn begin(&self, inputs: &[&Path]) -> Result<()> {
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        let own = request();
-        let replaced: Vec<String> = known
-            .iter()
-            .filter(|(by, name)| *by != own && self.results.contains(name))
-            .map(|(by, _)| by.clone())
-            .collect();
+        let others = known.iter().filter(|entry| entry.request != self.request && self.results.contains(&entry.name));
+        let replaced: Vec<String> = others.map(|entry| entry.request.clone()).collect();
         let inputs: Vec<PathBuf> = inputs.iter().filter_map(|input| input.canonicalize().ok()).collect();
-        let (old, kept): (Vec<_>, Vec<_>) = known.drain(..).partition(|(by, _)| replaced.contains(by));
+        let (old, kept): (Vec<_>, Vec<_>) = known.drain(..).partition(|entry| replaced.contains(&entry.request));
         *known = kept;
-        for (_, name) in &old {
+        for Entry { name, .. } in &old {
             let file = self.path.join(name);
             // Only names, so that a record from elsewhere cannot lead out of the folder.
             let is_name = Path::new(name).file_name().is_some_and(|only| only == name.as_str());
@@ -120,11 +124,7 @@ impl OutputFolder {
                 return Err(error).with_context(|| file.display().to_string());
             }
         }
-        let write = || {
-            self.record.set_len(0)?;
-            known.iter().try_for_each(|(request, name)| writeln!(&self.record, "{request} {name}"))
-        };
-        write().with_context(|| self.path.join(RECORD).display().to_string())
+        record::write(&self.record, &known).with_context(|| self.path.join(RECORD).display().to_string())
     }
 
     /// The path of a result, of which the record is told.
@@ -134,9 +134,9 @@ impl OutputFolder {
     pub fn file(&self, name: &str) -> Result<PathBuf> {
         let path = self.path.join(name);
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        let entry = (request(), name.to_owned());
-        if !known.contains(&entry) {
-            writeln!(&self.record, "{} {name}", entry.0).with_context(|| path.display().to_string())?;
+        let entry = Entry { request: self.request.clone(), digest: None, name: name.to_owned() };
+        if record::latest(&known, name) != Some(&entry) {
+            record::add(&self.record, &entry).with_context(|| path.display().to_string())?;
             known.push(entry);
         }
         Ok(path)
@@ -159,58 +159,6 @@ impl Drop for OutputFolder {
                 drop(fs::remove_dir(&self.path));
             }
         }
-    }
-}
-
-/// A file that only this process writes.
-#[derive(Debug)]
-pub struct OutputFile {
-    lock: PathBuf,
-    _held: File,
-}
-
-impl OutputFile {
-    /// Takes a file that is to be written; its folder is made if it is missing. `is_same` says of the file that is there whether the same
-    /// command made it.
-    ///
-    /// # Errors
-    /// If it cannot be written, if another process writes it, or if another command's result is there and `--force` was not given.
-    pub fn take(path: &Path, is_same: impl Fn(&Path) -> bool) -> Result<Self> {
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        fs::create_dir_all(folder).with_context(|| format!("{}: the folder cannot be made", folder.display()))?;
-        let target = file::target(path)?;
-        let exists = target.exists();
-        let may_replace = !exists || FORCE.load(Ordering::Relaxed) || is_same(&target);
-        ensure!(
-            may_replace,
-            "{}: the file is there, of another command; name another, or replace it by --force",
-            path.display()
-        );
-        let cannot = || format!("{}: it cannot be written", path.display());
-        let Some(name) = target.file_name() else { bail!("{}: it is no name of a file", path.display()) };
-        let mut lock_name = std::ffi::OsString::from(".");
-        lock_name.push(name);
-        lock_name.push(".lock");
-        let lock = target.with_file_name(lock_name);
-        let Some(held) = lock_file(&lock).with_context(cannot)? else {
-            bail!("{}: another headtail is writing it", path.display());
-        };
-        Ok(Self { lock, _held: held })
-    }
-
-    /// [`Self::take`] of an OpenEXR result, which holds its command's request.
-    ///
-    /// # Errors
-    /// As [`Self::take`].
-    pub fn take_exr(path: &Path) -> Result<Self> {
-        Self::take(path, |there| text_attribute(there, REQUEST).is_ok_and(|found| found == Some(request())))
-    }
-}
-
-impl Drop for OutputFile {
-    fn drop(&mut self) {
-        // While it is locked: who opened it meanwhile finds that it has no name any more.
-        drop(fs::remove_file(&self.lock));
     }
 }
 
@@ -250,27 +198,34 @@ fn is_still_there(_: &Path, _: &File) -> bool {
 }
 
 /// What tells this command from others, as hexadecimal digits: the arguments, without those that change no result.
-pub fn request() -> String {
-    request_of(std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()))
+fn request() -> String {
+    request_of(std::env::args_os().skip(1))
 }
 
-fn request_of(arguments: impl Iterator<Item = String>) -> String {
-    const SWITCHES: [&str; 6] = ["--force", "--resume", "-q", "--quiet", "-v", "--verbose"];
-    const WITH_VALUE: [&str; 3] = ["--log", "--threads", "--out"];
+/// What tells a command of these arguments from others. Every byte counts, whether the arguments are Unicode or not.
+pub fn request_of(arguments: impl Iterator<Item = OsString>) -> String {
+    const SWITCHES: [&[u8]; 7] = [b"--force", b"--resume", b"-q", b"--quiet", b"-v", b"--verbose", b"--json"];
+    const WITH_VALUE: [&[u8]; 3] = [b"--log", b"--threads", b"--out"];
     let mut hasher = blake3::Hasher::new();
     let mut skips_next = false;
     for argument in arguments {
-        if std::mem::take(&mut skips_next) || SWITCHES.contains(&&*argument) {
+        let argument = argument.as_encoded_bytes();
+        if std::mem::take(&mut skips_next) || SWITCHES.contains(&argument) {
             continue;
         }
-        let (name, has_value) = argument.split_once('=').map_or((&*argument, false), |(name, _)| (name, true));
+        let name = argument.split(|byte| *byte == b'=').next().unwrap_or_default();
         if WITH_VALUE.contains(&name) {
-            skips_next = !has_value;
+            skips_next = name.len() == argument.len();
             continue;
         }
         hasher.update(&(argument.len() as u64).to_le_bytes());
-        hasher.update(argument.as_bytes());
+        hasher.update(argument);
     }
+    digits(&hasher)
+}
+
+/// A hash in 32 digits.
+fn digits(hasher: &blake3::Hasher) -> String {
     hasher.finalize().to_hex()[..32].to_owned()
 }
 
@@ -279,13 +234,13 @@ mod tests {
     use super::*;
 
     fn request_of(arguments: &str) -> String {
-        super::request_of(arguments.split(' ').map(str::to_owned))
+        super::request_of(arguments.split(' ').map(OsString::from))
     }
 
     #[test]
     fn a_command_is_known_by_what_changes_results() {
         let same = request_of("render --spp 4 --out a.exr");
-        for other in ["render --spp 4 --out b.exr --force", "-q render --log l --spp 4 --threads=3"] {
+        for other in ["render --spp 4 --out b.exr --force", "-q render --log l --spp 4 --threads=3 --json"] {
             assert_eq!(request_of(other), same, "{other}");
         }
         for other in
@@ -296,6 +251,14 @@ mod tests {
     }
 
     #[test]
+    #[cfg(unix)]
+    fn names_that_are_no_unicode_are_told_apart() {
+        use std::os::unix::ffi::OsStringExt;
+        let [e, f] = [b"\xe9".to_vec(), b"\xea".to_vec()].map(|name| [OsString::from_vec(name)].into_iter());
+        assert_ne!(super::request_of(e), super::request_of(f));
+    }
+
+    #[test]
     fn one_at_a_time_writes() {
         let here = tempfile::tempdir().unwrap();
         let (path, file) = (here.path().join("results"), here.path().join("a.exr"));
@@ -303,13 +266,10 @@ mod tests {
         assert!(OutputFolder::take(&path, &[]).unwrap_err().to_string().contains("another headtail"));
         drop(folder);
         assert!(!path.exists());
-        let taken = OutputFile::take(&file, |_| false).unwrap();
-        assert!(OutputFile::take(&file, |_| false).unwrap_err().to_string().contains("another headtail"));
+        let taken = OutputFile::take(&file).unwrap();
+        assert!(OutputFile::take(&file).unwrap_err().to_string().contains("another headtail"));
         drop(taken);
-        fs::write(&file, "x").unwrap();
-        assert!(OutputFile::take(&file, |_| true).is_ok());
-        assert!(OutputFile::take(&file, |_| false).unwrap_err().to_string().contains("--force"));
-        assert_eq!(fs::read_dir(here.path()).unwrap().count(), 1);
+        assert_eq!(fs::read_dir(here.path()).unwrap().count(), 0);
     }
 
     #[test]

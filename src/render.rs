@@ -22,7 +22,7 @@ use crate::{
     crop::{self, Crop},
     exposure,
     light::LightArguments,
-    output::{self, OutputFile},
+    output::OutputFile,
     progress,
 };
 
@@ -84,19 +84,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     );
     let budget = budget(arguments.spp, arguments.seconds)?;
     let stop = progress::stop_flag()?;
-    let _output = OutputFile::take_exr(&arguments.out)?;
-    let beside = [Some(arguments.out.with_extension("png")), arguments.aovs.then(|| aovs(&arguments.out))];
-    let taken = beside.iter().flatten().map(|file| OutputFile::take(file, |_| true));
-    let _beside = taken.collect::<Result<Vec<_>>>()?;
+    let png = arguments.out.with_extension("png");
+    let (exr_file, png_file) = (OutputFile::take(&arguments.out)?, OutputFile::take(&png)?);
+    let aovs_file = arguments.aovs.then(|| OutputFile::take(&aovs(&arguments.out))).transpose()?;
     if arguments.json {
         terminal::only_data();
     }
     let mut opened = arguments.view.open()?;
     opened.choose(arguments.light, arguments.crop)?;
-    let part = opened.part();
-    memory::require((part.width * part.height) as u64 * BYTES_PER_PIXEL, || {
-        format!("a picture of {} x {} pixels", part.width, part.height)
-    })?;
+    memory::require_pictures(opened.part().width, opened.part().height, 0)?;
     let busy = progress::busy("sampler");
     let estimator = opened.estimator(&arguments.sampler)?;
     drop(busy);
@@ -115,9 +111,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut attributes = attributes(&opened, &sampler, &rendering, arguments.seed);
     let stops = exposure::of_rendering(&rendering) + arguments.exposure;
     attributes.push(Attribute::new("png.exposure", stops));
-    write_exr(&arguments.out, &image, &attributes)?;
-    let png = arguments.out.with_extension("png");
-    write_png(&png, &image, stops)?;
+    exr_file.write(|path| write_exr(path, &image, &attributes))?;
+    png_file.write(|path| write_png(path, &image, stops))?;
     say!(
         "{sampler}: {} spp of {} points in {:.2} s, {:.2} shadow rays per sample, largest weight {:.3}",
         rendering.spp,
@@ -143,11 +138,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         say!("thread-seconds by stage, of {threads} threads:\n{}", Timings::take(rendering.seconds, threads));
     }
     say!("{} and {} (exposed by {stops:+.1} stops) written", arguments.out.display(), png.display());
-    if arguments.aovs {
-        let features = integrator::features(opened.view(), part);
-        let path = aovs(&arguments.out);
-        write_features(&path, &features, arguments.light.env_rotate, &attributes)?;
-        say!("{} written", path.display());
+    if let Some(file) = aovs_file {
+        let features = integrator::features(opened.view(), opened.part());
+        file.write(|path| write_features(path, &features, arguments.light.env_rotate, &attributes))?;
+        say!("{} written", aovs(&arguments.out).display());
     }
     if arguments.json {
         terminal::print_json(&serde_json::json!({
@@ -163,9 +157,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     Ok(())
 }
-
-/// What a pixel takes while it is rendered and written: sums, three images, and what they are encoded in.
-const BYTES_PER_PIXEL: u64 = 200;
 
 /// Where the features of a picture go.
 fn aovs(out: &Path) -> PathBuf {
@@ -214,7 +205,6 @@ pub fn attributes(opened: &OpenedView, sampler: &str, rendering: &Rendering, see
         Attribute::new("seconds", rendering.seconds),
         Attribute::new("headtail.version", env!("CARGO_PKG_VERSION")),
         Attribute::new("headtail.command", latin_1(&terminal::command())),
-        Attribute::new(output::REQUEST, output::request()),
     ];
     if (part.width, part.height) != (width, height) {
         attributes.push(Attribute::new("crop", crop::text(part)));

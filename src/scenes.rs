@@ -1,6 +1,6 @@
 //! `headtail scenes`: what scenes and environments are built in, and pictures of them.
 
-use std::path::{Path, PathBuf};
+use std::{path::PathBuf, sync::atomic::AtomicBool};
 
 use anyhow::Result;
 use clap::Args;
@@ -8,7 +8,7 @@ use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     estimator::Ris,
     image::write_png,
-    integrator::{Budget, View},
+    integrator::{self, Budget, View},
     points::{PointSet, Points},
     sampler::{BrdfSampler, Covering, EnvironmentLight, ProductSampler},
     scene::{Scene, built_in_names},
@@ -16,7 +16,7 @@ use headtail_render::{
 };
 
 use crate::terminal::{self, note, out};
-use crate::{arguments::open_environment, exposure::of_rendering, output::OutputFolder, progress, render::quietly};
+use crate::{arguments::open_environment, exposure::of_rendering, output::OutputFolder, progress};
 
 /// List the built-in scenes; with --out, write a picture of each.
 #[derive(Args)]
@@ -46,14 +46,19 @@ pub struct Arguments {
 
 /// Lists the scenes, then renders them.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let _output = arguments.out.as_deref().map(OutputFolder::share).transpose()?;
+    let names: Vec<String> = built_in_names().map(picture_name).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let output = arguments.out.as_deref().map(|folder| OutputFolder::take(folder, &names)).transpose()?;
     let scenes: Vec<Scene> = built_in_names().filter_map(Scene::built_in).collect();
     match arguments.json {
         true => print_json(&scenes)?,
         false => print(&scenes),
     }
-    let Some(folder) = &arguments.out else { return Ok(()) };
-    write_pictures(arguments, &scenes, folder)
+    output.map_or(Ok(()), |output| write_pictures(arguments, &scenes, &output))
+}
+
+fn picture_name(scene: &str) -> String {
+    format!("{scene}.png")
 }
 
 fn print_json(scenes: &[Scene]) -> Result<()> {
@@ -82,22 +87,26 @@ fn print(scenes: &[Scene]) {
     }
 }
 
-fn write_pictures(arguments: &Arguments, scenes: &[Scene], folder: &Path) -> Result<()> {
+fn write_pictures(arguments: &Arguments, scenes: &[Scene], output: &OutputFolder) -> Result<()> {
     let environment = open_environment(&arguments.env)?;
+    output.begin(&[])?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
     let product = Covering::new(ProductSampler::new(light, table))?;
     let estimator = Ris::new(product, Covering::new(BrdfSampler)?, 4, environment.clone())?;
-    let bar = progress::bar(scenes.len() as u64, "rendering");
-    for scene in scenes {
+    let bar = progress::bar(progress::SHARES, "rendering");
+    let show = bar.shares();
+    let (stop, count) = (AtomicBool::new(false), scenes.len() as f64);
+    for (number, scene) in scenes.iter().enumerate() {
         let (width, height) = (arguments.width as usize, (arguments.width * 3 / 4) as usize);
         let (camera, environment) = (&scene.camera(), &*environment);
         let view = View { scene, camera, environment, width, height, unshadowed: false, depth: arguments.depth };
-        let rendering = quietly(view, &estimator, Budget::Spp(arguments.spp), Points::new(PointSet::Sobol, 1));
-        write_png(&folder.join(scene.name()).with_extension("png"), &rendering.composite(), of_rendering(&rendering))?;
-        bar.inc(1);
+        let (budget, points) = (Budget::Spp(arguments.spp), Points::new(PointSet::Sobol, 1));
+        let show = |share: f64| show((number as f64 + share) / count);
+        let rendering = integrator::render(view, &estimator, budget, points, &stop, &show);
+        write_png(&output.file(&picture_name(scene.name()))?, &rendering.composite(), of_rendering(&rendering))?;
     }
     bar.finish_and_clear();
-    note!("{} pictures written to {}", scenes.len(), folder.display());
+    note!("{} pictures written to {}", scenes.len(), output.path().display());
     Ok(())
 }

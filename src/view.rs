@@ -10,11 +10,12 @@ use headtail_render::{
     composite::rectified_view,
     file,
     image::{Attribute, Image, encode_png_rgb8, latin_1, srgb_code, write_exr},
+    memory,
     scene::{Camera, FspyProject, UpAxis},
 };
 
 use crate::arguments::open_environment;
-use crate::output::{self, OutputFile};
+use crate::output::OutputFile;
 use crate::terminal::say;
 
 /// Take a photograph of a map: FILE.exr in the map's units, FILE.png to look at, and FILE.fspy with both the picture and its camera.
@@ -67,24 +68,24 @@ const MIDDLE_GREY: f32 = 0.22;
 pub fn run(arguments: &Arguments) -> Result<()> {
     let is_exr = arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
     ensure!(is_exr, "--out {}: the file's name must end in .exr", arguments.out.display());
-    let _output = OutputFile::take_exr(&arguments.out)?;
+    let exr_file = OutputFile::take(&arguments.out)?;
+    let beside = |extension: &str| OutputFile::take(&arguments.out.with_extension(extension));
+    let (png_file, fspy_file) = (beside("png")?, beside("fspy")?);
     let environment = open_environment(&arguments.env)?;
     let camera = camera(arguments)?;
     let (width, height) = (arguments.width as usize, arguments.height as usize);
+    memory::require_pictures(width, height, 0)?;
     let image = rectified_view(&environment, &camera, width, height);
     let stops = automatic_exposure(&image) + arguments.exposure;
-    let attributes = [
-        Attribute::new("environment", latin_1(environment.name())),
-        Attribute::new("png.exposure", stops),
-        Attribute::new(output::REQUEST, output::request()),
-    ];
-    write_exr(&arguments.out, &image, &attributes)?;
+    let attributes =
+        [Attribute::new("environment", latin_1(environment.name())), Attribute::new("png.exposure", stops)];
+    exr_file.write(|path| write_exr(path, &image, &attributes))?;
     let codes: Vec<[u8; 3]> =
         image.pixels.iter().map(|pixel| pixel.map(|value| srgb_code(value * stops.exp2()))).collect();
     let png = encode_png_rgb8(width, height, &codes)?;
-    file::replace(&arguments.out.with_extension("png"), &png)?;
+    png_file.write(|path| file::replace(path, &png))?;
     let project = FspyProject { camera, width: arguments.width, height: arguments.height, image: png };
-    file::replace(&arguments.out.with_extension("fspy"), &project.encode(UpAxis::Z))?;
+    fspy_file.write(|path| file::replace(path, &project.encode(UpAxis::Z)))?;
     let at = camera.look_from();
     say!(
         "{}, .png (exposed by {stops:.2} stops) and .fspy written; camera at {:.2}, {:.2}, {:.2}",

@@ -5,8 +5,8 @@ use std::{path::PathBuf, sync::atomic::Ordering, time::Instant};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use headtail_render::{
-    estimator::LearnedVisibility, integrator::learn_visibility, patches::Detail, points::PointSet, scene::MaterialSpec,
-    visibility::SceneVisibility,
+    estimator::LearnedVisibility, integrator::learn_visibility, memory, patches::Detail, points::PointSet,
+    scene::MaterialSpec, visibility::SceneVisibility,
 };
 
 use crate::{
@@ -68,6 +68,8 @@ impl Arguments {
     pub fn bake(&self, env: &str) -> Result<SceneVisibility> {
         let start = Instant::now();
         let opened = self.view(env)?.open()?;
+        // A film of what is learned from stands for the picture.
+        memory::require_pictures(opened.part().width, opened.part().height, 0)?;
         let map = &opened.environment;
         let estimator = LearnedVisibility::new(map.clone(), Detail::Leaves, opened.visibility_bytes())?;
         let before = self.resume.as_ref().map(|file| SceneVisibility::open(file, opened.scene(), map)).transpose()?;

@@ -111,8 +111,10 @@ impl<'a> Work<'a> {
                     bar.set_message(format!("{} {name}", entry.label));
                     // In a budget of time, the number of samples depends on the machine, and points should not.
                     let points = self.opened.points(*asked, seed + u64::from(run));
-                    self.run(number, name, taken, run, points)?;
-                    done += seconds[index][number];
+                    let of_run = seconds[index][number];
+                    let show = |share: f64| bar.set_position(progress::thousandths(done + share * of_run));
+                    self.run(number, (name, taken), run, points, &show)?;
+                    done += of_run;
                     bar.set_position(progress::thousandths(done));
                 }
             }
@@ -162,10 +164,17 @@ impl<'a> Work<'a> {
     }
 
     /// One run: the picture, its row in the table, and all that is written of it.
-    fn run(&mut self, number: usize, budget_name: &str, budget: Budget, run: u32, points: Points) -> Result<()> {
+    fn run(
+        &mut self,
+        number: usize,
+        (budget_name, budget): (&str, Budget),
+        run: u32,
+        points: Points,
+        progress: &dyn Fn(f64),
+    ) -> Result<()> {
         let entry = &self.entries[number];
         // To the end, whatever the stop flag says: it is one run.
-        let rendering = self.opened.render(&*entry.estimator, budget, points, &AtomicBool::new(false), &|_| {});
+        let rendering = self.opened.render(&*entry.estimator, budget, points, &AtomicBool::new(false), progress);
         let row = self.row(entry, budget_name, run, points.seed(), &rendering)?;
         self.comparison.rows.push(row);
         self.report.update_table(&self.comparison)?;
@@ -194,40 +203,57 @@ impl<'a> Work<'a> {
         Ok(Row { mse, relmse, ttuv: ttuv(mse, rendering.seconds), ..row })
     }
 
-    /// The budget in samples. Of one in time: a short rendering says about how many samples fit, one with that many sets it
-    /// right. `None` if the stop flag is set meanwhile.
-    ///
-    /// All runs of a sampler then take the same number of samples, which does not depend on what else the machine does.
+    /// The budget in samples, [`calibrate`]d if it is one in time. `None` if the stop flag is set meanwhile.
     fn calibrated(&self, entry: &Entry, budget: Budget, seed: u64, bar: &progress::Bar) -> Option<Budget> {
         let Budget::Time(limit) = budget else { return Some(budget) };
         bar.set_message(format!("{}: samples that fit into {} s", entry.label, limit.as_secs_f64()));
         let seconds = limit.as_secs_f64();
         let points = self.opened.points(budget, seed);
-        let mut trial = Budget::Time(Duration::from_secs_f64(0.25 * seconds));
-        // A long rendering is faster per sample than a short one: passes are longer. A machine that does other things, too, may be off again.
-        for attempt in 0..CALIBRATIONS {
-            if self.stop.load(Ordering::Relaxed) {
-                return None;
-            }
+        let render = |trial: Budget| {
             let rendering = self.opened.render(&*entry.estimator, trial, points, self.stop, &|_| {});
-            let spp = (f64::from(rendering.spp) * seconds / rendering.seconds).round().max(1.0);
-            let off = rendering.seconds / seconds;
-            let was_whole = matches!(trial, Budget::Spp(_));
-            trial = Budget::Spp(spp as u32);
-            if was_whole && (off / TOLERANCE <= 1.0 && off * TOLERANCE >= 1.0 || spp <= 1.0) {
+            (!self.stop.load(Ordering::Relaxed)).then_some((rendering.spp, rendering.seconds))
+        };
+        let Calibrated { spp, off } = calibrate(seconds, render)?;
+        if let Some(taken) = off {
+            warning!(
+                "{}: renderings of {seconds} s take {taken:.2} s where they were to be equally long: the machine does other things, too; its \
+                 equal-time ratios say little",
+                entry.label
+            );
+        }
+        Some(Budget::Spp(spp))
+    }
+}
+
+/// How many samples fit into a time.
+#[derive(Debug, PartialEq)]
+struct Calibrated {
+    spp: u32,
+    /// Seconds of the last rendering, if even that was not as long as it was to be.
+    off: Option<f64>,
+}
+
+/// How many samples per pixel fit into so many seconds: a short rendering says about how many, one with that many sets it right, and is repeated
+/// while it is off. `render` answers the samples and seconds of a rendering, `None` if it was interrupted.
+///
+/// All runs of a sampler then take the same number of samples, which does not depend on what else the machine does.
+fn calibrate(seconds: f64, mut render: impl FnMut(Budget) -> Option<(u32, f64)>) -> Option<Calibrated> {
+    let mut trial = Budget::Time(Duration::from_secs_f64(0.25 * seconds));
+    let mut found = Calibrated { spp: 1, off: None };
+    // A long rendering is faster per sample than a short one: passes are longer. A machine that does other things, too, may be off again.
+    for _ in 0..CALIBRATIONS {
+        let (spp, taken) = render(trial)?;
+        found.spp = (f64::from(spp) * seconds / taken).round().max(1.0) as u32;
+        if matches!(trial, Budget::Spp(_)) {
+            let is_right = taken <= seconds * TOLERANCE && seconds <= taken * TOLERANCE;
+            found.off = (!is_right && found.spp > 1).then_some(taken);
+            if found.off.is_none() {
                 break;
             }
-            if was_whole && attempt + 1 == CALIBRATIONS && !self.stop.load(Ordering::Relaxed) {
-                warning!(
-                    "{}: renderings of {seconds} s take {:.2} s where they were to be equally long: the machine does other things, too; its equal-time \
-                     ratios say little",
-                    entry.label,
-                    rendering.seconds
-                );
-            }
         }
-        (!self.stop.load(Ordering::Relaxed)).then_some(trial)
+        trial = Budget::Spp(found.spp);
     }
+    Some(found)
 }
 
 /// Squared error of each pixel and channel over the squared reference (plus the same small number as in relMSE); black where
@@ -284,6 +310,36 @@ fn plain_name(label: &str, file: Option<&Path>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Calibrates on a machine whose renderings take these seconds for a sample, the last ones for all that follow; answers how many there were, too.
+    fn calibrated(seconds_per_sample: &[f64]) -> (Calibrated, usize) {
+        let mut renderings = 0;
+        let found = calibrate(2.0, |trial| {
+            let seconds = seconds_per_sample[renderings.min(seconds_per_sample.len() - 1)];
+            renderings += 1;
+            let spp = match trial {
+                Budget::Spp(spp) => spp,
+                Budget::Time(time) => (time.as_secs_f64() / seconds) as u32,
+            };
+            Some((spp, f64::from(spp) * seconds))
+        });
+        (found.unwrap(), renderings)
+    }
+
+    #[test]
+    fn calibration_that_is_off_is_repeated_and_said() {
+        let right = |spp| Calibrated { spp, off: None };
+        assert_eq!(calibrated(&[0.01]), (right(200), 2));
+        // The short rendering is slow for its samples, and the first long one is disturbed.
+        assert_eq!(calibrated(&[0.02, 0.01]), (right(200), 3));
+        assert_eq!(calibrated(&[0.01, 0.03, 0.01]), (right(200), 4));
+        // A machine that never does the same twice.
+        let (found, renderings) = calibrated(&[0.01, 0.02, 0.01, 0.02]);
+        assert!(renderings == CALIBRATIONS && found.off.is_some_and(|taken| taken > 2.0 * TOLERANCE), "{found:?}");
+        // A sample that takes longer than the time: there is no less than one.
+        assert_eq!(calibrated(&[0.1, 5.0]).0, right(1));
+        assert_eq!(calibrate(2.0, |_| None), None);
+    }
 
     #[test]
     fn labels_become_plain_file_names() {

@@ -139,6 +139,9 @@ pub enum Up {
     Z,
 }
 
+/// The files that are written.
+const RESULTS: [&str; 5] = ["composite.png", "composite.exr", "layers.exr", "mask.png", "composite.html"];
+
 /// Composites and writes everything.
 pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
@@ -148,7 +151,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
     let stop = progress::stop_flag()?;
-    let output = OutputFolder::take(&arguments.out, &["composite.exr"])?;
+    let output = OutputFolder::take(&arguments.out, &RESULTS)?;
     let setting = Setting::open(arguments)?;
     let estimator = arguments.sampler.build(&setting.environment)?;
     note_use(&arguments.sampler)?;

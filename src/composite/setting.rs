@@ -9,6 +9,7 @@ use headtail_render::{
     composite::{Backdrop, Catcher, Stage, rectified_view},
     environment::Environment,
     image::{Image, Photograph},
+    memory,
     scene::{Camera, FspyProject, Scene, UpAxis},
 };
 
@@ -43,7 +44,7 @@ impl Setting {
         let turn = Affine3A::from_rotation_y(-arguments.turn_env.to_radians());
         let camera = camera.moved(&turn);
         let stage = stage(arguments, &camera, &turn)?;
-        let photograph = sized(arguments, photograph);
+        let photograph = sized(arguments, photograph)?;
         let gain = match arguments.gain {
             Some(gain) => {
                 ensure!(gain > 0.0 && gain.is_finite(), "--gain: {gain} is not a positive factor");
@@ -96,18 +97,17 @@ fn photograph_and_camera(arguments: &Arguments) -> Result<(Photograph, Camera)> 
     Ok((photograph, project.camera))
 }
 
-fn sized(arguments: &Arguments, photograph: Photograph) -> Photograph {
+fn sized(arguments: &Arguments, photograph: Photograph) -> Result<Photograph> {
     let Image { width, height, .. } = photograph.image;
     let wanted = match arguments.width {
         Some(width) => width as usize,
         None if arguments.preview => (width / 4).max(PREVIEW_WIDTH).min(width),
         None => width,
     };
-    if wanted == width {
-        return photograph;
-    }
     let scaled = (height as f64 * wanted as f64 / width as f64).round().max(1.0) as usize;
-    photograph.resized(wanted, scaled)
+    // Sums of the catcher and the object, and layers.
+    memory::require_pictures(wanted, scaled, 10)?;
+    Ok(if wanted == width { photograph } else { photograph.resized(wanted, scaled) })
 }
 
 /// The object on its catcher, in the coordinates of the map.

@@ -96,11 +96,11 @@ struct Figures {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let is_drawing = arguments.out.extension().is_some_and(|extension| extension == "svg" || extension == "pdf");
     ensure!(is_drawing, "--out {}: the picture is a drawing; name a .svg or .pdf file", arguments.out.display());
-    let _output = OutputFile::take(&arguments.out, |_| true)?;
+    let output = OutputFile::take(&arguments.out)?;
     if let (true, Some(map)) = (arguments.tail, &arguments.env) {
         let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
         let tails::Found { picture, table, objects } = tails::inspect(&*open_environment(map)?, file.as_ref())?;
-        write(arguments, &picture)?;
+        write(&output, arguments, &picture)?;
         if arguments.json {
             return terminal::print_json(&objects);
         }
@@ -109,7 +109,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     if let (true, Some(map), Some(file)) = (arguments.visibility, &arguments.env, &arguments.file) {
         let (picture, said) = visibility::inspect(&arguments.scene, file, map)?;
-        write(arguments, &picture)?;
+        write(&output, arguments, &picture)?;
         out!("{said}\n{} written", arguments.out.display());
         return Ok(());
     }
@@ -138,7 +138,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(share) = figures.share {
         facts += &format!(", {:.0} % of samples from the head", 100.0 * share);
     }
-    write(arguments, &densities("densities", &[title.clone(), facts.clone()], &panels, panels.len())?)?;
+    write(&output, arguments, &densities("densities", &[title.clone(), facts.clone()], &panels, panels.len())?)?;
     if arguments.json {
         terminal::print_json(&serde_json::json!({
             "title": title,
@@ -160,11 +160,12 @@ pub fn tail_picture(environment: &headtail_render::environment::Environment) -> 
     Ok((picture, table))
 }
 
-fn write(arguments: &Arguments, picture: &Chart) -> Result<()> {
+fn write(output: &OutputFile, arguments: &Arguments, picture: &Chart) -> Result<()> {
     let drawing = picture.widest().context("there is nothing to draw")?;
     let svg = drawing.file();
     let is_pdf = arguments.out.extension().is_some_and(|extension| extension == "pdf");
-    Ok(file::replace(&arguments.out, &if is_pdf { pdf(&svg)? } else { svg.into_bytes() })?)
+    let bytes = if is_pdf { pdf(&svg)? } else { svg.into_bytes() };
+    output.write(|path| file::replace(path, &bytes))
 }
 
 /// The surface that the arguments describe, if it is one for the sampler.

@@ -49,7 +49,7 @@ use crate::terminal::{self, note, say};
 use crate::{
     arguments::make_folder,
     compare::machine,
-    output::OutputFolder,
+    output::{OutputFolder, request_of},
     progress,
     report::{number::duration, shell},
 };
@@ -141,14 +141,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
     }
     let start = Instant::now();
-    let _output = OutputFolder::share(&arguments.out)?;
-    let folder = arguments.out.join("sections");
-    make_folder(&folder)?;
     let data = Data::open(arguments.data.as_deref(), arguments.quick)?;
     let effort = if arguments.quick { Effort::QUICK } else { Effort::FULL };
+    let stamp = format!("{} {} {effort:?}", env!("CARGO_PKG_VERSION"), data.key());
+    // Whatever --only names: what it adds stands beside what is there.
+    let request = request_of(["paper", &stamp].map(Into::into).into_iter());
+    let output = OutputFolder::take_for(&arguments.out, &["paper.html"], request)?;
+    let folder = arguments.out.join("sections");
+    make_folder(&folder)?;
     let stop = progress::stop_flag()?;
     let heads = Heads::new(&arguments.out.join("heads"), effort, stop.clone())?;
-    let stamp = format!("{} {} {effort:?}", env!("CARGO_PKG_VERSION"), data.key());
     let workshop = Workshop { data, effort, heads, stop };
     let sections = sections(&workshop);
     let is_wanted = |name: &str| arguments.only.is_empty() || arguments.only.iter().any(|text| name.contains(&**text));
@@ -162,7 +164,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let cost = |&(k, j): &(usize, usize)| (1000.0 * page.sections[k].parts[j].cost).ceil() as u64;
     let costs: Vec<u64> = missing.iter().map(cost).collect();
     let bar = progress::bar(costs.iter().sum(), "paper");
-    let write = |page: &Page| file::replace(&arguments.out.join("paper.html"), page.encode(&workshop).as_bytes());
+    let path = output.file("paper.html")?;
+    let write = |page: &Page| file::replace(&path, page.encode(&workshop).as_bytes());
     write(&page)?;
     for (&(k, j), cost) in missing.iter().zip(costs) {
         let (section, part) = (&page.sections[k], &page.sections[k].parts[j]);
@@ -178,7 +181,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         bar.inc(cost);
     }
     bar.finish_and_clear();
-    let path = arguments.out.join("paper.html");
     let complete = page.kept.iter().filter(|parts| parts.iter().all(Option::is_some)).count();
     say!(
         "{complete} of {} sections in {}; the page to open is {}",

@@ -61,7 +61,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         terminal::only_data();
     }
     let stop = progress::stop_flag()?;
-    let output = OutputFolder::take(&arguments.out, &["stability.csv"])?;
+    let output = OutputFolder::take(&arguments.out, &["stability.csv", "stability.html"])?;
     let effort = if arguments.quick {
         Effort { conditions: 10, strata: (72, 40), draws: 2_000 }
     } else {

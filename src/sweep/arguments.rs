@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 
 use super::{Sweep, collect, folder::SweepFolder, local, report, retry, slurm, status, worker};
 use crate::terminal::{only_data, out, print_json, say};
-use crate::{arguments::make_folder, progress};
+use crate::{output::OutputFile, progress};
 
 /// Run a space of settings: every trial once, resumed where it was stopped.
 #[derive(Args)]
@@ -150,9 +150,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 fn written(output: &Output, sweep: &Sweep, name: &str, text: &str) -> Result<()> {
     let file = output.file.clone().unwrap_or_else(|| sweep.folder.path().join(name));
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
-    folder.map_or(Ok(()), make_folder)?;
-    headtail_render::file::replace(&file, text.as_bytes())?;
+    OutputFile::take(&file)?.write(|path| headtail_render::file::replace(path, text.as_bytes()))?;
     say!("{} written", file.display());
     Ok(())
 }

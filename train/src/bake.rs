@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3A};
 use headtail_render::{
-    bake::{BakedTable, CellDirections, CellGrid, CellPoints, NormalGrid},
+    bake::{BakedTable, CellDirections, CellGrid, CellPoints, NormalGrid, Share},
     head::{Condition, Head},
     tail::Tail,
 };
@@ -14,6 +14,8 @@ use crate::{Error, Result};
 
 /// Points along each side of a cell at which the head is evaluated.
 const POINTS: usize = 3;
+/// The share of its time in which densities are found.
+const DENSITIES: f64 = 0.8;
 
 /// Tabulates a head that is conditioned on the normal.
 ///
@@ -27,16 +29,33 @@ const POINTS: usize = 3;
 /// be used alone.
 ///
 /// # Errors
-/// [`Error::NotBakeable`] for a head with another condition; see also [`BakedTable::new`].
+/// [`Error::NotBakeable`] for a head with another condition; see also [`BakedTable::new`] and
+/// [`BakedTable::require_memory`].
 pub fn learned_bake(head: &Head, tail: &Tail, normals: NormalGrid, cells: CellGrid) -> Result<BakedTable> {
+    learned_bake_watched(head, tail, normals, cells, &|_| {})
+}
+
+/// [`learned_bake`], of which `watch` is told now and then which share is done, from any thread.
+///
+/// # Errors
+/// As [`learned_bake`].
+pub fn learned_bake_watched(
+    head: &Head,
+    tail: &Tail,
+    normals: NormalGrid,
+    cells: CellGrid,
+    watch: &(dyn Fn(f64) + Sync),
+) -> Result<BakedTable> {
     if head.condition() != Condition::Normal {
         return Err(Error::NotBakeable);
     }
+    BakedTable::require_memory(normals, cells)?;
     let points = CellPoints::new(tail, cells, POINTS);
     let positions: Vec<_> = points.positions().flatten().copied().collect();
     let cosine = head.has_selection().then(|| PulledBackCosine::new(tail, &positions));
     let points_of_cell = positions.len() / cells.cells();
     let mut masses = vec![0.0; normals.nodes() * cells.cells()];
+    let share = Share::new(watch, (0.0, DENSITIES), normals.nodes());
     masses.par_chunks_exact_mut(cells.cells()).enumerate().for_each(|(node, masses)| {
         let normal = normals.normal(node);
         let head = head.at(&normal.to_array()).expect("its condition is the normal");
@@ -61,8 +80,9 @@ pub fn learned_bake(head: &Head, tail: &Tail, normals: NormalGrid, cells: CellGr
         for mass in masses {
             *mass *= light / count;
         }
+        share.step();
     });
-    CellDirections::new(tail, cells).raise(normals, &mut masses);
+    CellDirections::new(tail, cells).raise(normals, &mut masses, (DENSITIES, watch));
     Ok(BakedTable::new(normals, cells, masses)?)
 }
 

@@ -40,7 +40,7 @@ pub mod validation;
 
 pub use backend::Backend;
 pub use backend_trial::{BackendTrial, TrialRow};
-pub use bake::learned_bake;
+pub use bake::{learned_bake, learned_bake_watched};
 pub use checkpoint::CheckpointFolder;
 pub use config::FitConfig;
 pub use config_file::ConfigBuilder;

@@ -5,7 +5,7 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 
-use super::{cell_grid::CellGrid, normal_grid::NormalGrid};
+use super::{cell_grid::CellGrid, normal_grid::NormalGrid, share::Share};
 use crate::{
     columns::{strips, vectorized},
     latlong,
@@ -33,6 +33,8 @@ const LARGEST_WEIGHT: f32 = 11.0;
 const LARGEST_SHARE: f32 = 0.5;
 /// How often masses are raised to what the sum of raised masses asks for.
 const ROUNDS: usize = 4;
+/// The share of the time of raising masses in which highest cosines are found.
+const BOUNDS: f64 = 0.5;
 /// Normals along a side of a cell of the grid of normals at which a table is held against the light that is seen there.
 const BETWEEN: usize = 6;
 
@@ -142,15 +144,25 @@ impl CellDirections {
     ///
     /// It is 1/2 at most. Normals ask for more that see next to no light, where the highest cosines over all cells have a mean of more than 5 C: no table
     /// of so few cells could bound their weights by much less.
-    pub fn raise(&self, normals: NormalGrid, masses: &mut [f32]) {
+    ///
+    /// `watch` is told now and then how much of the whole work is done, of which the given share was done before.
+    pub fn raise(&self, normals: NormalGrid, masses: &mut [f32], (before, watch): (f64, &(dyn Fn(f64) + Sync))) {
         let count = self.cells.cells();
         let mut highest = vec![0.0; masses.len()];
         let reaches = normals.reaches();
+        let middle = before + BOUNDS * (1.0 - before);
+        let bounds = Share::new(watch, (before, middle), normals.nodes());
         highest.par_chunks_exact_mut(count).enumerate().for_each(|(node, out)| {
             self.highest_cosines(normals.normal(node), reaches[node / normals.shape().1], out);
+            bounds.step();
         });
         let served = normals.between(BETWEEN);
-        let seen: Vec<f32> = served.par_iter().map(|served| self.irradiance(served.normal)).collect();
+        let light = Share::new(watch, (middle, 1.0), served.len());
+        let irradiance = |normal: Vec3A| {
+            light.step();
+            self.irradiance(normal)
+        };
+        let seen: Vec<f32> = served.par_iter().map(|served| irradiance(served.normal)).collect();
         let mut shares = vec![0.0_f32; normals.nodes()];
         for _ in 0..ROUNDS {
             let raised = |node: usize| {

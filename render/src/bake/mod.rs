@@ -6,13 +6,15 @@ mod cell_masses;
 mod cell_points;
 mod direct;
 mod normal_grid;
+mod share;
 mod table;
 mod weighted_table;
 
 pub use cell_directions::CellDirections;
 pub use cell_grid::CellGrid;
 pub use cell_points::CellPoints;
-pub use direct::direct_bake;
+pub use direct::{direct_bake, direct_bake_watched};
 pub use normal_grid::NormalGrid;
+pub use share::Share;
 pub use table::BakedTable;
 pub use weighted_table::{WeightedDensity, WeightedTable};

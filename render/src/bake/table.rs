@@ -13,6 +13,7 @@ use crate::{
     discrete::BELOW_ONE,
     error::{Error, Result},
     flat::FlatArray,
+    memory,
     sampler::IntermediateDensity,
     simd::{LANES, Lanes},
     tile::Rows,
@@ -21,6 +22,9 @@ use crate::{
 /// Share of every node's mass that is spread evenly over Y. A cell whose sampled points see no light may still hold a
 /// direction that does; without this floor its energy would be lost.
 const FLOOR: f32 = 2e-3;
+
+/// Bytes that a mass takes at most while a table is made: itself, as a double with its floor, and in integers with their padding.
+const BYTES_PER_MASS: u64 = 20;
 
 /// Piecewise constant masses over the cells of Y for every normal of a grid.
 ///
@@ -66,6 +70,15 @@ impl BakedTable {
         }
         let quantized = CellMasses::new(cells, &with_floor);
         Ok(Self { normals, cells, masses, quantized })
+    }
+
+    /// Refuses a table that needs more memory to be made than there is.
+    ///
+    /// # Errors
+    /// As [`memory::require`].
+    pub fn require_memory(normals: NormalGrid, cells: CellGrid) -> Result<()> {
+        let bytes = BYTES_PER_MASS * (normals.nodes() * cells.cells()) as u64;
+        memory::require(bytes, || format!("a table of {} normals, {} cells for each", normals.nodes(), cells.cells()))
     }
 
     /// Fills a table with `fill(normal, masses of the cells [rows * columns])`, normals in parallel.

@@ -83,8 +83,15 @@ impl Environment {
     /// that are infinite or above 1e15 become the largest usable value of the map. [`Self::repairs`] says what was done.
     ///
     /// # Errors
-    /// The image is empty or has 2^31 texels or more, or no texel is lit.
+    /// The image is empty or has 2^31 texels or more, or no texel is lit; or the map needs more memory than there is.
     pub fn from_image(name: &str, image: Image) -> Result<Self> {
+        let Image { width, height, ref pixels } = image;
+        memory::require(pixels.len() as u64 * BYTES_PER_TEXEL, || format!("a map of {width} x {height} pixels"))?;
+        Self::of_any_size(name, image)
+    }
+
+    /// The same however large it is.
+    fn of_any_size(name: &str, image: Image) -> Result<Self> {
         let Image { width, mut height, mut pixels } = image;
         if pixels.is_empty() || width.checked_mul(height) != Some(pixels.len()) {
             let reason = format!("{} texels cannot be {width} x {height}, at least 1 x 1", pixels.len());
@@ -94,7 +101,6 @@ impl Environment {
         if width.checked_mul(height.max(2)).is_none_or(|texels| i32::try_from(texels).is_err()) {
             return Err(Error::argument("environment map", "has 2^31 texels or more"));
         }
-        memory::require(pixels.len() as u64 * BYTES_PER_TEXEL, || format!("a map of {width} x {height} pixels"))?;
         let repairs = repair(&mut pixels);
         if pixels.iter().flatten().all(|&value| value == 0.0) {
             let found = if repairs.is_empty() {

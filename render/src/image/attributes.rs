@@ -29,14 +29,6 @@ pub fn text_attributes(path: &Path) -> Result<Vec<(String, String)>> {
     Ok(found)
 }
 
-/// One of [`text_attributes`]; `None` where it is missing.
-///
-/// # Errors
-/// As [`text_attributes`].
-pub fn text_attribute(path: &Path, name: &str) -> Result<Option<String>> {
-    Ok(text_attributes(path)?.into_iter().find(|(found, _)| found == name).map(|(_, value)| value))
-}
-
 fn text(value: &AttributeValue) -> Option<String> {
     match value {
         AttributeValue::Text(text) => Some(text.to_string()),

@@ -12,7 +12,7 @@ mod size;
 mod without_panic;
 mod write;
 
-pub use attributes::{text_attribute, text_attributes};
+pub use attributes::text_attributes;
 pub(crate) use compressed::decode_compressed;
 pub use layered::{Channel, encode_layered_exr};
 pub use photograph::{Photograph, srgb_code};

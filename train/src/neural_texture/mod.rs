@@ -14,7 +14,7 @@ mod samples;
 mod state;
 
 pub use layout::Layout;
-pub use picture::{DISTANCES, side_by_side};
+pub use picture::{DISTANCES, QUERIES, side_by_side};
 pub use samples::{Decibels, Samples, error_over};
 pub use state::State;
 

@@ -19,6 +19,9 @@ const GAP: usize = 4;
 /// Directions and strengths of the lights: a white diffuse surface that faces a light of strength 1 has a radiance of 1.
 const LIGHTS: [([f32; 3], f32); 3] = [([0.1, 0.75, 0.65], 0.8), ([-0.7, 0.1, 0.7], 0.3), ([0.75, -0.45, 0.5], 0.3)];
 
+/// What a source is asked for by [`side_by_side`].
+pub const QUERIES: usize = DISTANCES.len() * LIGHTS.len() * SIDE * SIDE;
+
 /// Rows of pictures from near to far, the source on the left and the material on the right, and for each row the peak signal-to-noise ratio
 /// in dB. The source is asked for `paths` light paths for each pixel and light.
 pub fn side_by_side(source: &dyn Source, material: &NeuralTexture, paths: u32) -> (Image, Vec<f64>) {

@@ -1,0 +1,27 @@
+//! How much of a bake is done.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// A part of some work, in equal steps that threads do in any order.
+pub struct Share<'a> {
+    watch: &'a (dyn Fn(f64) + Sync),
+    from: f64,
+    to: f64,
+    steps: usize,
+    done: AtomicUsize,
+}
+
+impl<'a> Share<'a> {
+    /// The part of the work between the shares `from` and `to` of it.
+    pub fn new(watch: &'a (dyn Fn(f64) + Sync), (from, to): (f64, f64), steps: usize) -> Self {
+        Self { watch, from, to, steps, done: AtomicUsize::new(0) }
+    }
+
+    /// A step is done: every sixteenth time, the watcher is told.
+    pub fn step(&self) {
+        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        if done.is_multiple_of(16) || done == self.steps {
+            (self.watch)(self.from + (self.to - self.from) * done as f64 / self.steps as f64);
+        }
+    }
+}

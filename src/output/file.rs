@@ -1,0 +1,145 @@
+//! Single files of results.
+
+use std::{
+    ffi::OsString,
+    fs::{self, File},
+    path::{Path, PathBuf},
+    sync::atomic::Ordering,
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use headtail_render::file;
+
+use super::{
+    FORCE, digits, lock_file,
+    record::{self, Entry, RECORD},
+    request,
+};
+
+/// A file that only this process writes. The record of its folder says which command made it, and what it held then.
+#[derive(Debug)]
+pub struct OutputFile {
+    path: PathBuf,
+    folder: PathBuf,
+    /// Where links lead to.
+    target: PathBuf,
+    /// The name in the record.
+    name: String,
+    lock: PathBuf,
+    _held: File,
+}
+
+impl OutputFile {
+    /// Takes a file that is to be written; its folder is made if it is missing.
+    ///
+    /// # Errors
+    /// If it cannot be written, if another process writes it, or if there is a file that this command has not made, or that was changed
+    /// since, and `--force` was not given.
+    pub fn take(path: &Path) -> Result<Self> {
+        make_folder_of(path)?;
+        let target = file::target(path)?;
+        let cannot = || format!("{}: it cannot be written", path.display());
+        let Some(name) = target.file_name() else { bail!("{}: it is no name of a file", path.display()) };
+        let mut lock_name = OsString::from(".");
+        lock_name.push(name);
+        lock_name.push(".lock");
+        let lock = target.with_file_name(lock_name);
+        let Some(held) = lock_file(&lock).with_context(cannot)? else {
+            bail!("{}: another headtail is writing it", path.display());
+        };
+        let name = name.as_encoded_bytes().escape_ascii().to_string();
+        let output = Self { path: path.to_owned(), folder: folder_of(&target), target, name, lock, _held: held };
+        let may_replace = !output.target.exists() || FORCE.load(Ordering::Relaxed) || output.is_ours();
+        ensure!(
+            may_replace,
+            "{}: the file is there, of another command or changed since; name another, or replace it by --force",
+            path.display()
+        );
+        Ok(output)
+    }
+
+    /// Whether this command made the file that is there.
+    fn is_ours(&self) -> bool {
+        let Ok((record, _)) = file::open_regular(&self.folder.join(RECORD)) else { return false };
+        record::latest(&record::entries(&record), &self.name).is_some_and(|entry| {
+            let is_unchanged = |digest: &String| self.digest().is_ok_and(|found| found == *digest);
+            entry.request == request() && entry.digest.as_ref().is_none_or(is_unchanged)
+        })
+    }
+
+    fn digest(&self) -> std::io::Result<String> {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(File::open(&self.target)?)?;
+        Ok(digits(&hasher))
+    }
+
+    /// Lets `write` fill the file, and records that this command did.
+    ///
+    /// # Errors
+    /// Those of `write`, and if the record cannot be written.
+    pub fn write<T, E: Into<anyhow::Error>>(&self, write: impl FnOnce(&Path) -> Result<T, E>) -> Result<T> {
+        // Before, so that a kill between both leaves no file that nobody knows.
+        self.record(None)?;
+        let written = write(&self.path).map_err(Into::into)?;
+        self.record(Some(self.digest().with_context(|| self.path.display().to_string())?))?;
+        Ok(written)
+    }
+
+    fn record(&self, digest: Option<String>) -> Result<()> {
+        let entry = Entry { request: request(), digest, name: self.name.clone() };
+        record::replace(&self.folder, &entry).with_context(|| self.folder.join(RECORD).display().to_string())
+    }
+}
+
+impl Drop for OutputFile {
+    fn drop(&mut self) {
+        // While it is locked: who opened it meanwhile finds that it has no name any more.
+        drop(fs::remove_file(&self.lock));
+    }
+}
+
+fn folder_of(path: &Path) -> PathBuf {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned()
+}
+
+fn make_folder_of(path: &Path) -> Result<()> {
+    let folder = folder_of(path);
+    fs::create_dir_all(&folder).with_context(|| format!("{}: the folder cannot be made", folder.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(path: &Path) -> String {
+        OutputFile::take(path).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_file_is_replaced_by_its_own_command_alone() {
+        let here = tempfile::tempdir().unwrap();
+        let path = here.path().join("a file.exr");
+        fs::write(&path, "of somebody").unwrap();
+        assert!(refused(&path).contains("--force"));
+        fs::remove_file(&path).unwrap();
+        let write = |text: &'static str| {
+            let output = OutputFile::take(&path).unwrap();
+            output.write(|path| fs::write(path, text)).unwrap();
+        };
+        write("one");
+        write("two");
+        let record = here.path().join(RECORD);
+        let lines = fs::read_to_string(&record).unwrap();
+        assert!(lines.lines().count() == 1 && lines.ends_with(" a file.exr\n"), "{lines}");
+        // Another command's, and one that was changed by hand.
+        fs::write(&record, format!("x{}", &lines[1..])).unwrap();
+        assert!(refused(&path).contains("of another command"));
+        fs::write(&record, &lines).unwrap();
+        fs::write(&path, "three").unwrap();
+        assert!(refused(&path).contains("changed since"));
+        // One that a kill left before the last line: nothing says what it should hold.
+        fs::write(&record, format!("{} a file.exr\n", request())).unwrap();
+        write("four");
+        assert_eq!(fs::read_dir(here.path()).unwrap().count(), 2);
+    }
+}
