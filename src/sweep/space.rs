@@ -324,6 +324,10 @@ fn set(table: &mut Table, key: &str, value: Value) -> Result<()> {
 }
 
 #[cfg(test)]
+#[path = "../../tests/fuzz/mutation.rs"]
+mod mutation;
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -358,6 +362,22 @@ mod tests {
         let keys = |a| space.active(all(a).into()).into_keys().collect::<Vec<_>>();
         assert_eq!(keys(1), ["a"]);
         assert_eq!(keys(2), ["a", "b", "c"]);
+    }
+
+    /// As the readers in `tests/fuzz`: `HEADTAIL_FUZZ_INPUTS` sets how many there are.
+    #[test]
+    fn spaces_that_are_almost_right_are_taken_or_refused() {
+        let rest = "[axes]\nlearning_rate = { log = [0.001, 0.1], points = 3 }\nseed = [1, 2]\n\
+                    'head.bins' = [8, 16]\nb = { values = [0.5], when = { 'head.bins' = 16 } }\n[aggregate]\nover = ['seed']\nby = 'worst'\n\
+                    [search]\nmethod = 'random'\nn = 4\nseed = 7\n[halving]\nrungs = [3, 9]\n";
+        let corpus = [SMALL.to_owned() + rest, format!("{SMALL}[axes]\nsteps = [1]\n")].map(String::into_bytes);
+        let inputs = std::env::var("HEADTAIL_FUZZ_INPUTS").map_or(2000, |text| text.parse().unwrap());
+        let first = std::env::var("HEADTAIL_FUZZ_FIRST").map_or(0, |text| text.parse::<u64>().unwrap());
+        let texts = (first..first + inputs)
+            .filter_map(|input| String::from_utf8(super::mutation::Mutation::new(0x5eed, input).of(&corpus)).ok());
+        let (taken, refused): (Vec<String>, Vec<String>) = texts.partition(|text| Space::parse(text).is_ok());
+        // Neither is a test of nothing.
+        assert!(taken.len() > 10 && refused.len() > 10, "{} taken, {} refused", taken.len(), refused.len());
     }
 
     #[test]

@@ -90,7 +90,13 @@ fn pages_work_in_a_browser() {
              charts=3 images=true"
         );
     }
-    assert_eq!(probe(&browser, &path.join("chart.html"), false), "charts=3 images=true");
+    for dark in [false, true] {
+        assert_eq!(probe(&browser, &path.join("chart.html"), dark), "charts=3 images=true");
+    }
+    succeed(path, "stability --quick --only constant --out suite");
+    for dark in [false, true] {
+        assert_eq!(probe(&browser, &path.join("suite/stability.html"), dark), "charts=1 images=true");
+    }
     // The checks of everything make the whole page beforehand, and say where it is.
     let page = std::env::var_os("HEADTAIL_PAPER").map(std::path::PathBuf::from);
     let copy = path.join("paper.html");
@@ -111,17 +117,21 @@ fn pages_work_in_a_browser() {
         path,
         "composite --photo shot.exr --camera shot.fspy --env window --scene sphere --size 0.8 --spp 4 --out into",
     );
-    assert_eq!(
-        probe(&browser, &path.join("into/composite.html"), false),
-        "moved=true chosen=true same=true exposed=true difference=true zoomed=true charts=0 images=true"
-    );
+    for dark in [false, true] {
+        assert_eq!(
+            probe(&browser, &path.join("into/composite.html"), dark),
+            "moved=true chosen=true same=true exposed=true difference=true zoomed=true charts=0 images=true"
+        );
+    }
 
     let view = "--env overcast --scene sphere --material lambert --width 16 --height 12";
     let said = succeed(path, &format!("autosize {view} --prepare-seconds 1 --render-seconds 2 --json --out auto"));
     let records: serde_json::Value = serde_json::from_str(&said).unwrap();
     let winners = records.as_array().unwrap().iter().filter(|record| record["winner"] == true).count();
     assert!(winners == 1 && records.as_array().unwrap().len() > 10, "{said}");
-    assert_eq!(probe(&browser, &path.join("auto/autosize.html"), false), "charts=1 images=true");
+    for dark in [false, true] {
+        assert_eq!(probe(&browser, &path.join("auto/autosize.html"), dark), "charts=1 images=true");
+    }
 
     fs::write(path.join("space.toml"), super::sweep::SPACE.replace("steps = 400", "steps = 100")).unwrap();
     succeed(path, "sweep run space.toml --jobs 2 --threads 1");
@@ -130,7 +140,7 @@ fn pages_work_in_a_browser() {
         let found = probe(&browser, &path.join("space.sweep/report.html"), dark);
         assert_eq!(
             found,
-            "rows=8 sorted=true filtered=4 brushed=true released=8 points=4 detail=true axis=true saved=true charts=4 images=true"
+            "rows=8 sorted=true filtered=4 brushed=true released=8 points=4 detail=true axis=true pdf=true saved=true charts=4 images=true"
         );
     }
 }

@@ -130,6 +130,10 @@ window.addEventListener("load", () => {
         HTMLAnchorElement.prototype.click = function () { links.push(this.download + " " + decodeURIComponent(this.href)); };
         get("save-csv").click();
         get("save-tex").click();
+        document.querySelector("[aria-label='Save parallel as PDF']").click();
+        const pdf = links.pop();
+        found.pdf = pdf.startsWith("parallel.pdf data:application/pdf") && pdf.includes("(relative_variance) Tj") && pdf.includes(" l S") && pdf.endsWith("%%EOF\n")
+          && pdf.slice(pdf.indexOf("%PDF") + Number(pdf.match(/startxref\n(\d+)/)[1])).startsWith("xref\n");
         found.saved = links.length === 2 && links[0].startsWith("trials.csv") && links[0].trimEnd().split("\n").length === 9
           && links[0].includes("\n" + rows()[0].cells[0].textContent + ",done,") && links[1].includes("\\toprule") && links[1].includes("relative\\_variance");
         finish();

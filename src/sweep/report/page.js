@@ -288,6 +288,50 @@
     copy.setAttribute("style", "font-family:system-ui,Helvetica,Arial,sans-serif;background:" + getComputedStyle(document.body).backgroundColor);
     return new XMLSerializer().serializeToString(copy);
   };
-  const button = make(make(parallel.parentElement.parentElement, "p", { class: "save" }, "Save "), "button", { type: "button", "aria-label": "Save parallel as SVG" }, "SVG");
-  button.addEventListener("click", () => save("parallel.svg", "image/svg+xml", withStyle(parallel)));
+  // The same as PDF: paths of M and L, lines, and texts in Helvetica, which every reader has.
+  const asPdf = (svg) => {
+    const [, , width, height] = svg.getAttribute("viewBox").split(" ").map(Number);
+    const colour = (value) => value.match(/[\d.]+/g).slice(0, 3).map((part) => (part / 255).toFixed(3)).join(" ");
+    const octal = (letter) => letter === "\u2026" ? "\\205" : letter > "\u00ff" ? "?" : "\\" + letter.charCodeAt(0).toString(8).padStart(3, "0");
+    const opacities = [], page = colour(getComputedStyle(document.body).backgroundColor);
+    const marks = ["1 0 0 -1 0 " + height + " cm " + page + " rg 0 0 " + width + " " + height + " re f"];
+    for (const element of svg.querySelectorAll("path, line, text")) {
+      const style = getComputedStyle(element), at = (name) => Number(element.getAttribute(name));
+      if (!opacities.includes(style.opacity)) opacities.push(style.opacity);
+      const state = "/G" + opacities.indexOf(style.opacity) + " gs ";
+      if (element.tagName === "text") {
+        const x = at("x") - (style.textAnchor === "middle" ? element.getComputedTextLength() / 2 : 0);
+        const text = element.firstChild.data.replace(/[()\\]|[^ -~]/g, octal);
+        marks.push(state + "BT /F " + parseFloat(style.fontSize) + " Tf " + colour(style.fill) + " rg 1 0 0 -1 " + x.toFixed(1) + " " + at("y").toFixed(1) + " Tm (" + text + ") Tj ET");
+        continue;
+      }
+      const d = element.getAttribute("d") ?? "M" + at("x1") + " " + at("y1") + "L" + at("x2") + " " + at("y2");
+      const pens = d.replace(/([ML])([-\d.]+) ([-\d.]+)/g, (_, pen, x, y) => x + " " + y + " " + pen.toLowerCase() + " ");
+      if (d) marks.push(state + colour(style.stroke) + " RG " + parseFloat(style.strokeWidth) + " w " + pens + "S");
+    }
+    const states = opacities.map((opacity, k) => "/G" + k + " << /CA " + opacity + " /ca " + opacity + " >>").join(" ");
+    const content = marks.join("\n");
+    const objects = [
+      "<< /Type /Catalog /Pages 2 0 R >>",
+      "<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
+      "<< /Type /Page /Parent 2 0 R /MediaBox [0 0 " + width + " " + height + "] /Contents 5 0 R /Resources << /Font << /F 4 0 R >> /ExtGState << " + states + " >> >> >>",
+      "<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica /Encoding /WinAnsiEncoding >>",
+      "<< /Length " + content.length + " >>\nstream\n" + content + "\nendstream",
+    ];
+    let file = "%PDF-1.4\n";
+    const places = objects.map((object, k) => {
+      const place = file.length;
+      file += k + 1 + " 0 obj\n" + object + "\nendobj\n";
+      return String(place).padStart(10, "0") + " 00000 n \n";
+    });
+    const end = "trailer\n<< /Size 6 /Root 1 0 R >>\nstartxref\n" + file.length + "\n%%EOF\n";
+    return file + "xref\n0 6\n0000000000 65535 f \n" + places.join("") + end;
+  };
+  const saving = make(parallel.parentElement.parentElement, "p", { class: "save" }, "Save ");
+  for (const [extension, kind, file] of [["svg", "image/svg+xml", withStyle], ["pdf", "application/pdf", asPdf]]) {
+    const words = extension.toUpperCase();
+    const button = make(saving, "button", { type: "button", "aria-label": "Save parallel as " + words }, words);
+    saving.append(" ");
+    button.addEventListener("click", () => save("parallel." + extension, kind, file(parallel)));
+  }
 })();
