@@ -229,6 +229,21 @@ fn damaged_checkpoints_are_named_and_the_one_before_is_used() {
     assert!(fail(path, &RUN.replace("--resume", "")).contains("earlier run"));
 }
 
+/// A run that has ended goes on where it was, to the steps of a longer one; a shorter one is refused.
+#[test]
+fn a_run_is_extended() {
+    let here = folder();
+    let path = here.path();
+    succeed(path, RUN);
+    let before = fs::read(path.join("out/sampler.safetensors")).unwrap();
+    let (said, warned) = succeed(path, &RUN.replace("--steps 60", "--steps 80"));
+    assert!(said.contains("80 steps") && warned.is_empty(), "{said}{warned}");
+    assert_eq!(steps(&metrics(&path.join("out"))), [0, 20, 40, 60, 80]);
+    assert_eq!(checkpoints(path).last().unwrap().file_name().unwrap(), "step-000000080");
+    assert_ne!(fs::read(path.join("out/sampler.safetensors")).unwrap(), before);
+    assert!(fail(path, &RUN.replace("--steps 60", "--steps 40")).contains("steps"));
+}
+
 /// SIGTERM and SIGINT save, write what was learned, and exit with 0.
 #[cfg(unix)]
 #[test]

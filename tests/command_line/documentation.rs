@@ -142,3 +142,30 @@ fn lines_that_go_on_are_one_command_and_comments_are_none() {
     let page = "```sh\n# a\nheadtail x \\\n    --y  # b\ncargo z\n```\n```toml\nheadtail = 1\n```\n```sh not run: needs a cluster\nheadtail w\n```\n";
     assert_eq!(commands(page), (vec!["x --y".to_owned()], 1));
 }
+
+/// Behind a file of tests, in quotation marks, stand its tests.
+#[test]
+fn tests_that_the_table_names_are_there() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = fs::read_to_string(root.join("docs/robustness.md")).unwrap();
+    let (mut file, mut count) = (None, 0);
+    for quoted in page.lines().filter(|line| line.starts_with("| ")).flat_map(|line| line.split('`').skip(1).step_by(2))
+    {
+        let is_name = quoted.contains('_')
+            && quoted.bytes().all(|byte| byte == b'_' || byte.is_ascii_lowercase() || byte.is_ascii_digit());
+        match (&file, quoted.ends_with(".rs")) {
+            (_, true) if quoted.contains('/') => file = Some(root.join(quoted)),
+            (_, true) => file = Some(root.join("tests/command_line").join(quoted)),
+            (Some(file), false) if is_name => {
+                assert!(
+                    fs::read_to_string(file).unwrap().contains(&format!("fn {quoted}(")),
+                    "{}: {quoted}",
+                    file.display()
+                );
+                count += 1;
+            }
+            _ => {}
+        }
+    }
+    assert!(count > 40, "{count} names");
+}

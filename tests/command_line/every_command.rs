@@ -37,46 +37,96 @@ fn unread(folder: &Path, arguments: &str) -> Output {
 /// A space of one short trial.
 const SPACE: &str = "objectives = ['relative_variance']\n[run]\nenv = 'overcast'\nmaterial = 'lambert'\nsteps = 2\nconditions = 4\n[axes.seed]\nvalues = [1]\n";
 
+/// A command, how its text becomes another command's with the same output, and its files.
+type Writing<'a> = (String, (&'a str, &'a str), &'a [&'a str]);
+
+/// Every command that ends within seconds; each needs those before it.
+fn writing<'a>() -> Vec<Writing<'a>> {
+    let view = format!("--scene sphere --env overcast {SMALL}");
+    let fit = "fit --env overcast --material lambert --steps 2";
+    let fabric = "fit-material --source lacquer --side 8 --steps 1 --batch 256";
+    let seed = (" --out", " --seed 5 --out");
+    vec![
+        (format!("{fit} --set conditions=4 --out fit"), seed, &["fit/sampler.safetensors", "fit/metrics.jsonl"]),
+        (format!("{fit} --tail flow --set flow.steps=4 --set flow.cells=16 --out flow"), seed, &["flow/sampler.safetensors"]),
+        (format!("{fabric} --out fabric.safetensors"), seed, &["fabric.safetensors"]),
+        ("fit-rival --kind lobes --material neural:fabric.safetensors --steps 1 --out rival.safetensors".into(), seed, &["rival.safetensors"]),
+        ("check-material --source lacquer --material fabric.safetensors --paths 1 --questions 16 --out check.png".into(), ("16", "17"), &["check.png"]),
+        ("material raw.f32 --names a --out one.safetensors".into(), ("--names a ", ""), &["one.safetensors"]),
+        ("bake --direct --env overcast --normals 4x6 --cells 4x4 --out bake/table".into(), ("4x4", "4x5"), &["bake/table"]),
+        (format!("bake --visibility {view} --spp 1 --out bake/seen"), seed, &["bake/seen"]),
+        (format!("render {view} --sampler mis --spp 1 --timings --aovs --out render.exr"), seed, &["render.exr", "render.png", "render.aovs.exr"]),
+        (format!("compare {view} --samplers mis --runs 1 --spp 1 --reference-spp 1 --out compare"), seed, &["compare/report.html", "compare/results.csv"]),
+        ("chart compare --out chart.html".into(), ("compare", "./compare"), &["chart.html"]),
+        ("inspect bake/table --out inspect.svg".into(), (" --out", " --normal 1,0,0 --out"), &["inspect.svg"]),
+        ("export bake/table --target wgsl --out shader".into(), ("bake", "./bake"), &["shader/headtail.wgsl", "shader/layout.json", "shader/floats.bin"]),
+        ("autosize --env overcast --scene sphere --width 16 --height 12 --prepare-seconds 1 --render-seconds 2 --out auto".into(), ("seconds 2", "seconds 3"), &["auto/autosize.html"]),
+        ("sweep run space.toml --threads 1".into(), ("", ""), &["space.sweep/journal"]),
+        ("sweep collect space.toml --file trials.csv".into(), ("space.", "./space."), &["trials.csv"]),
+        ("sweep report space.toml --file report.html".into(), ("space.", "./space."), &["report.html"]),
+        ("view --env overcast --width 16 --height 16 --out view.exr".into(), ("overcast", "studio"), &["view.exr", "view.png", "view.fspy"]),
+        ("scenes --out scenes --spp 1 --width 16".into(), ("spp 1", "spp 2"), &["scenes/temple.png", "scenes/droid.png"]),
+        ("stability --quick --only constant --out suite".into(), ("constant", "rough"), &["suite/stability.csv", "suite/stability.html"]),
+        ("composite --photo view.exr --camera view.fspy --env overcast --scene sphere --spp 1 --out both".into(), seed, &["both/composite.exr", "both/composite.png", "both/composite.html"]),
+        ("paper --quick --only neural --out paper".into(), ("--quick ", ""), &["paper/paper.html"]),
+    ]
+}
+
+/// What the commands of [`writing`] read.
+fn write_inputs(folder: &Path) {
+    fs::write(folder.join("space.toml"), SPACE).unwrap();
+    let weights = |k: usize| ((k * 37) % 19) as f32 * 0.01 - 0.09;
+    fs::write(folder.join("raw.f32"), (0..2 * 675).flat_map(|k| weights(k).to_le_bytes()).collect::<Vec<u8>>())
+        .unwrap();
+    fs::write(folder.join("raw.names.txt"), "a\nb\n").unwrap();
+}
+
+/// What somebody else made stays, whichever of the files it is.
+fn files_of_others_stay(folder: &Path, arguments: &str, files: &[&str]) {
+    for file in files.iter().map(|name| folder.join(name)) {
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(&file, "of somebody").unwrap();
+        let said = refused(folder, arguments);
+        assert!(said.contains("--force"), "{arguments}: {said}");
+        assert_eq!(fs::read_to_string(&file).unwrap(), "of somebody", "{arguments}");
+        fs::remove_file(&file).unwrap();
+    }
+}
+
 #[test]
-fn a_reader_that_goes_away_loses_nothing() {
+fn a_reader_that_goes_away_loses_nothing_and_only_the_same_command_replaces() {
     let here = folder();
     let path = here.path();
-    let view = format!("--scene sphere --env overcast {SMALL}");
-    fs::write(path.join("space.toml"), SPACE).unwrap();
-    let fabric = "fit-material --source lacquer --side 8 --steps 1 --batch 256";
-    let cases = [
-        ("fit --env overcast --material lambert --steps 2 --set conditions=4 --out fit".to_owned(), "fit/sampler.safetensors"),
-        ("fit --env overcast --material lambert --steps 2 --tail flow --set flow.steps=4 --set flow.cells=16 --out flow".into(), "flow/sampler.safetensors"),
-        (format!("{fabric} --out fabric.safetensors"), "fabric.safetensors"),
-        ("fit-rival --kind lobes --material neural:fabric.safetensors --steps 1 --out rival.safetensors".into(), "rival.safetensors"),
-        ("check-material --source lacquer --material fabric.safetensors --paths 1 --questions 16 --out check.png".into(), "check.png"),
-        ("bake --direct --env overcast --normals 4x6 --cells 4x4 --out bake/table".into(), "bake/table"),
-        (format!("bake --visibility {view} --spp 1 --out bake/seen"), "bake/seen"),
-        (format!("render {view} --sampler mis --spp 1 --timings --out render.exr"), "render.png"),
-        (format!("compare {view} --samplers mis --runs 1 --spp 1 --reference-spp 1 --out compare"), "compare/report.html"),
-        ("chart compare --out chart.html".into(), "chart.html"),
-        ("inspect bake/table --out inspect.svg".into(), "inspect.svg"),
-        ("export bake/table --target wgsl --out shader".into(), "shader/layout.json"),
-        ("autosize --env overcast --scene sphere --width 16 --height 12 --prepare-seconds 1 --render-seconds 2 --out auto".into(), "auto/autosize.html"),
-        ("sweep run space.toml --threads 1".into(), "space.sweep/journal"),
-        ("view --env overcast --width 16 --height 16 --out view.exr".into(), "view.fspy"),
-        ("scenes --out scenes --spp 1 --width 16".into(), "scenes/temple.png"),
-        ("stability --quick --only constant --out suite".into(), "suite/stability.html"),
-        ("backends --steps 1 --conditions 4 --samples 16 --backend flex".into(), "."),
-        ("composite --photo view.exr --camera view.fspy --env overcast --scene sphere --spp 1 --out both".into(), "both/composite.html"),
-        ("paper --quick --only neural --out paper".into(), "paper/paper.html"),
-        ("info bake/table".into(), "."),
-        ("completions bash".into(), "."),
-    ];
-    for (arguments, results) in &cases {
+    write_inputs(path);
+    let cases = writing();
+    let others =
+        ["backends --steps 1 --conditions 4 --samples 16 --backend flex", "info bake/table", "completions bash"];
+    let without_reader = |arguments: &str| {
         let output = unread(path, arguments);
         let said = text(&output.stderr);
         assert!(output.status.success() && !said.contains("panicked"), "{arguments}: {}: {said}", output.status);
-        assert!(path.join(results).exists(), "{arguments}");
+    };
+    for (arguments, (from, to), files) in &cases {
+        let is_guarded = from != to;
+        if is_guarded {
+            files_of_others_stay(path, arguments, files);
+        }
+        without_reader(arguments);
+        let bytes = || files.iter().map(|name| fs::read(path.join(name)).unwrap()).collect::<Vec<_>>();
+        if is_guarded {
+            let before = bytes();
+            let said = refused(path, &arguments.replacen(from, to, 1));
+            assert!(said.contains("--force"), "{arguments}: {said}");
+            assert_eq!(bytes(), before, "{arguments}");
+            let again = command(path, arguments).output().unwrap();
+            assert!(again.status.success(), "{arguments}: {}", text(&again.stderr));
+        }
     }
-    // `demo` takes minutes, and says nothing but by the words of others; `material` needs a measured material, which is not ours to ship.
-    let mut done = first_words(cases.iter().map(|(arguments, _)| arguments.as_str()));
-    done.extend(["demo", "material"].map(str::to_owned));
+    others.into_iter().for_each(without_reader);
+    // It takes minutes, and says nothing but by the words of others.
+    files_of_others_stay(path, "demo --out demo", &["demo/head.safetensors", "demo/report.html"]);
+    let mut done = first_words(cases.iter().map(|(arguments, ..)| arguments.as_str()).chain(others));
+    done.insert("demo".into());
     assert_eq!(done, commands());
     // A reader that takes one line and goes.
     let script = format!("{} scenes | head -n 1", env!("CARGO_BIN_EXE_headtail"));
@@ -240,10 +290,14 @@ fn work_of_minutes_is_announced() {
     )
     .unwrap();
     succeed(path, "view --env overcast --width 240 --height 160 --out view.exr");
+    succeed(path, "fit-material --source lacquer --side 8 --steps 1 --batch 256 --out cloth");
     let view = "--scene temple --env overcast";
-    for arguments in [
+    let cases = [
         "fit --env overcast --material lambert --steps 1000000 --out fit".to_owned(),
         "fit-material --source lacquer --steps 1000000 --out fabric.safetensors".into(),
+        "fit-rival --kind flow --material neural:cloth --steps 1000000 --out rival".into(),
+        "check-material --source lacquer --material cloth --paths 65536 --questions 1048576 --out check.png".into(),
+        "scenes --spp 65536 --width 960 --out scenes".into(),
         "bake --direct --env overcast --normals 256x512 --cells 64x64 --out table".into(),
         format!("bake --visibility {view} --spp 1000000 --out seen"),
         format!("render {view} --sampler mis --spp 100000 --out a.exr"),
@@ -253,7 +307,13 @@ fn work_of_minutes_is_announced() {
         "sweep run space.toml --threads 1".into(),
         "composite --photo view.exr --camera view.fspy --env overcast --scene sphere --size 0.8 --spp 100000 --out both".into(),
         "paper --out paper".into(),
-    ] {
+    ];
+    // What is done within seconds, or takes the time that it is given; `demo` says in its help that it takes two minutes.
+    let short = ["autosize", "chart", "completions", "demo", "export", "info", "inspect", "material", "view"];
+    let mut listed = first_words(cases.iter().map(String::as_str));
+    listed.extend(short.map(str::to_owned));
+    assert_eq!(listed, commands());
+    for arguments in cases {
         let mut process = start(path, &arguments);
         let lines = BufReader::new(process.0.stderr.take().unwrap()).lines();
         let mut said = Vec::new();
@@ -266,7 +326,8 @@ fn work_of_minutes_is_announced() {
             // The first line about progress comes after ten seconds.
             assert!(!last.contains(" done, ") || !last.contains("left"), "{arguments}: {said:?}");
         }
-        let announced = said.last().is_some_and(|line| line.contains(" about ") && (line.contains(" min") || line.contains(" h")));
+        let announced =
+            said.last().is_some_and(|line| line.contains(" about ") && (line.contains(" min") || line.contains(" h")));
         assert!(announced, "{arguments}: {said:?}");
     }
 }

@@ -149,6 +149,11 @@ fn data_is_json_and_nothing_else() {
     assert_eq!(json("info f/sampler.safetensors --json")["tail"], "hierarchical");
     let tails = json("inspect --tail --env overcast --json --out tails.pdf");
     assert!(tails[1]["tail"] == "hierarchical" && tails[1]["tear_sides"].is_f64(), "{tails}");
+    let cloth = json("fit-material --source lacquer --side 8 --steps 1 --batch 256 --json --out cloth.safetensors");
+    assert!(cloth["source"] == "lacquer" && cloth["psnr"].is_f64() && cloth["path_error"].is_f64(), "{cloth}");
+    let rivals =
+        json("fit-rival --kind lobes --material neural:cloth.safetensors --steps 1 --json --out rival.safetensors");
+    assert!(rivals[0]["relative_variance"].is_f64() && rivals[0]["cross_entropy"].is_f64(), "{rivals}");
 }
 
 #[test]
@@ -231,5 +236,12 @@ fn a_reference_knows_its_noise() {
     // that of a mean over some 150 pixels of squares, of relative deviation 1.4 for normal errors and more for these: 0.3 is two deviations.
     assert!((noisy_mis / mis - 1.0).abs() < 0.3, "{noisy_mis} {mis}");
     assert!(noisy_patches < 2.0 * patches || page.contains("limited by it"), "{noisy_patches} {patches}");
+    // Runs of 512 times the reference's samples are far better than it, whatever their errors are: theirs is said to be limited.
+    let arguments = format!(
+        "compare --scene sphere --env studio {SMALL} --samplers mis,patches --runs 1 --spp 2048 --reference-spp 4 --out limited"
+    );
+    let said = succeed(path, &arguments);
+    assert!(said.contains("mis at 2048spp, patches at 2048spp are limited by it"), "{said}");
+    assert!(fs::read_to_string(path.join("limited/report.html")).unwrap().contains("limited by it"));
     assert!(mean(&picture(&path.join("noisy/reference.exr"))) > 0.0);
 }
