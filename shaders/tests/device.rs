@@ -195,7 +195,7 @@ fn compare_shares(name: &str, sampler: &dyn Sampler, answers: &[Answer], glossy:
         let mut shares = vec![[0.0; LANES]; tile.rows().strips()];
         sampler.share(&tile.rows(), &mut shares, &arena);
         for (answer, share) in answers.iter().zip(shares.as_flattened()) {
-            assert!((answer.share - share).abs() < 1e-5, "{name}: {} is not {share}", answer.share);
+            assert!((answer.share - share).abs() < TOLERANCE, "{name}: {} is not {share}", answer.share);
         }
     }
 }
