@@ -1,6 +1,6 @@
 //! An exported sampler at work: `cargo run --release -p headtail-render --example exported_sampler -- FILE MAP`.
 use glam::{Vec3, Vec3A};
-use headtail_render::{brdf::*, columns::Arena, environment::*, export::ExportedSampler, points::*, sampler::*, tile::*};
+use headtail_render::{brdf::*, columns::Arena, environment::*, export::*, points::*, sampler::*, tile::*};
 use std::{error::Error, path::Path, sync::Arc};
 
 /// The unshadowed light that a white diffuse surface reflects.

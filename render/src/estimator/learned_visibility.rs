@@ -258,6 +258,10 @@ impl Learner for LearningSession<'_> {
         self.cache.learn();
     }
 
+    fn promises(&self) -> bool {
+        self.cache.promises()
+    }
+
     fn explore(&mut self, explores: bool) {
         self.explores = explores;
     }

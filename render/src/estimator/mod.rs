@@ -50,6 +50,9 @@ pub trait Learner: Estimator {
     /// Lets what was observed be used from now on.
     fn learn(&mut self);
 
+    /// Whether there may be something to gain from learning on.
+    fn promises(&self) -> bool;
+
     /// Whether what it proposes is for learning alone from now on: what such contributions add to an estimate is of no account.
     fn explore(&mut self, explores: bool);
 

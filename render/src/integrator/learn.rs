@@ -41,22 +41,30 @@ pub(crate) struct Lesson {
     first: u32,
     /// How many for each pixel.
     samples: u32,
-    /// How many pixels of a block.
-    pixels: u32,
+    /// The first of the pixels of a block, and the first after them.
+    pixels: (u32, u32),
 }
 
 impl Lesson {
     /// One for a picture of so many samples per pixel.
     pub(crate) fn before(samples: u32, first: u32) -> Self {
         let pixels = (samples / (PARTS / BLOCK)).clamp(1, BLOCK);
-        Self { first, samples: (samples / PARTS).max(1), pixels }
+        Self { first, samples: (samples / PARTS).max(1), pixels: (0, pixels) }
+    }
+
+    /// The same in two parts, if it has as many pixels: a learner to whom a quarter of it promises nothing is spared the rest.
+    pub(crate) fn parts(self) -> impl Iterator<Item = Self> {
+        let (first, end) = self.pixels;
+        let quarter = first + (end - first) / 4;
+        let parts = [(first, quarter), (quarter, end)].into_iter().filter(|(first, end)| first < end);
+        parts.map(move |pixels| Self { pixels, ..self })
     }
 
     /// Whether it has a pixel with this key.
     pub(crate) fn has(&self, key: u32) -> bool {
         // Reversed bits spread the first few over the block.
         let place = (key % BLOCK).reverse_bits() >> (32 - BLOCK.ilog2());
-        place < self.pixels
+        (self.pixels.0..self.pixels.1).contains(&place)
     }
 
     /// Lets a learner learn from each sample, which `observe` takes for all pixels of the lesson; it is told the points and the number of the sample.
@@ -95,15 +103,22 @@ pub(super) fn learn_before(
 ) {
     let show = |_: f64| {};
     match budget {
-        Budget::Spp(spp) => learn(view, learner, Lesson::before(spp, 0), seed, stop, &show),
+        Budget::Spp(spp) => {
+            for part in Lesson::before(spp, 0).parts() {
+                learn(view, learner, part, seed, stop, &show);
+                if !learner.promises() {
+                    break;
+                }
+            }
+        }
         Budget::Time(limit) => {
             let start = Instant::now();
             let first = Lesson::before(1, 0);
             learn(view, learner, first, seed, stop, &show);
-            let sample = start.elapsed() * BLOCK / (PRICE * first.pixels);
+            let sample = start.elapsed() * BLOCK / (PRICE * first.pixels.1);
             let promised = limit.as_secs_f64() / sample.max(Duration::from_nanos(1)).as_secs_f64();
             let lesson = Lesson::before(promised as u32, first.samples);
-            if lesson.pixels > 1 {
+            if lesson.pixels.1 > 1 && learner.promises() {
                 learn(view, learner, lesson, seed, stop, &show);
             }
         }
@@ -145,7 +160,7 @@ pub fn learn_visibility(
     if let Some(before) = before {
         session = session.resuming(before);
     }
-    learn((&view, view.whole()), &mut session, Lesson { first: 0, samples, pixels: BLOCK }, seed, stop, progress);
+    learn((&view, view.whole()), &mut session, Lesson { first: 0, samples, pixels: (0, BLOCK) }, seed, stop, progress);
     session.into_visibility(view.scene.geometry_hash())
 }
 
@@ -158,7 +173,9 @@ mod tests {
         for samples in [1, 2, 3, 4, 8, 16, 31, 32, 64, 100, 1 << 20] {
             let lesson = Lesson::before(samples, 0);
             let pixels = (0..BLOCK).filter(|&key| lesson.has(key)).count() as u32;
-            assert_eq!(pixels, lesson.pixels);
+            assert_eq!((0, pixels), lesson.pixels);
+            let of_parts = |key: u32| lesson.parts().filter(|part| part.has(key)).count();
+            assert!((0..BLOCK).all(|key| of_parts(key) == usize::from(lesson.has(key))), "{samples}: each pixel once");
             let cost = f64::from(lesson.samples * pixels) / f64::from(BLOCK) / f64::from(samples);
             // At least one pixel of a block; numbers are rounded down, to more than a half.
             assert!(cost <= f64::max(1.0 / 64.0, 1.0 / f64::from(16 * samples)), "{samples}: {cost}");

@@ -46,8 +46,8 @@ pub struct VisibilityCache {
     cells: Cells,
     counts: Counts,
     weights: Vec<Weights>,
-    /// Whether weights are drawn with.
-    pays: bool,
+    /// What weights would gain.
+    worth: Worth,
     /// What was learned before. Nothing is counted in its cells.
     known: Option<Arc<Known>>,
     division: Arc<Division>,
@@ -82,14 +82,23 @@ impl VisibilityCache {
     pub fn new(cells: Cells, division: Arc<Division>, bytes: usize) -> Self {
         let (counts, weights) = (Counts::default(), vec![Weights::unknown()]);
         let most_cells = bytes / Self::cell_bytes(&division);
-        Self { cells, counts, weights, pays: false, known: None, division, most_cells, asked: Default::default() }
+        Self {
+            cells,
+            counts,
+            weights,
+            worth: Worth::default(),
+            known: None,
+            division,
+            most_cells,
+            asked: Default::default(),
+        }
     }
 
     /// The same with what was learned before, in whose cells it learns on: what is known keeps, the rest is learned.
     #[must_use]
     pub fn knowing(self, known: Arc<Known>) -> Self {
         let most_cells = self.most_cells.saturating_sub(known.bytes() / Self::cell_bytes(&self.division));
-        Self { cells: known.cells(), known: Some(known), pays: true, most_cells, ..self }
+        Self { cells: known.cells(), known: Some(known), most_cells, ..self }
     }
 
     /// The same that goes on learning everywhere where others have begun.
@@ -154,9 +163,7 @@ impl VisibilityCache {
             let weights = visibility.weights(&self.division);
             (Worth::of(self.counts.rays(cell), &visibility, &weights), weights)
         });
-        let worth = found.iter().fold(Worth::default(), |sum, (own, _)| sum.with(*own));
-        // What was learned beforehand is there because somebody asked for it.
-        self.pays = self.known.is_some() || worth.pays();
+        self.worth = found.iter().fold(Worth::default(), |sum, (own, _)| sum.with(*own));
         self.weights =
             std::iter::once(Weights::unknown()).chain(found.into_iter().map(|(_, weights)| weights)).collect();
     }
@@ -172,7 +179,13 @@ impl VisibilityCache {
 
     /// Whether what was learned gains more than it takes to draw with it.
     pub fn pays(&self) -> bool {
-        self.pays
+        // What was learned beforehand is there because somebody asked for it.
+        self.known.is_some() || self.worth.pays()
+    }
+
+    /// Whether it may come to gain so much if it learns on.
+    pub fn promises(&self) -> bool {
+        self.known.is_some() || self.worth.promises()
     }
 
     /// How large it is.
@@ -181,7 +194,7 @@ impl VisibilityCache {
         let (cells, bytes) =
             (cells + self.counts.cells(), bytes + self.counts.cells() * Self::cell_bytes(&self.division));
         let [all, unknown] = self.asked.each_ref().map(|count| count.load(Relaxed) as f64);
-        CacheSize { cells, bytes, unknown: unknown / all.max(1.0), pays: self.pays }
+        CacheSize { cells, bytes, unknown: unknown / all.max(1.0), pays: self.pays() }
     }
 }
 
