@@ -10,6 +10,7 @@ use glam::Vec3A;
 use headtail_render::{
     image::Image,
     integrator::{self, Budget, View},
+    memory,
     points::{PointSet, Points},
     scene::{self, Camera, MaterialSpec},
     statistics::ErrorMetrics,
@@ -121,6 +122,7 @@ pub fn render<'py>(
     if !(1..=1 << 14).contains(&width) || !(1..=1 << 14).contains(&height) {
         return Err(refused(format!("size: {width} x {height} is not between 1 and 16384")));
     }
+    memory::require_pictures(width, height, 0).map_err(of_render)?;
     if !sampler.has_map {
         return Err(refused("sampler: was opened without its map"));
     }
