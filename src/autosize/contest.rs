@@ -21,7 +21,6 @@ use super::{
     choice::{Choice, Standing, choose, least},
     lineup::{Ready, ready},
     measurement::{Measurement, Yardstick},
-    page,
     score::{at_time, cannot_be_better, is_out, mean, ratio},
 };
 use crate::{
@@ -329,19 +328,6 @@ impl<'a> Contest<'a> {
             text = text.replace(&path.display().to_string(), &copy.display().to_string());
         }
         Ok(file::replace(&self.arguments.out.join(role), (text + "\n").as_bytes())?)
-    }
-
-    /// Writes every figure and the page, and returns the figures.
-    pub fn write_records(&self, choice: &Choice, seconds: f64) -> Result<Vec<page::Record>> {
-        let records = page::records(self, choice);
-        let folder = &self.arguments.out;
-        file::replace(&folder.join("autosize.json"), (serde_json::to_string_pretty(&records)? + "\n").as_bytes())?;
-        let title = format!("{} under {}", self.opened.scene_name(), self.opened.environment.name());
-        let times = (self.arguments.prepare_seconds, self.arguments.render_seconds, seconds);
-        let notes: Vec<String> = self.left_out.iter().map(|(_, sentence)| sentence.clone()).collect();
-        let page = page::page(&title, times, &records, &notes, &self.why_not());
-        file::replace(&folder.join("autosize.html"), page.as_bytes())?;
-        Ok(records)
     }
 
     /// Why no head was trained further.

@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     contest.write_choice("winner", winner)?;
     contest.write_choice("cheapest", cheapest)?;
     let seconds = start.elapsed().as_secs_f64();
-    let records = contest.write_records(&choice, seconds)?;
+    let records = page::write(&contest, &choice, seconds)?;
     if arguments.json {
         terminal::print_json(&records)?;
     }

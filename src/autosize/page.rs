@@ -1,6 +1,7 @@
 //! `autosize.html`: error against time of all candidates, and the choice.
 
-use headtail_render::statistics::MeanInterval;
+use anyhow::Result;
+use headtail_render::{file, statistics::MeanInterval};
 use maud::html;
 use serde::Serialize;
 
@@ -51,8 +52,21 @@ pub struct Record {
     cheapest: bool,
 }
 
+/// Writes every figure and the page of a contest that took so many seconds, and returns the figures.
+pub fn write(contest: &Contest<'_>, choice: &Choice, seconds: f64) -> Result<Vec<Record>> {
+    let records = records(contest, choice);
+    let folder = &contest.arguments.out;
+    file::replace(&folder.join("autosize.json"), (serde_json::to_string_pretty(&records)? + "\n").as_bytes())?;
+    let title = format!("{} under {}", contest.opened.scene_name(), contest.opened.environment.name());
+    let times = (contest.arguments.prepare_seconds, contest.arguments.render_seconds, seconds);
+    let notes: Vec<String> = contest.left_out.iter().map(|(_, sentence)| sentence.clone()).collect();
+    let page = page(&title, times, &records, &notes, &contest.why_not());
+    file::replace(&folder.join("autosize.html"), page.as_bytes())?;
+    Ok(records)
+}
+
 /// The figures of all candidates, the winner first.
-pub fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
+fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
     let record = |(index, entry): (usize, &super::contest::Entry)| {
         let errors = entry.measurement.errors();
         let spp = f64::from(entry.measurement.spp);
@@ -83,7 +97,7 @@ pub fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
 }
 
 /// The page; times are those for preparation and rendering, and what the choice took; notes are sentences on candidates that were left out.
-pub fn page(
+fn page(
     title: &str,
     (prepare, render, took): (f64, f64, f64),
     records: &[Record],

@@ -1,0 +1,113 @@
+#!/usr/bin/env python3
+"""Whether the sources keep their layout: no two folders and no two files of a crate take from each other, and prose is wrapped.
+
+    python3 .ci/layout.py
+"""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+CRATES = ["render/src", "model/src", "train/src", "shaders/src", "capi/src", "src"]
+WIDTH = 120
+
+
+def parts_of(body):
+    """The items of a use list `a::b, c::{d, e}`, split at its outermost commas."""
+    depth, start, out = 0, 0, []
+    for at, letter in enumerate(body + ","):
+        depth += (letter == "{") - (letter == "}")
+        if letter == "," and depth == 0:
+            out.append(body[start:at].strip())
+            start = at + 1
+    return [part for part in out if part]
+
+
+def paths_of(text, module):
+    """The paths that a module's text names, from the crate's root; those of inline tests are left out."""
+    text = re.sub(r"//.*", "", re.split(r"#\[cfg\(test\)\]\s*mod ", text)[0])
+    for match in re.finditer(r"\b(crate|super)((?:::\w+)*)(::\{)?", text):
+        path = match[2].split("::")[1:]
+        base = []
+        if match[1] == "super":
+            base = list(module[:-1])
+            while path and path[0] == "super":
+                path, base = path[1:], base[:-1]
+        if not match[3]:
+            yield base + path
+            continue
+        end, depth = match.end(), 1
+        while depth:
+            depth += (text[end] == "{") - (text[end] == "}")
+            end += 1
+        for part in parts_of(text[match.end() : end - 1]):
+            yield base + path + re.split(r"\{| as ", part)[0].strip(":").split("::")
+
+
+def graph_of(crate):
+    """What each module of a crate takes from, modules as tuples of names."""
+    modules = {}
+    for file in (ROOT / crate).rglob("*.rs"):
+        name = file.relative_to(ROOT / crate).with_suffix("").parts
+        modules[name[:-1] if name[-1] == "mod" else name] = file
+    graph = {}
+    for module, file in modules.items():
+        if "tests" in module or module in (("lib",), ("main",)):
+            continue
+        found = graph.setdefault(module, set())
+        for path in paths_of(file.read_text(), module):
+            known = next((tuple(path[:k]) for k in range(len(path), 0, -1) if tuple(path[:k]) in modules), None)
+            if known and known != module:
+                found.add(known)
+    return graph
+
+
+def cycle_in(graph):
+    """Nodes that lead back to where they began; none if there is no such way."""
+    done, way = set(), []
+
+    def visit(node):
+        if node in way:
+            return way[way.index(node) :] + [node]
+        if node in done:
+            return None
+        way.append(node)
+        found = next(filter(None, map(visit, sorted(graph.get(node, ())))), None)
+        way.pop()
+        done.add(node)
+        return found
+
+    return next(filter(None, map(visit, sorted(graph))), None)
+
+
+def cycles():
+    """A sentence for each crate with a cycle of files or of folders."""
+    for crate in CRATES:
+        files = graph_of(crate)
+        folders = {}
+        for module, taken in files.items():
+            folders.setdefault(module[:1], set()).update(other[:1] for other in taken if other[0] != module[0])
+        for kind, graph in [("files", files), ("folders", folders)]:
+            if way := cycle_in(graph):
+                yield f"{crate}: {kind} take from each other: " + " -> ".join("::".join(node) for node in way)
+
+
+def long_lines():
+    """Lines of prose that are too long: tables, code, headings and what has no space to break at may be."""
+    tracked = subprocess.run(["git", "ls-files", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True)
+    for name in tracked.stdout.split():
+        is_code = False
+        for number, line in enumerate((ROOT / name).read_text().splitlines(), 1):
+            if line.lstrip().startswith("```"):
+                is_code = not is_code
+            is_free = is_code or re.match(r"\s*(\||#|!\[)", line) or " " not in line.strip()[:WIDTH].lstrip("-* ")
+            if len(line) > WIDTH and not is_free:
+                yield f"{name}:{number}: {len(line)} characters"
+
+
+if __name__ == "__main__":
+    found = [*cycles(), *long_lines()]
+    print(*found, sep="\n", file=sys.stderr if found else sys.stdout, end="\n" if found else "")
+    sys.exit(1 if found else 0)
