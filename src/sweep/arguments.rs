@@ -5,7 +5,11 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use clap::{Args, Subcommand};
 
-use super::{Sweep, collect, folder::SweepFolder, local, report, retry, slurm, status, worker};
+use super::{
+    Sweep, collect, local,
+    place::{Checkpoints, Place},
+    report, retry, slurm, status, worker,
+};
 use crate::terminal::{self, only_data, out, print_json, say};
 use crate::{output::OutputFile, progress};
 
@@ -44,32 +48,6 @@ enum Action {
     /// What `run` and `submit` start.
     #[command(hide = true)]
     Work(Work),
-}
-
-/// A space and its folder.
-#[derive(Args, Clone, Debug)]
-pub struct Place {
-    /// The file that describes the space.
-    #[arg(value_name = "SPACE.toml")]
-    pub space: PathBuf,
-    /// The folder of the sweep. Default: space.sweep beside space.toml.
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-}
-
-impl Place {
-    /// The folder.
-    pub fn folder(&self) -> SweepFolder {
-        SweepFolder::new(self.out.clone().unwrap_or_else(|| self.space.with_extension("sweep")))
-    }
-
-    /// The sweep.
-    ///
-    /// # Errors
-    /// As [`Sweep::open`].
-    pub fn open(&self) -> Result<Sweep> {
-        Sweep::open(&self.space, self.folder())
-    }
 }
 
 #[derive(Args)]
@@ -120,14 +98,6 @@ struct Work {
     /// A task of a Slurm array.
     #[arg(long)]
     task: bool,
-}
-
-/// How often workers save.
-#[derive(Args, Clone, Copy, Debug)]
-pub struct Checkpoints {
-    /// Steps between checkpoints: what a kill can cost.
-    #[arg(long, value_name = "STEPS", default_value_t = 250, value_parser = clap::value_parser!(u32).range(1..))]
-    pub checkpoint_every: u32,
 }
 
 /// Does what is asked for.

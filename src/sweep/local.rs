@@ -19,9 +19,10 @@ use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::{
     Sweep,
-    arguments::{Checkpoints, Place},
     estimate::{Estimate, Work},
-    jobs, status,
+    jobs,
+    place::{Checkpoints, Place},
+    status,
     worker::Tick,
 };
 use crate::terminal::{self, note, say};

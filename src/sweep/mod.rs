@@ -11,6 +11,7 @@ mod halving;
 mod jobs;
 mod journal;
 mod local;
+mod place;
 mod plan;
 mod queue;
 mod report;

@@ -15,9 +15,8 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 
 use super::{
-    Sweep,
-    arguments::{Checkpoints, Place},
-    jobs,
+    Sweep, jobs,
+    place::{Checkpoints, Place},
     queue::{SENT, Sent},
     worker::{self, Manner},
 };
