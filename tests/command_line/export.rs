@@ -20,7 +20,7 @@ fn shaders_are_written_with_their_buffers() {
     );
     succeed(at, "export head/sampler.safetensors --target hlsl --out head-hlsl");
     let run = "--steps 1 --set conditions=4 --set validation_conditions=2 --out over";
-    succeed(at, &format!("fit --env overcast --over patches {run}"));
+    succeed(at, &format!("fit --env overcast --material ggx:alpha=0.4 --over patches {run}"));
     succeed(at, "export over/sampler.safetensors --target wgsl --out over-wgsl");
     let layout = fs::read_to_string(at.join("over-wgsl/layout.json")).unwrap();
     assert!(layout.contains("head.weights") && layout.contains("patches.leaves"), "{layout}");
