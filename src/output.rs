@@ -72,7 +72,8 @@ impl OutputFolder {
         folder.request = request;
         let is_ours = |name: &str| {
             let known = folder.known.lock().unwrap_or_else(PoisonError::into_inner);
-            record::latest(&known, name).is_some_and(|entry| entry.request == folder.request)
+            // Not of the latest alone: one that goes on with a run, and is refused, has named its files already.
+            known.iter().any(|entry| entry.name == name && entry.request == folder.request)
         };
         let other = results.iter().find(|name| path.join(name).exists() && !is_ours(name));
         match other {
