@@ -5,8 +5,8 @@ use super::{estimate::Visibility, weights::Weights};
 /// The least gain at which weights are drawn with. To find and to multiply them takes a tenth of a sample's time, and pictures of
 /// low-discrepancy points mostly gain less than independent samples.
 const LEAST_GAIN: f64 = 1.2;
-/// The least gain foreseen by a quarter of the rays at which the others are sent: priors hide half of what there is to gain, in the mean.
-const LEAST_PROMISE: f64 = 1.05;
+/// The least share of rays that are stopped at which there may be something to learn.
+const LEAST_STOPPED: f64 = 0.02;
 
 /// What weights change for samples that are drawn in proportion to what is reflected of the sky, summed over cells by their rays.
 #[derive(Clone, Copy, Debug, Default)]
@@ -17,13 +17,17 @@ pub struct Worth {
     plain: f64,
     /// The same with weights.
     weighted: f64,
+    /// Rays, and those of them that were stopped.
+    rays: f64,
+    stopped: f64,
 }
 
 impl Worth {
     /// That of a cell: the rays to each patch, which were drawn in that proportion, say how much of the light is in the patch.
     pub fn of(rays: impl Iterator<Item = [u32; 2]>, visibility: &Visibility, weights: &Weights) -> Self {
-        let (mut all, mut seen, mut weight, mut squared) = (0.0, 0.0, 0.0, 0.0);
-        for (patch, ([_, rays], &visibility)) in rays.zip(visibility.patches()).enumerate() {
+        let (mut all, mut stopped, mut seen, mut weight, mut squared) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for (patch, ([came_through, rays], &visibility)) in rays.zip(visibility.patches()).enumerate() {
+            stopped += f64::from(rays) - f64::from(came_through);
             let (rays, visibility, own) = (f64::from(rays), f64::from(visibility), f64::from(weights.of_patch(patch)));
             all += rays;
             seen += rays * visibility;
@@ -33,7 +37,7 @@ impl Worth {
         // A patch with share e of what is reflected (the sum of shares is 1) is drawn with probability e g / sum of e g, and adds e times
         // one over that if it is seen. So the second moment is (sum of e v / g)(sum of e g), and sum of e v without weights. Cells count by their rays.
         let one = 1.0 / f64::max(all, 1.0);
-        Self { squared_mean: one * seen * seen, plain: seen, weighted: one * squared * weight }
+        Self { squared_mean: one * seen * seen, plain: seen, weighted: one * squared * weight, rays: all, stopped }
     }
 
     /// That of two sets of cells.
@@ -43,6 +47,8 @@ impl Worth {
             squared_mean: self.squared_mean + other.squared_mean,
             plain: self.plain + other.plain,
             weighted: self.weighted + other.weighted,
+            rays: self.rays + other.rays,
+            stopped: self.stopped + other.stopped,
         }
     }
 
@@ -52,9 +58,10 @@ impl Worth {
         if plain > 0.0 && weighted > 0.0 { plain / weighted } else { 1.0 }
     }
 
-    /// Whether more rays may come to foresee a gain that pays.
+    /// Whether more rays may come to foresee a gain that pays. What few rays foresee is nothing, as priors are stronger; how many of them were
+    /// stopped is known soon.
     pub fn promises(&self) -> bool {
-        self.gain() >= LEAST_PROMISE
+        self.stopped > LEAST_STOPPED * self.rays
     }
 
     /// Whether weights gain more than they take.
@@ -89,9 +96,19 @@ mod tests {
     #[test]
     fn what_is_seen_alike_is_worth_nothing() {
         for seen in [[1.0, 1.0], [0.5, 0.5]] {
-            assert!((worth(seen).gain() - 1.0).abs() < 1e-6 && !worth(seen).promises());
+            assert!((worth(seen).gain() - 1.0).abs() < 1e-6 && !worth(seen).pays());
         }
         assert_eq!(Worth::default().gain(), 1.0);
+    }
+
+    #[test]
+    fn where_no_ray_is_stopped_there_is_nothing_to_learn() {
+        let of = |came_through: u32| {
+            let rays = (0..PATCHES).map(|patch| if patch == 0 { [came_through, 100] } else { [0, 0] });
+            Worth::of(rays, &Visibility::unknown(), &Weights::unknown())
+        };
+        assert!(!Worth::default().promises() && !of(100).promises() && !of(99).promises());
+        assert!(of(90).promises() && of(0).promises());
     }
 
     #[test]
