@@ -11,7 +11,7 @@ use std::{
 /// The record's name.
 pub const RECORD: &str = ".headtail";
 
-/// A line: REQUEST[:DIGEST] NAME.
+/// A line: REQUEST, perhaps with `:DIGEST`, and NAME after a space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     /// What tells the command from others.
