@@ -1,6 +1,6 @@
 //! Arguments that several commands share, and what they open.
 
-use std::{fs, path::Path, str::FromStr, sync::Arc, sync::atomic::AtomicBool};
+use std::{str::FromStr, sync::Arc, sync::atomic::AtomicBool};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
@@ -416,9 +416,4 @@ pub fn budget(spp: Option<u32>, seconds: Option<f64>) -> Result<Budget> {
         }
         _ => bail!("give one of --spp and --seconds"),
     }
-}
-
-/// Makes the folder of results.
-pub fn make_folder(folder: &Path) -> Result<()> {
-    fs::create_dir_all(folder).with_context(|| format!("{}: the folder cannot be made", folder.display()))
 }

@@ -101,10 +101,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// Bakes with a bar that begins with the first share, so that what comes before is not taken for a part of it.
 fn with_bar<T>(bake: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
     let bar = OnceLock::new();
-    let show = |share: f64| {
-        let bar = bar.get_or_init(|| progress::bar(progress::SHARES, "baking"));
-        bar.set_position((progress::SHARES as f64 * share) as u64);
-    };
+    let show = |share: f64| bar.get_or_init(|| progress::bar(progress::SHARES, "baking")).shares()(share);
     let table = bake(&show);
     bar.into_inner().iter().for_each(progress::Bar::finish_and_clear);
     table

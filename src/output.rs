@@ -92,7 +92,7 @@ impl OutputFolder {
     pub fn share(path: &Path) -> Result<Self> {
         let cannot = || format!("{}: the folder cannot be written to", path.display());
         let was_made = !path.exists();
-        fs::create_dir_all(path).with_context(|| format!("{}: the folder cannot be made", path.display()))?;
+        make_folder(path)?;
         // Even one who may read the record may lack the right to make new files.
         tempfile::tempfile_in(path).with_context(cannot)?;
         let lock = record::lock(path).with_context(cannot)?;
@@ -161,6 +161,14 @@ impl Drop for OutputFolder {
             }
         }
     }
+}
+
+/// Makes a folder, and those that it is in, if they are missing.
+///
+/// # Errors
+/// If it cannot be made.
+pub fn make_folder(folder: &Path) -> Result<()> {
+    fs::create_dir_all(folder).with_context(|| format!("{}: the folder cannot be made", folder.display()))
 }
 
 /// The right to write something, if nobody has it: a file with a lock that lasts until it is dropped or the process ends, however it ends. A

@@ -12,9 +12,7 @@ fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
 fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) -> vec4<f32> {
     let through = headtail_head_draw(n, wo, lobes.w, z);
     let y = headtail_patches_draw(HeadtailSurface(n, wo, lobes), through.xy);
-    let x = headtail_tail(y.xy);
-    let w = headtail_direction(x.xy);
-    return vec4<f32>(w.xyz, through.z * y.z * x.z * w.w);
+    return headtail_through_tail(y.xy, through.z * y.z);
 }
 
 // The solid-angle pdf with which `headtail_sample` draws a unit direction.

@@ -8,9 +8,7 @@ fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
 // Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.
 fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) -> vec4<f32> {
     let y = headtail_patches_draw(HeadtailSurface(n, wo, lobes), z);
-    let x = headtail_tail(y.xy);
-    let w = headtail_direction(x.xy);
-    return vec4<f32>(w.xyz, y.z * x.z * w.w);
+    return headtail_through_tail(y.xy, y.z);
 }
 
 // The solid-angle pdf with which `headtail_sample` draws a unit direction.

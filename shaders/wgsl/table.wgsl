@@ -78,9 +78,7 @@ fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) 
     let high = headtail_along(b, row, column);
     let u = min(f32(column) + headtail_remap(goal, low, high), f32(column + 1u) * HEADTAIL_BELOW_ONE) / f32(HEADTAIL_TABLE_COLUMNS);
     let v = min(f32(row) + below, f32(row + 1u) * HEADTAIL_BELOW_ONE) / f32(HEADTAIL_TABLE_ROWS);
-    let x = headtail_tail(vec2<f32>(u, v));
-    let w = headtail_direction(x.xy);
-    return vec4<f32>(w.xyz, headtail_of_mass(headtail_mass(b, row, column), total) * x.z * w.w);
+    return headtail_through_tail(vec2<f32>(u, v), headtail_of_mass(headtail_mass(b, row, column), total));
 }
 
 // The solid-angle pdf with which `headtail_sample` draws a unit direction.

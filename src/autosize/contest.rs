@@ -24,7 +24,8 @@ use super::{
     score::{at_time, cannot_be_better, is_out, mean, ratio},
 };
 use crate::{
-    arguments::{OpenedView, ViewArguments, make_folder},
+    arguments::{OpenedView, ViewArguments},
+    output::make_folder,
     render::quietly,
     terminal::{detail, note},
 };

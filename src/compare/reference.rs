@@ -15,9 +15,10 @@ use headtail_render::{
 
 use super::{Arguments, noise::Noise};
 use crate::{
-    arguments::{OpenedView, ViewArguments, make_folder},
+    arguments::{OpenedView, ViewArguments},
     crop,
     output::OutputFolder,
+    output::make_folder,
     progress::{self, Interrupted},
     render::attributes,
 };

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail, ensure};
 use headtail_render::file;
 
 use super::{
-    FORCE, digits, lock_file,
+    FORCE, digits, lock_file, make_folder,
     record::{self, Entry, RECORD},
     request,
 };
@@ -36,7 +36,7 @@ impl OutputFile {
     /// If it cannot be written, if another process writes it, or if there is a file that this command has not made, or that was changed
     /// since, and `--force` was not given.
     pub fn take(path: &Path) -> Result<Self> {
-        make_folder_of(path)?;
+        make_folder(&folder_of(path))?;
         let target = file::target(path)?;
         let cannot = || format!("{}: it cannot be written", path.display());
         let Some(name) = target.file_name() else { bail!("{}: it is no name of a file", path.display()) };
@@ -100,11 +100,6 @@ impl Drop for OutputFile {
 
 fn folder_of(path: &Path) -> PathBuf {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned()
-}
-
-fn make_folder_of(path: &Path) -> Result<()> {
-    let folder = folder_of(path);
-    fs::create_dir_all(&folder).with_context(|| format!("{}: the folder cannot be made", folder.display()))
 }
 
 #[cfg(test)]

@@ -25,7 +25,7 @@ use headtail_train::{
 };
 
 use super::{data::View, effort::Effort, fits::short_name};
-use crate::arguments::make_folder;
+use crate::output::make_folder;
 
 /// The heads of a page.
 pub struct Heads {

@@ -48,9 +48,8 @@ use self::{
 };
 use crate::terminal::{self, note, say};
 use crate::{
-    arguments::make_folder,
     compare::machine,
-    output::{OutputFolder, request_of},
+    output::{OutputFolder, make_folder, request_of},
     progress,
     report::{number::duration, shell},
 };

@@ -26,7 +26,8 @@ use super::{
 };
 use crate::terminal::{note, say, warning};
 use crate::{
-    arguments::{make_folder, open_environment},
+    arguments::open_environment,
+    output::make_folder,
     progress,
     report::{
         chart::{Panel, Scale, Sides, densities},

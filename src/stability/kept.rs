@@ -15,7 +15,7 @@ use super::{
     picture::Pictures,
     regime::Regime,
 };
-use crate::arguments::make_folder;
+use crate::output::make_folder;
 
 /// The folder of the files.
 pub struct Kept(PathBuf);

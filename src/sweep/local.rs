@@ -26,7 +26,7 @@ use super::{
     worker::Tick,
 };
 use crate::terminal::{self, note, say};
-use crate::{arguments::make_folder, progress};
+use crate::{output::make_folder, progress};
 
 /// Work off what is missing, in several processes.
 #[derive(Args)]
@@ -224,7 +224,7 @@ impl<'a> Crew<'a> {
         let Work { done, left } = self.estimate.of(&self.sweep, &self.steps)?;
         let done = done - self.inherited;
         self.total.set_message(status::words(&status::counts(&self.sweep)));
-        self.total.set_position((progress::SHARES as f64 * done / (done + left).max(f64::MIN_POSITIVE)) as u64);
+        self.total.shares()(done / (done + left).max(f64::MIN_POSITIVE));
         Ok(())
     }
 

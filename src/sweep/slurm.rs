@@ -21,7 +21,7 @@ use super::{
     worker::{self, Manner},
 };
 use crate::terminal::{note, out};
-use crate::{arguments::make_folder, progress};
+use crate::{output::make_folder, progress};
 
 /// Send one array job to Slurm, print its number and return.
 #[derive(Args)]

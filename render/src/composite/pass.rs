@@ -71,17 +71,14 @@ fn learn<'a>(composition: Composition<'a>, settings: Settings, stop: &AtomicBool
     let camera = composition.camera;
     let setting = Setting { eye: camera.look_from(), pixel: camera.pixel_angle(height), pixels: width * height };
     let mut learner = composition.estimator.learner(setting)?;
-    for lesson in Lesson::before(spp, 0).parts() {
+    Lesson::before(spp, 0).in_parts(&mut *learner, |lesson, learner| {
         let mut tiles = Pixels::tiles(width, height, |key| lesson.has(key));
-        lesson.teach(&mut *learner, seed, stop, |learner, points, sample| {
+        lesson.teach(learner, seed, stop, |learner, points, sample| {
             let composition = Composition { estimator: learner, ..composition };
             let run = Run { composition, settings: Settings { depth: 1, ..settings }, learner: Some(learner) };
             run.add(&mut tiles, points, sample..sample + 1);
         });
-        if !learner.promises() {
-            break;
-        }
-    }
+    });
     Some(learner)
 }
 

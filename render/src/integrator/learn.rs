@@ -52,8 +52,17 @@ impl Lesson {
         Self { first, samples: (samples / PARTS).max(1), pixels: (0, pixels) }
     }
 
-    /// The same in two parts, if it has as many pixels: a learner to whom a quarter of it promises nothing is spared the rest.
-    pub(crate) fn parts(self) -> impl Iterator<Item = Self> {
+    /// Lets it be given in two parts, if it has as many pixels: a learner to whom a quarter of it promises nothing is spared the rest.
+    pub(crate) fn in_parts(self, learner: &mut dyn Learner, mut give: impl FnMut(Self, &mut dyn Learner)) {
+        for part in self.parts() {
+            give(part, learner);
+            if !learner.promises() {
+                break;
+            }
+        }
+    }
+
+    fn parts(self) -> impl Iterator<Item = Self> {
         let (first, end) = self.pixels;
         let quarter = first + (end - first) / 4;
         let parts = [(first, quarter), (quarter, end)].into_iter().filter(|(first, end)| first < end);
@@ -104,12 +113,7 @@ pub(super) fn learn_before(
     let show = |_: f64| {};
     match budget {
         Budget::Spp(spp) => {
-            for part in Lesson::before(spp, 0).parts() {
-                learn(view, learner, part, seed, stop, &show);
-                if !learner.promises() {
-                    break;
-                }
-            }
+            Lesson::before(spp, 0).in_parts(learner, |part, learner| learn(view, learner, part, seed, stop, &show));
         }
         Budget::Time(limit) => {
             let start = Instant::now();
