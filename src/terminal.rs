@@ -45,8 +45,8 @@ static ONLY_DATA: AtomicBool = AtomicBool::new(false);
 static TERMINAL: OnceLock<Terminal> = OnceLock::new();
 /// The first error of standard output that was not a reader's going away.
 static FAILURE: Mutex<Option<io::Error>> = Mutex::new(None);
-/// The bar that is shown now, which messages are printed above.
-static SHOWN: Mutex<Option<WeakProgressBar>> = Mutex::new(None);
+/// The bars that are shown now; messages are printed above the last one.
+static SHOWN: Mutex<Vec<WeakProgressBar>> = Mutex::new(Vec::new());
 
 /// Prints data on standard output, as a line.
 macro_rules! out {
@@ -185,7 +185,7 @@ pub fn progress(text: &str) {
 
 /// Lets messages be printed above a bar while it is shown.
 pub fn show_above(bar: &ProgressBar) {
-    *SHOWN.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar.downgrade());
+    SHOWN.lock().unwrap_or_else(PoisonError::into_inner).push(bar.downgrade());
 }
 
 /// What became of standard output.
@@ -254,7 +254,12 @@ fn print_error(text: &str) {
 }
 
 fn above_bar(print: impl FnOnce()) {
-    let bar = SHOWN.lock().unwrap_or_else(PoisonError::into_inner).as_ref().and_then(WeakProgressBar::upgrade);
+    // The last one that is still there: work within other work has a bar of its own.
+    let bar = {
+        let mut shown = SHOWN.lock().unwrap_or_else(PoisonError::into_inner);
+        shown.retain(|bar| bar.upgrade().is_some_and(|bar| !bar.is_finished()));
+        shown.last().and_then(WeakProgressBar::upgrade)
+    };
     match bar {
         Some(bar) => bar.suspend(print),
         None => print(),

@@ -22,6 +22,7 @@ use super::{
     lineup::{Ready, ready},
     measurement::{Measurement, Yardstick},
     score::{at_time, cannot_be_better, is_out, mean, ratio},
+    stages::{Stage, Stages},
 };
 use crate::{
     arguments::{OpenedView, ViewArguments},
@@ -53,6 +54,7 @@ pub struct Contest<'a> {
     pub(super) material: HeadMaterial,
     covered: Vec<bool>,
     pub(super) yardstick: Yardstick,
+    pub(super) stages: Stages,
     /// Those that were measured.
     pub entries: Vec<Entry>,
     /// Why heads were not trained, if they were not.
@@ -94,8 +96,8 @@ impl<'a> Contest<'a> {
         let covered: Vec<bool> = rendering.coverage.iter().map(|&share| share == 1.0).collect();
         anyhow::ensure!(covered.contains(&true), "no pixel is covered by a surface");
         let yardstick = Yardstick::new(opened, mis, SAMPLES / 4);
-        let (entries, untrained, left_out) = (Vec::new(), None, Vec::new());
-        Ok(Self { arguments, view, opened, material, covered, yardstick, entries, untrained, left_out })
+        let (stages, entries, untrained, left_out) = (Stages::new(), Vec::new(), None, Vec::new());
+        Ok(Self { arguments, view, opened, material, covered, yardstick, stages, entries, untrained, left_out })
     }
 
     /// Measures everything as far as it takes to decide.
@@ -103,39 +105,43 @@ impl<'a> Contest<'a> {
     /// # Errors
     /// If a candidate cannot be made ready.
     pub fn run(&mut self, stop: &AtomicBool) -> Result<()> {
+        self.begin(Stage::Plain);
         for candidate in plain() {
             self.enter(candidate, stop)?;
         }
         self.rounds(FIRST_ROUNDS, stop);
         // What further sources are measured against may have been dropped for one with several directions.
         self.best_of_one().into_iter().for_each(|index| self.measure(index));
-        self.say_stage("samplers without a file");
+        self.begin(Stage::Product);
         let perfect = if self.arguments.exhaustive { 0.0 } else { self.perfect_share()? };
-        self.say_stage("the exact product");
+        self.begin(Stage::Tables);
         if self.opened.is_diffuse() {
             self.tabulate(perfect, stop)?;
             self.add_forms(|recipe| matches!(recipe, Recipe::Direct(..)), stop)?;
-            self.say_stage("tables");
         }
+        self.begin(Stage::Beside);
         self.rounds(SECOND_ROUNDS, stop);
-        self.say_stage("tables beside them");
+        self.begin(Stage::Heads);
         self.train(perfect, stop)?;
         self.add_forms(Recipe::is_of_head, stop)?;
-        self.say_stage("heads");
+        self.begin(Stage::Last);
         self.rounds(ROUNDS.len(), stop);
-        self.say_stage("the last rounds");
         Ok(())
     }
 
-    fn say_stage(&self, stage: &str) {
+    fn begin(&mut self, stage: Stage) {
         let left = self.entries.iter().filter(|entry| entry.is_in).count();
-        detail!("autosize: {stage}: {left} of {} candidates are left", self.entries.len());
+        detail!("autosize: {}: {left} of {} candidates are left", stage.name(), self.entries.len());
+        self.stages.begin(stage, left);
     }
 
     /// Makes tables ready, from small to large, as long as a perfect one of the next size would win.
     fn tabulate(&mut self, perfect: f64, stop: &AtomicBool) -> Result<()> {
         let mut before = f64::INFINITY;
-        for candidate in tables() {
+        let candidates = tables();
+        let count = candidates.len();
+        for (number, candidate) in candidates.into_iter().enumerate() {
+            self.stages.within(number as f64 / count as f64);
             if stop.load(atomic::Ordering::Relaxed) {
                 return Ok(());
             }
@@ -208,9 +214,11 @@ impl<'a> Contest<'a> {
     /// Rounds of more and more pictures; after each, those that are out are dropped. Ends early once nobody can be much better than the best.
     fn rounds(&mut self, count: usize, stop: &AtomicBool) {
         let mut done = 0;
+        let all = ROUNDS[count - 1] as f64;
         for &pictures in &ROUNDS[..count] {
             // One picture of each in turn: a machine that slows down for a while slows all down.
             for picture in done..pictures {
+                self.stages.within(picture as f64 / all);
                 for entry in self.entries.iter_mut().filter(|entry| entry.is_in) {
                     if stop.load(atomic::Ordering::Relaxed) {
                         return;

@@ -7,6 +7,7 @@ mod lineup;
 mod measurement;
 mod page;
 mod score;
+mod stages;
 mod training;
 
 use std::{path::PathBuf, time::Instant};

@@ -33,7 +33,7 @@ impl Contest<'_> {
         let is_first = |shape: &&HeadShape| self.fits(shape) && (self.arguments.exhaustive || shape.varies.is_none());
         let mut open: Vec<&'static HeadShape> = HEADS.iter().filter(is_first).collect();
         for (rung, &steps) in STEPS.iter().enumerate() {
-            let Some(entered) = self.train_for(steps, &open, perfect, stop)? else { return Ok(()) };
+            let Some(entered) = self.train_for(rung, &open, perfect, stop)? else { return Ok(()) };
             if entered.is_empty() {
                 self.untrained = Some("even a perfect head, at the time that its samples take, would be behind".into());
                 return Ok(());
@@ -84,19 +84,20 @@ impl Contest<'_> {
             || without_compact_emitters(map.width(), map.height(), &map.luminance()).is_some()
     }
 
-    /// Trains these shapes, measures them and their tables, and returns the entries. `None` where the rest need not be tried.
+    /// Trains these shapes for the steps of a rung, measures them and their tables, and returns the entries. `None` where the rest need not be tried.
     fn train_for(
         &mut self,
-        steps: usize,
+        rung: usize,
         shapes: &[&'static HeadShape],
         perfect: f64,
         stop: &AtomicBool,
     ) -> Result<Option<Vec<usize>>> {
-        let is_short = !self.arguments.exhaustive;
+        let (steps, is_short) = (STEPS[rung], !self.arguments.exhaustive);
         let mut entered = Vec::new();
         // Heads over patches and those over the tail differ by more than their shapes.
         let mut hopeless: Vec<bool> = Vec::new();
-        for &shape in shapes {
+        for (number, &shape) in shapes.iter().enumerate() {
+            self.stages.within((rung as f64 + number as f64 / shapes.len() as f64) / STEPS.len() as f64);
             if hopeless.contains(&shape.over_patches) {
                 continue;
             }
@@ -110,14 +111,14 @@ impl Contest<'_> {
                 // The fit of the flow alone took too long, did not pay, or came to nothing.
                 continue;
             }
-            if is_short && steps == STEPS[0] && self.is_too_slow(shape, perfect, stop)? {
+            if is_short && rung == 0 && self.is_too_slow(shape, perfect, stop)? {
                 continue;
             }
             let Some(index) = self.enter(head(shape, steps), stop)? else { continue };
             entered.push(index);
             // Of one that took too long, too: its score says what it is behind.
             self.measure(index);
-            if is_short && steps == STEPS[0] && !self.can_gain(index, LONGER_GAINS * SHAPES_DIFFER, 1.0, perfect) {
+            if is_short && rung == 0 && !self.can_gain(index, LONGER_GAINS * SHAPES_DIFFER, 1.0, perfect) {
                 self.untrained = Some(format!("a head of {steps} steps is so far behind that others were not trained"));
                 hopeless.push(shape.over_patches);
                 if shapes.iter().all(|shape| hopeless.contains(&shape.over_patches)) {

@@ -199,8 +199,9 @@ fn fit_light(
         target: format!("tail of {}", head.target),
         ..head.clone()
     });
-    let bar = progress::bar(run.fit.flow.steps as u64, "flow tail");
+    let mut bar = None;
     let mut show = |progress: &Progress| {
+        let bar = bar.get_or_insert_with(|| progress::bar(run.fit.flow.steps as u64, "flow tail"));
         bar.set_message(format!("loss {:.4}, {:.2} M samples/s", progress.loss, progress.samples_per_second / 1e6));
         bar.set_position(progress.step as u64);
         Ok(())
@@ -212,7 +213,7 @@ fn fit_light(
         warn: &mut |error| warning!("{error}; the checkpoint before it is used"),
     };
     let (light, summary) = TrainingLight::fit(&run.fit, environment, around)?;
-    bar.finish_and_clear();
+    bar.iter().for_each(progress::Bar::finish_and_clear);
     if let Some(FlowSummary { steps, kl, table_kl, initial_kl, repair, seconds, .. }) = summary {
         say!(
             "flow tail: KL(light || flow) {kl:.4} nats (uniform {initial_kl:.3}), its table {table_kl:.4}, {steps} steps, {seconds:.1} s; \

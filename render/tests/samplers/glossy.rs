@@ -12,6 +12,9 @@ use headtail_render::{
 
 use super::*;
 
+/// Index of the first network in [`BRDFS`].
+pub(super) const MEASURED: u32 = BrdfTable::METALLIC_ROUGHNESS + 1;
+
 /// A glossy shading point with the truth about it.
 pub(super) struct Glossy {
     pub(super) name: &'static str,
@@ -29,7 +32,7 @@ impl Glossy {
         // Grey: the quadrature knows the light by its luminance.
         let color = Vec3::splat(0.6);
         let mixture = |metallic, roughness| Surface::from(MetallicRoughness::new(color, metallic, roughness));
-        let measured = |k| Surface { brdf: BrdfTable::METALLIC_ROUGHNESS + 1 + k, parameters: [0.0; MAX_PARAMETERS] };
+        let measured = |k| Surface { brdf: MEASURED + k, parameters: [0.0; MAX_PARAMETERS] };
         let surfaces = [
             ("ggx 0.05", ggx(0.05), 0.8),
             ("ggx 0.2", ggx(0.2), 0.4),

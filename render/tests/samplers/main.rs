@@ -12,6 +12,7 @@ mod glossy;
 mod mixed_tiles;
 #[path = "../networks/mod.rs"]
 mod networks;
+mod textured;
 mod truth;
 mod worlds;
 
@@ -36,8 +37,11 @@ use worlds::*;
 /// The chance that any test of a group rejects a right sampler.
 const SIGNIFICANCE: f64 = 0.01;
 
-/// The analytic BRDFs, then two networks, both grey.
-static BRDFS: LazyLock<BrdfTable> = LazyLock::new(|| networks::table(&[&networks::MIRROR, &networks::MATTE]));
+/// The analytic BRDFs, two networks, both grey, and the neural materials of [`textured`].
+static BRDFS: LazyLock<BrdfTable> = LazyLock::new(|| {
+    let table = networks::table(&[&networks::MIRROR, &networks::MATTE]);
+    textured::FABRICS.iter().fold(table, |table, fabric| table.with(fabric.clone()).0)
+});
 
 /// Runs a check for every sampler of every world, over `count` normals each: which ones changes from case to case, so that
 /// every kind of sampler meets every normal.

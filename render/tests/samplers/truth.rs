@@ -17,10 +17,10 @@ use super::{
     checks::{MOST_POINTS, ROWS, SUBCELLS},
 };
 
-/// The truth without any sampler: points of every bilinear cell of a map, with luminance times solid angle.
+/// The truth without any sampler: points of every bilinear cell of a map, with radiance times solid angle.
 pub struct Quadrature {
     directions: Vec<Vec3A>,
-    fluxes: Vec<f32>,
+    fluxes: Vec<Vec3A>,
 }
 
 impl Quadrature {
@@ -28,8 +28,7 @@ impl Quadrature {
         let (columns, rows) = (map.width(), map.height() - 1);
         let cells = columns * rows;
         let flux = |x: Vec2, area: f32| {
-            luminance(map.radiance_at(x))
-                * (area * 2.0 * std::f32::consts::PI.powi(2) * (std::f32::consts::PI * x.y).sin())
+            map.radiance_at(x) * (area * 2.0 * std::f32::consts::PI.powi(2) * (std::f32::consts::PI * x.y).sin())
         };
         let place = |cell: usize, inside: Vec2| {
             let u = ((cell % columns) as f32 + 0.5 + inside.x) / columns as f32;
@@ -42,13 +41,13 @@ impl Quadrature {
                 (latlong::direction(x), flux(x, 1.0 / (cells * side * side) as f32))
             })
         };
-        let coarse: Vec<f32> = (0..cells).map(|cell| points(cell, 3).map(|point| point.1).sum()).collect();
+        let coarse: Vec<f32> = (0..cells).map(|cell| points(cell, 3).map(|point| luminance(point.1)).sum()).collect();
         let total: f32 = coarse.iter().sum();
         // Within a cell all is smooth but for the horizon: its kink costs h^2 / 4 of the share of the cells it runs through,
         // 1e-6 with three points across small cells, 2e-4 with 32 across a sun.
         let side = ((1e6 / cells as f32).sqrt() as usize).clamp(3, 1024);
         let side_of = |cell: usize| if coarse[cell] > 1e-3 * total { side.max(32) } else { side };
-        let points = (0..cells).flat_map(|cell| points(cell, side_of(cell))).filter(|point| point.1 > 0.0);
+        let points = (0..cells).flat_map(|cell| points(cell, side_of(cell))).filter(|point| luminance(point.1) > 0.0);
         let (directions, fluxes) = points.unzip();
         Self { directions, fluxes }
     }
@@ -56,14 +55,14 @@ impl Quadrature {
     /// Luminance reflected by a white Lambert surface without shadows.
     pub fn reflected(&self, normal: Vec3A) -> f64 {
         let points = self.directions.iter().zip(&self.fluxes);
-        let cosine = |(wi, flux): (&Vec3A, &f32)| f64::from(normal.dot(*wi).max(0.0) * flux);
+        let cosine = |(wi, flux): (&Vec3A, &Vec3A)| f64::from(normal.dot(*wi).max(0.0) * luminance(*flux));
         points.map(cosine).sum::<f64>() / std::f64::consts::PI
     }
 
     /// Luminance reflected by any surface without shadows.
     pub fn reflected_at(&self, at: &ShadingPoint) -> f64 {
         let values = at.one_of(&BRDFS).brdf_cosines(&self.directions);
-        values.into_iter().zip(&self.fluxes).map(|(value, flux)| f64::from(luminance(value) * flux)).sum()
+        values.into_iter().zip(&self.fluxes).map(|(value, flux)| f64::from(luminance(value * *flux))).sum()
     }
 }
 

@@ -34,9 +34,15 @@ pub struct Case {
 }
 
 /// Patches with weights as learned visibility may give: in three kinds, which alternate from point to point.
-struct Weighted {
+pub struct Weighted {
     patches: PatchSampler,
     weights: Uneven,
+}
+
+impl Weighted {
+    pub fn new(patches: PatchSampler) -> Self {
+        Self { patches, weights: Uneven::new() }
+    }
 }
 
 struct Uneven([Weights; 3]);
@@ -159,11 +165,11 @@ impl World {
             let over = |detail, head| PatchSampler::with_head(light.clone(), detail, head).unwrap();
             add("patches", Box::new(patches(Detail::Leaves)), true, true);
             add("patches:fine", Box::new(patches(Detail::Twigs)), true, true);
-            let weighted = Weighted { patches: patches(Detail::Leaves), weights: Uneven::new() };
+            let weighted = Weighted::new(patches(Detail::Leaves));
             add("weighted patches", Box::new(weighted), true, true);
             let head = || random_head(Mode::Coupled, 4, &[16, 12]);
             add("head over patches", Box::new(over(Detail::Leaves, head())), true, true);
-            let weighted = Weighted { patches: over(Detail::Twigs, head()), weights: Uneven::new() };
+            let weighted = Weighted::new(over(Detail::Twigs, head()));
             add("head over weighted patches", Box::new(weighted), true, true);
             let selecting = random_head_of(Condition::GgxRoughness, Mode::Autoregressive, 8, &[], &[16, 1]);
             let over = OneSampleMis::new(over(Detail::Leaves, selecting), BrdfSampler);

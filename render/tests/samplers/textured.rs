@@ -1,0 +1,144 @@
+//! The same properties where surfaces wear neural materials, and heads know the features at the point.
+
+use glam::Vec2;
+use headtail_render::{
+    brdf::{NeuralTexture, Surface, neural_texture::Seen},
+    frame::Frame,
+    patches::{Detail, PatchSampler},
+};
+
+use super::{
+    conditioned::product,
+    glossy::{Glossy, MEASURED},
+    *,
+};
+
+/// Two of the fabrics that ship, the roughest and one that shines.
+pub static FABRICS: LazyLock<[Arc<NeuralTexture>; 2]> = LazyLock::new(|| {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints");
+    let read = |name: &str| NeuralTexture::read(format!("{folder}/{name}.safetensors").as_ref());
+    ["welt", "satin"].map(|name| Arc::new(read(name).unwrap()))
+});
+/// Index of the first fabric in [`BRDFS`].
+const FIRST: u32 = MEASURED + 2;
+/// Points of each fabric in every world.
+const EACH: usize = 3;
+
+/// Shading points of both fabrics under a light: places, tangents, hands and views differ.
+fn points(world: &World, index: usize) -> Vec<Glossy> {
+    let normals = world.normals();
+    let mut random = Stream::new(index as u64, Purpose::Test, 21);
+    let mut point = |k: usize| {
+        let (fabric, n) = (k % FABRICS.len(), normals[(3 * index + 5 * k) % normals.len()]);
+        let frame = Frame::from_normal(n.into());
+        let (cos_wo, phi) = (0.2 + 0.75 * random.uniform(), 6.28 * random.uniform());
+        let sin_wo = (1.0 - cos_wo * cos_wo).sqrt();
+        let wo = frame.to_world(Vec3::new(sin_wo * phi.cos(), sin_wo * phi.sin(), cos_wo)).normalize();
+        let (sin, cos) = (6.28 * random.uniform()).sin_cos();
+        let hand = if k % 3 == 0 { -1.0 } else { 1.0 };
+        let tangent = cos * frame.s + sin * frame.t;
+        let local = Vec3::new(tangent.dot(wo), (hand * Vec3::from(n).cross(tangent)).dot(wo), cos_wo);
+        let uv = Vec2::new(random.uniform(), random.uniform());
+        let seen = Seen { uv, width: 0.02, wo: local, tangent: [cos, sin, hand] };
+        let surface = Surface { brdf: FIRST + fabric as u32, parameters: FABRICS[fabric].parameters(&seen) };
+        let at = ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: wo.into(), surface };
+        let truth = world.quadrature.reflected_at(&at);
+        Glossy { name: ["welt", "satin"][fabric], at, truth, width: at.one_of(&BRDFS).lobe_width() }
+    };
+    (0..EACH * FABRICS.len()).map(&mut point).collect()
+}
+
+/// Samplers that know the features, and those that know the lobes alone.
+fn cases(world: &World) -> Vec<Case> {
+    let head = |mode| random_head_of(Condition::Texture, mode, 4, &[16, 12], &[16, 1]);
+    let (coupled, autoregressive) = (product(world, &head(Mode::Coupled)), product(world, &head(Mode::Autoregressive)));
+    let mut cases = Vec::new();
+    let mut add = |name, sampler: Box<dyn Sampler>, through_tail| {
+        cases.push(Case { name, sampler, covers: true, through_tail });
+    };
+    add("brdf", Box::new(BrdfSampler), false);
+    add("head", Box::new(coupled.clone()), true);
+    add("autoregressive head", Box::new(autoregressive), true);
+    add("head+mis", Box::new(OneSampleMis::new(coupled, BrdfSampler)), false);
+    if world.name.ends_with("hierarchical") {
+        let over = || PatchSampler::with_head(world.light.clone(), Detail::Leaves, head(Mode::Coupled)).unwrap();
+        let patches = || PatchSampler::new(world.light.clone(), Detail::Leaves).unwrap();
+        add("patches", Box::new(patches()), true);
+        add("patches and brdf", Box::new(OneSampleMis::new(patches(), BrdfSampler)), false);
+        add("head over patches", Box::new(over()), true);
+        add("head over patches, and brdf", Box::new(OneSampleMis::new(over(), BrdfSampler)), false);
+        add("weighted patches", Box::new(Weighted::new(patches())), true);
+        add("head over weighted patches", Box::new(Weighted::new(over())), true);
+    }
+    cases
+}
+
+/// Runs a check for every sampler of every world at one of `step` points: which ones changes from case to case.
+fn for_all_fabrics(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> Verdict + Sync) {
+    let all: Vec<(&World, Vec<Glossy>, Vec<Case>)> =
+        WORLDS.par_iter().enumerate().map(|(k, world)| (world, points(world, k), cases(world))).collect();
+    let tasks: Vec<(&World, &Case, &Glossy)> = all
+        .iter()
+        .flat_map(|(world, points, cases)| cases.iter().map(move |case| (*world, points, case)))
+        .enumerate()
+        .flat_map(|(k, (world, points, case))| {
+            points.iter().skip(k % step).step_by(step).map(move |p| (world, case, p))
+        })
+        .collect();
+    let failures: Vec<String> = tasks
+        .par_iter()
+        .filter_map(|(world, case, point)| {
+            let verdict = check(world, case, point, tasks.len());
+            verdict.err().map(|reason| format!("{} / {}, {}: {reason}", world.name, case.name, point.name))
+        })
+        .collect();
+    assert!(failures.is_empty(), "{} of {}:\n{}", failures.len(), tasks.len(), failures.join("\n"));
+}
+
+#[test]
+fn directions_on_fabrics_are_drawn_with_the_claimed_density() {
+    for_all_fabrics(5, |world, case, point, tests| {
+        let probes = if world.name == "sunset / row-column" { 12 } else { 4 };
+        let dense = case.through_tail.then_some(&world.dense);
+        draws_follow_pdf(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), dense, probes, tests)
+    });
+}
+
+#[test]
+fn the_pdf_of_a_sample_on_a_fabric_is_the_sample_s_pdf() {
+    for_all_fabrics(3, |_, case, point, _| {
+        pdf_of_samples_agrees(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), 2_000)
+    });
+}
+
+#[test]
+fn whatever_fabrics_reflect_can_be_drawn() {
+    for_all_fabrics(3, |world, case, point, _| {
+        pdf_covers(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), world)
+    });
+}
+
+#[test]
+fn all_samplers_estimate_the_same_light_on_fabrics() {
+    for_all_fabrics(3, |world, case, point, tests| {
+        // Half of the light in 1e-5 of the sphere.
+        if case.name == "brdf" && world.name.starts_with("sunset") {
+            return Ok(());
+        }
+        mean_of_sampler(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), world, point.truth, 30_000, tests)
+    });
+}
+
+/// A head that says the same of every place would pass all of the above.
+#[test]
+fn heads_know_the_place_on_a_fabric() {
+    let world = &WORLDS[0];
+    let head = product(world, &random_head_of(Condition::Texture, Mode::Coupled, 4, &[], &[]));
+    let [first, second] = [0.1, 0.6].map(|x| {
+        let mut point = points(world, 0).swap_remove(0).at;
+        let seen = Seen { uv: Vec2::splat(x), width: 0.0, wo: Vec3::Z, tangent: [1.0, 0.0, 1.0] };
+        point.surface.parameters = FABRICS[0].parameters(&seen);
+        AtPoint::of_table(&head, &point, &BRDFS).sample_many(&[Vec2::splat(0.3)])[0].unwrap().wi
+    });
+    assert!(first.distance(second) > 1e-4, "{first} {second}");
+}
