@@ -1,20 +1,26 @@
 //! The neural materials that ship with the project: they load, go where they belong, and every sampler renders the same picture of them.
 
-use std::sync::{Arc, atomic::AtomicBool};
+use std::{
+    path::Path,
+    sync::{Arc, atomic::AtomicBool},
+};
 
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
     brdf::{NeuralTexture, neural_texture::Seen},
-    environment::built_in,
-    head::Linear,
+    environment::{Environment, built_in},
+    export::{ExportedSampler, Intermediate, TrainingSummary},
+    head::{Condition, Head, Linear, Mode},
     image::Image,
     integrator::{Budget, View, render},
+    patches::Detail,
     points::{PointSet, Points},
     random::{Purpose, Stream},
     rival::{Rival, RivalFile, RivalKind},
     scene::{MaterialSpec, Ray, Scene},
     spec::{Place, SamplerSpec},
     statistics::{compare_images, sidak},
+    tail::TailKind,
 };
 
 /// The specification of a shipped material.
@@ -39,17 +45,64 @@ fn shipped_materials_say_what_they_are() {
     }
 }
 
+/// Files of a head with random weights that knows the features at the point, and of one over patches, as samplers.
+fn heads(environment: &Environment, folder: &Path) -> Vec<String> {
+    let mut random = Stream::new(5, Purpose::Weights, 0);
+    let mut network = |sizes: &[usize]| -> Vec<Linear> {
+        let mut layer = |inputs: usize, outputs: usize| {
+            let size = 2.0 / (inputs as f32).sqrt();
+            let mut values =
+                |count: usize| -> Vec<f32> { (0..count).map(|_| size * (random.uniform() - 0.5)).collect() };
+            let weight = values(inputs * outputs);
+            Linear::new("random", inputs, outputs, &weight, values(outputs)).unwrap()
+        };
+        sizes.windows(2).map(|pair| layer(pair[0], pair[1])).collect()
+    };
+    let seen = Condition::Texture.length();
+    let networks = [network(&[seen + 2, 16, 16, 13]), network(&[seen + 1, 16, 16, 13])];
+    let head = Head::new(Condition::Texture, Mode::Coupled, 0.01, Vec::new(), networks).unwrap();
+    let head = head.with_selection(network(&[seen, 8, 1])).unwrap();
+    let file = |name: &str, patches: bool| {
+        let head = Intermediate::Head(head.clone());
+        let training = TrainingSummary {
+            steps: 0,
+            seed: 5,
+            loss: "none".into(),
+            backend: "none".into(),
+            final_kl: 1.0,
+            relative_variance: 1.0,
+            seconds: None,
+            tabulated_seconds: None,
+        };
+        let sampler = ExportedSampler::new(head, TailKind::Hierarchical, environment, Some(training)).unwrap();
+        let sampler = if patches { sampler.over_patches(Detail::Leaves) } else { sampler };
+        let path = folder.join(name);
+        sampler.write(&path).unwrap();
+        path.display().to_string()
+    };
+    let (tail, patches) = (file("over-tail", false), file("over-patches", true));
+    vec![
+        format!("head:{tail}"),
+        format!("head+mis:{tail}"),
+        format!("head+patches:{patches}"),
+        "patches+vis".into(),
+        format!("head+patches+vis:{patches}"),
+    ]
+}
+
 #[test]
 fn every_sampler_renders_the_same_picture_of_every_fabric() {
-    const SAMPLERS: [&str; 5] = ["brdf", "emitter", "mis", "ris:4", "patches"];
     const SCENES: [(&str, &str, &str); 3] =
         [("bedroom", "welt", ",repeat=24"), ("cloth", "satin", ",repeat=20"), ("cloth", "velvet", ",repeat=12")];
     let environment = Arc::new(built_in("window").unwrap());
-    let pairs = SAMPLERS.len() * (SAMPLERS.len() - 1) / 2;
+    let folder = tempfile::tempdir().unwrap();
+    let mut samplers = ["brdf", "emitter", "mis", "ris:4", "patches"].map(str::to_owned).to_vec();
+    samplers.extend(heads(&environment, folder.path()));
+    let pairs = samplers.len() * (samplers.len() - 1) / 2;
     for (scene, name, settings) in SCENES {
         let scene = dressed(scene, name, settings).unwrap();
         let camera = scene.camera();
-        let image = |(k, sampler): (usize, &&str)| -> (String, Image) {
+        let image = |(k, sampler): (usize, &String)| -> (String, Image) {
             let view = View {
                 scene: &scene,
                 camera: &camera,
@@ -65,7 +118,7 @@ fn every_sampler_renders_the_same_picture_of_every_fabric() {
             let stop = AtomicBool::new(false);
             (sampler.to_string(), render(view, &*estimator, Budget::Spp(64), points, &stop, &|_| {}).surfaces)
         };
-        let images: Vec<(String, Image)> = SAMPLERS.iter().enumerate().map(image).collect();
+        let images: Vec<(String, Image)> = samplers.iter().enumerate().map(image).collect();
         for (k, (first, a)) in images.iter().enumerate() {
             for (second, b) in &images[k + 1..] {
                 let test = compare_images(a, b, 16, sidak(0.01, SCENES.len() * pairs)).unwrap();
