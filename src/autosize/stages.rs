@@ -21,11 +21,11 @@ pub enum Stage {
 
 /// Each stage with the part of the whole time at which it ends. How long a contest takes depends on who stays in it, so that these are rough.
 const ENDS: [(Stage, f64); 6] = [
-    (Stage::Plain, 0.3),
+    (Stage::Plain, 0.2),
     (Stage::Product, 0.35),
     (Stage::Tables, 0.55),
     (Stage::Beside, 0.6),
-    (Stage::Heads, 0.85),
+    (Stage::Heads, 0.9),
     (Stage::Last, 1.0),
 ];
 
@@ -44,7 +44,7 @@ impl Stages {
     /// A stage begins, with so many candidates in the contest.
     pub fn begin(&mut self, stage: Stage, candidates: usize) {
         self.stage = stage;
-        self.bar.set_message(format!("{}, {candidates} candidates left", self.stage.name()));
+        self.bar.set_message(format!("{}; candidates left: {candidates}", self.stage.name()));
         self.within(0.0);
     }
 
