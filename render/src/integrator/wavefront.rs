@@ -58,6 +58,8 @@ pub(super) struct Workspace {
     tiles: [Tile; 2],
     paths: [Vec<Path>; 2],
     rays: Vec<Ray>,
+    /// Keys of the points that the rays of a further bounce leave.
+    keys: Vec<u32>,
     hits: Vec<usize>,
     contributions: Contributions,
     visible: Vec<bool>,
@@ -164,7 +166,7 @@ impl Workspace {
     /// Light that reaches a surface over other surfaces: paths go on by BRDF sampling. One that leaves the scene adds nothing: the estimator
     /// at its last surface stands for all light from the environment.
     fn continue_paths(&mut self, view: &View<'_>, points: Points, bounces: u32) {
-        let Self { arena, tiles: [tile, next_tile], paths: [paths, next_paths], rays, hits, .. } = self;
+        let Self { arena, tiles: [tile, next_tile], paths: [paths, next_paths], rays, keys, hits, .. } = self;
         let at = tile.rows();
         let mut columns = arena.columns::<10>(at.strips());
         let [u, v, roulette, x, y, z, pdf, red, green, blue] = columns.get_mut();
@@ -173,7 +175,7 @@ impl Workspace {
         at.brdf_cosine([x, y, z], [&mut *red, &mut *green, &mut *blue], arena);
         rays.clear();
         next_paths.clear();
-        let mut keys = Vec::with_capacity(at.len());
+        keys.clear();
         for (place, path) in paths.iter().enumerate() {
             let (strip, lane) = (place / LANES, place % LANES);
             let pdf = pdf[strip][lane];

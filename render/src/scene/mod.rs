@@ -215,13 +215,19 @@ impl Scene {
         tile: &mut Tile,
         indices: &mut Vec<usize>,
     ) {
-        let mut hits = vec![None; rays.len()];
-        self.bvh.closest_batch(rays, &mut hits);
+        /// So many hits are on the stack at a time.
+        const CHUNK: usize = 256;
         tile.clear(&self.brdfs);
-        for (index, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
-            if let Some(hit) = hit {
-                indices.push(index);
-                tile.push(&self.surface(ray, hit, spread), key(index));
+        for (chunk, rays) in rays.chunks(CHUNK).enumerate() {
+            let mut hits = [None; CHUNK];
+            let hits = &mut hits[..rays.len()];
+            self.bvh.closest_batch(rays, hits);
+            for (k, (ray, hit)) in rays.iter().zip(hits).enumerate() {
+                if let Some(hit) = hit {
+                    let index = chunk * CHUNK + k;
+                    indices.push(index);
+                    tile.push(&self.surface(ray, hit, spread), key(index));
+                }
             }
         }
     }

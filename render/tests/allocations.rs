@@ -1,0 +1,132 @@
+//! Nothing is allocated while samples are drawn: a picture of four times as many samples asks for memory no more often.
+
+use std::{
+    alloc::{GlobalAlloc, Layout, System},
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
+    },
+};
+
+use headtail_render::{
+    bake::{CellGrid, NormalGrid, direct_bake},
+    environment::{Environment, built_in},
+    export::{ExportedSampler, Intermediate, TrainingSummary},
+    head::{Condition, Head, Linear, Mode},
+    integrator::{Budget, View, render},
+    points::{PointSet, Points},
+    random::{Purpose, Stream},
+    scene::Scene,
+    spec::SamplerSpec,
+    tail::{Tail, TailKind},
+};
+
+/// Counts how often memory is asked for.
+struct Counting;
+
+static CALLS: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: all is left to the system's allocator; counting does not allocate.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promise.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise.
+        unsafe { System.dealloc(block, layout) }
+    }
+
+    unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promise.
+        unsafe { System.realloc(block, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Files of a head and of a table, as samplers.
+fn files(environment: &Environment, folder: &Path) -> Vec<String> {
+    let mut random = Stream::new(5, Purpose::Weights, 0);
+    let mut layer = |inputs: usize, outputs: usize| {
+        let weight: Vec<f32> = (0..inputs * outputs).map(|_| random.uniform() - 0.5).collect();
+        Linear::new("random", inputs, outputs, &weight, vec![0.0; outputs]).unwrap()
+    };
+    let networks = [vec![layer(5, 16), layer(16, 13)], vec![layer(4, 16), layer(16, 13)]];
+    let head = Head::new(Condition::Normal, Mode::Coupled, 0.01, Vec::new(), networks).unwrap();
+    let head = head.with_selection(vec![layer(3, 8), layer(8, 1)]).unwrap();
+    let tail = Tail::new(TailKind::Hierarchical, environment.width(), environment.height(), &environment.luminance());
+    let table = direct_bake(&tail.unwrap(), NormalGrid::new(8, 16).unwrap(), CellGrid::new(8, 8).unwrap()).unwrap();
+    let training = TrainingSummary {
+        steps: 0,
+        seed: 5,
+        loss: "none".into(),
+        backend: "none".into(),
+        final_kl: 1.0,
+        relative_variance: 1.0,
+        seconds: None,
+        tabulated_seconds: None,
+    };
+    let write = |kind: &str, intermediate, training| {
+        let file = folder.join(kind);
+        ExportedSampler::new(intermediate, TailKind::Hierarchical, environment, training)
+            .unwrap()
+            .write(&file)
+            .unwrap();
+        format!("{kind}:{}", file.display())
+    };
+    vec![
+        write("head+mis", Intermediate::Head(head.clone()), Some(training.clone())),
+        write("head", Intermediate::Head(head), Some(training)),
+        write("direct", Intermediate::DirectBake(table), None),
+    ]
+}
+
+/// One test, since the allocator counts for the whole process.
+#[test]
+fn samples_ask_for_no_memory() {
+    // One that learns asks for memory for what it learns.
+    const SAMPLERS: [&str; 8] = ["brdf", "emitter", "mis", "mis2", "mis-comp", "ris:4", "patches", "split:4:patches"];
+    const WIDTH: usize = 64;
+    const HEIGHT: usize = 48;
+    const FEW: u32 = 64;
+    const MANY: u32 = 256;
+    // Work is handed to threads in passes of many samples, and that is on the heap: once for each tile in some hundred samples.
+    let allowed = WIDTH * HEIGHT / 256 * (MANY - FEW) as usize / 100;
+    let scene = Scene::built_in("dishes").unwrap();
+    let environment = Arc::new(built_in("window").unwrap());
+    let camera = scene.camera();
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let samplers = [SAMPLERS.map(str::to_owned).to_vec(), files(&environment, folder.path())].concat();
+    for depth in [1, 3] {
+        let view = View {
+            scene: &scene,
+            camera: &camera,
+            environment: &environment,
+            width: WIDTH,
+            height: HEIGHT,
+            unshadowed: false,
+            depth,
+        };
+        for sampler in &samplers {
+            let estimator = sampler.parse::<SamplerSpec>().unwrap().build(&environment).unwrap();
+            let calls = |spp: u32| {
+                let points = Points::new(PointSet::Sobol, 1);
+                let stop = AtomicBool::new(false);
+                let before = CALLS.load(Ordering::Relaxed);
+                threads.install(|| drop(render(view, &*estimator, Budget::Spp(spp), points, &stop, &|_| {})));
+                CALLS.load(Ordering::Relaxed) - before
+            };
+            // The work space of the thread grows once.
+            calls(FEW);
+            let (few, many) = (calls(FEW), calls(MANY));
+            assert!(many <= few + allowed, "{sampler}, depth {depth}: {few} and {many}");
+        }
+    }
+}
