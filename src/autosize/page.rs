@@ -116,7 +116,7 @@ fn page(
         .map(|(record, look)| Place {
             name: name(record),
             look,
-            time: Extent::exact(record.sample_seconds),
+            time: Extent::exact(1e3 * record.sample_seconds),
             error: record.error,
         })
         .collect();
@@ -134,7 +134,7 @@ fn page(
     let no_preparation = records.iter().any(|record| record.winner && record.bytes == 0);
     let columns = ["Preparation", "Sample (ms)", "Error", "Behind", "Pictures"].map(|title| Column::number(title, ""));
     let columns = [vec![Column::text("Sampler")], columns.to_vec()].concat();
-    let titles = ["seconds of a sample of every pixel", "mean squared error of a sample"];
+    let titles = ["milliseconds of a sample of every pixel", "mean squared error of a sample"];
     let main = html! {
         @if no_preparation { p.incomplete { "No preparation pays within " (render) " s of rendering: " (why_not) "." } }
         @for note in notes { p.note { (note) "." } }

@@ -116,6 +116,27 @@ impl Axis {
         }
         ticks
     }
+
+    /// [`Self::ticks`] without labels that touch others; `room` is what a label takes along the axis. Powers of ten keep theirs first.
+    fn spaced_ticks(&self, room: impl Fn(f64) -> f64) -> Vec<(f64, bool)> {
+        let mut ticks = self.ticks();
+        let mut order: Vec<usize> = (0..ticks.len()).filter(|&k| ticks[k].1).collect();
+        order.sort_by_key(|&k| match leading(ticks[k].0).0 {
+            1 => 0,
+            5 => 1,
+            2 => 2,
+            _ => 3,
+        });
+        let mut placed: Vec<(f64, f64)> = Vec::new();
+        for k in order {
+            let (at, half) = (self.at(ticks[k].0), 0.5 * room(ticks[k].0));
+            ticks[k].1 = placed.iter().all(|(other, own)| (at - other).abs() > half + own);
+            if ticks[k].1 {
+                placed.push((at, half));
+            }
+        }
+        ticks
+    }
 }
 
 /// Where the parts of a chart are.
@@ -145,14 +166,14 @@ impl Layout {
 
     /// Grid, frame and the axes' titles.
     fn draw_frame(&self, drawing: &mut Drawing, x: &Axis, y: &Axis, [time, error]: [&str; 2]) {
-        for (value, labelled) in y.ticks() {
+        for (value, labelled) in y.spaced_ticks(|_| LINE) {
             let (at, class) = (y.at(value), if labelled { "grid" } else { "grid minor" });
             drawing.path(class, format_args!("M{:.1} {at:.1}H{:.1}", x.start, x.end));
             if labelled {
                 tick(drawing, "end", (x.start - 7.0, at + 4.5), value);
             }
         }
-        for (value, labelled) in x.ticks() {
+        for (value, labelled) in x.spaced_ticks(label_width) {
             let (at, class) = (x.at(value), if labelled { "grid" } else { "grid minor" });
             drawing.path(class, format_args!("M{at:.1} {:.1}V{:.1}", y.start, y.end));
             if labelled {
@@ -191,14 +212,36 @@ fn tick(drawing: &mut Drawing, anchor: &str, (x, y): (f64, f64), value: f64) {
     drawing.raw(format_args!("<text class=\"tick\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{label}</text>"));
 }
 
-fn power_label(value: f64) -> String {
+/// Height of a line of labels in pixels.
+const LINE: f64 = 15.0;
+
+/// About the pixels that a label takes, with some room beside it.
+fn label_width(value: f64) -> f64 {
+    const CHARACTER: f64 = 7.0;
+    let (mut count, mut is_inside) = (1, true);
+    for c in power_label(value).chars() {
+        match c {
+            '<' => is_inside = false,
+            '>' => is_inside = true,
+            _ => count += i32::from(is_inside),
+        }
+    }
+    CHARACTER * f64::from(count)
+}
+
+/// The first digit of a value that has no other but zeros, and its power of ten.
+fn leading(value: f64) -> (i32, i32) {
     let exponent = (value.log10() + 1e-9).floor() as i32;
-    let digit = (value / 10_f64.powi(exponent)).round();
+    ((value / 10_f64.powi(exponent)).round() as i32, exponent)
+}
+
+fn power_label(value: f64) -> String {
+    let (digit, exponent) = leading(value);
     if (-3..=3).contains(&exponent) {
         let decimals = (-exponent).max(0) as usize;
         return format!("{value:.decimals$}");
     }
-    let factor = if digit == 1.0 { String::new() } else { format!("{digit}\u{d7}") };
+    let factor = if digit == 1 { String::new() } else { format!("{digit}\u{d7}") };
     let exponent = exponent.to_string().replace('-', "\u{2212}");
     format!("{factor}10<tspan dy=\"-5\" font-size=\"9.5\">{exponent}</tspan>")
 }
@@ -209,11 +252,16 @@ mod tests {
 
     #[test]
     fn axes_always_have_labelled_ticks() {
-        for (low, high) in [(1e-3, 1.01e-3), (1e-3, 4e-3), (1.0, 30.0), (1e-7, 1e4), (3e-9, 2e12)] {
-            let axis = Axis::around([low, high].into_iter(), 0.0, 100.0);
-            let labelled = axis.ticks().iter().filter(|tick| tick.1).count();
-            assert!((1..=12).contains(&labelled), "{labelled} labels from {low} to {high}");
-            assert!(axis.at(low) > 0.0 && axis.at(high) < 100.0);
+        for (low, high) in [(1e-3, 1.01e-3), (5.5e-4, 2e-3), (1e-3, 4e-3), (1.0, 30.0), (1e-7, 1e4), (3e-9, 2e12)] {
+            let axis = Axis::around([low, high].into_iter(), 0.0, 480.0);
+            let ticks = axis.spaced_ticks(label_width);
+            let labelled: Vec<f64> = ticks.iter().filter(|tick| tick.1).map(|tick| tick.0).collect();
+            assert!((1..=12).contains(&labelled.len()), "{labelled:?} from {low} to {high}");
+            for pair in labelled.windows(2) {
+                let apart = axis.at(pair[1]) - axis.at(pair[0]);
+                assert!(apart > 0.5 * (label_width(pair[0]) + label_width(pair[1])), "{pair:?} from {low} to {high}");
+            }
+            assert!(axis.at(low) > 0.0 && axis.at(high) < 480.0);
         }
     }
 
