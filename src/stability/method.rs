@@ -145,7 +145,7 @@ impl<'a> Laboratory<'a> {
             _ if !noted => String::new(),
             _ if trained.fell_back => "training did not help: the untrained head was kept".to_owned(),
             Some(compact) => format!("{} compact emitters", compact.count()),
-            None if method == ALL => "no compact emitter in this map: as default".to_owned(),
+            None if method == ALL => "no compact emitter: as default".to_owned(),
             None => String::new(),
         };
         self.add(method, &trained.sampler(), trained.skipped, &note);

@@ -24,12 +24,17 @@ impl<'a> Legend<'a> {
     /// About the width of a letter, on the wide side.
     const LETTER: f64 = 7.4;
     const MARKER: f64 = 20.0;
+    /// More entries than this do not stand in one column, if columns of so many letters fit.
+    const MANY: usize = 12;
+    const LETTERS: f64 = 24.0;
 
-    /// Arranges entries under each other, in as many columns as fit a width.
+    /// Arranges entries under each other, in as many columns as fit a width. Long names take several lines where there are many.
     pub fn new(entries: &'a [Entry<'a>], (left, width): (f64, f64)) -> Self {
         let longest = entries.iter().map(|entry| entry.name.chars().count()).max().unwrap_or(0);
         let widest = longest as f64 * Self::LETTER + Self::MARKER + 14.0;
-        let columns = ((width / widest) as usize).clamp(1, entries.len().max(1));
+        let whole = ((width / widest) as usize).clamp(1, entries.len().max(1));
+        let broken = (width / (Self::LETTERS * Self::LETTER + Self::MARKER + 14.0)) as usize;
+        let columns = if entries.len() > Self::MANY { whole.max(broken) } else { whole };
         let letters = (((width / columns as f64 - Self::MARKER) / Self::LETTER) as usize).max(8);
         let rows = entries.len().div_ceil(columns);
         let mut placed = Vec::new();
@@ -96,6 +101,18 @@ mod tests {
             assert_eq!(lines.concat(), long);
             assert!(lines.iter().all(|line| line.chars().count() <= letters));
         }
+    }
+
+    #[test]
+    fn many_entries_stand_in_columns() {
+        let names: Vec<String> = (0..30).map(|k| format!("a head of {k} bins, after 250 steps")).collect();
+        let looks = Look::of_all(names.iter().map(String::as_str));
+        let entries: Vec<Entry> =
+            names.iter().zip(looks).map(|(name, look)| Entry { look, name, on_front: false }).collect();
+        let few = Legend::new(&entries[..12], (0.0, 480.0));
+        let all = Legend::new(&entries, (0.0, 480.0));
+        assert!(few.entries.iter().all(|entry| entry.2 == 0.0) && all.height < 30.0 * Legend::LINE * 1.1);
+        assert_eq!(all.entries.iter().filter(|entry| entry.2 == 0.0).count(), 15);
     }
 
     #[test]
