@@ -18,6 +18,7 @@ use headtail_render::{
 };
 
 use crate::crop::{self, Crop};
+use crate::given::given;
 use crate::light::LightArguments;
 use crate::progress;
 use crate::terminal::{detail, note, warning};
@@ -29,10 +30,10 @@ pub const VISIBILITY_MEGABYTES: u32 = (LearnedVisibility::MEMORY >> 20) as u32;
 #[derive(Args, Clone, Debug)]
 pub struct ViewArguments {
     /// A built-in scene (temple, dishes, diorama, droid, bedroom, cloth, sphere, plane) or a glTF 2.0 file (.glb, .gltf).
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub scene: String,
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub env: String,
     #[command(flatten)]
     pub camera: CameraArguments,
@@ -43,7 +44,7 @@ pub struct ViewArguments {
     /// varies over the scene), both with [,f0=F]; or measured ones, nbrdf:FILE#NAME,NAME,..., which the scene's meshes take in turn; or
     /// neural:FILE[,repeat=N,on=NAME], a neural material on the meshes called `fabric` (or NAME), else on all that have texture coordinates. Default:
     /// the scene's materials.
-    #[arg(long, value_name = "SPEC")]
+    #[arg(long, value_name = "SPEC", value_parser = given::<MaterialSpec>())]
     pub material: Option<MaterialSpec>,
     /// Leave out shadow rays: every point sees the whole environment.
     #[arg(long)]

@@ -15,6 +15,7 @@ use headtail_render::{
 use headtail_train::learned_bake_watched;
 
 use crate::arguments::{Grid, TailArgument, open_environment};
+use crate::given::given;
 use crate::output::OutputFile;
 use crate::progress;
 use crate::terminal::say;
@@ -42,7 +43,7 @@ pub struct Arguments {
     #[arg(long, requires = "env", requires = "scene")]
     visibility: bool,
     /// The map for --direct and --visibility: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
-    #[arg(long, value_name = "MAP", conflicts_with = "from")]
+    #[arg(long, value_name = "MAP", conflicts_with = "from", value_parser = given::<String>())]
     env: Option<String>,
     /// The tail warp for --direct.
     #[arg(long, default_value = "hierarchical", conflicts_with = "from")]

@@ -28,6 +28,7 @@ use crate::terminal::{self, say};
 use crate::{
     arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
     crop::Crop,
+    given::given,
     light::LightArguments,
     output::OutputFolder,
     progress,
@@ -51,7 +52,7 @@ pub struct Arguments {
     /// Samplers, separated by commas: brdf (or cosine), emitter, mis, mis2, mis-comp, split:N:SOURCE, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE,
     /// ris:M:head:FILE, ris:M:direct:FILE, oracle (the exact product of light, BRDF and cosine, without visibility; slow).
     /// The name of a file that is there may hold commas.
-    #[arg(long, value_name = "SPEC,...", required = true)]
+    #[arg(long, value_name = "SPEC,...", required = true, value_parser = given::<SamplerList>())]
     samplers: Vec<SamplerList>,
     /// Samples per pixel; several are separated by commas.
     #[arg(long, value_name = "N,...", value_delimiter = ',', required_unless_present = "seconds")]

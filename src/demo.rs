@@ -14,6 +14,7 @@ use crate::terminal::say;
 use crate::{
     arguments::{CameraArguments, PointsArgument, TailArgument, ViewArguments, open_environment},
     bake, compare, fit,
+    given::given,
     output::OutputFolder,
     progress,
     run::RunTable,
@@ -29,7 +30,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
     /// A built-in environment (overcast, window, studio, sunset) or a map.
-    #[arg(long, value_name = "NAME|FILE", default_value = "studio")]
+    #[arg(long, value_name = "NAME|FILE", default_value = "studio", value_parser = given::<String>())]
     env: String,
     /// The points that samples are taken at: sobol, zsobol, zsobol:N or independent.
     #[arg(long, value_name = "POINTS", default_value = "sobol")]

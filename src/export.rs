@@ -8,11 +8,13 @@ use headtail_render::{
     export::{ExportedSampler, flat_exported, flat_patches},
     file::replace,
     patches::Detail,
+    path_text::path_of,
     tail::{Tail, TailKind},
 };
 use headtail_shaders::{Shader, Target};
 
 use crate::arguments::open_environment;
+use crate::given::given;
 use crate::output::OutputFolder;
 use crate::terminal::say;
 
@@ -27,10 +29,10 @@ DIR/floats.bin and DIR/integers.bin are the buffers of bindings 0 and 1 (little-
 There are shaders of tables and heads over every tail, of patches, and of heads over them. A file with compact emitters takes its map: --env MAP.")]
 pub struct Arguments {
     /// A table that `bake` wrote or a head that `fit` wrote, or patches, or patches:fine, which need --env.
-    #[arg(value_name = "FILE|patches")]
+    #[arg(value_name = "FILE|patches", value_parser = given::<String>())]
     sampler: String,
     /// The map of patches, or of a file with compact emitters: a built-in environment or a .hdr or .exr file.
-    #[arg(long, value_name = "MAP")]
+    #[arg(long, value_name = "MAP", value_parser = given::<String>())]
     env: Option<String>,
     /// The language.
     #[arg(long)]
@@ -82,7 +84,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         (Some(_), None) => bail!("{} needs the map: give --env MAP", arguments.sampler),
         (None, map) => {
-            let (file, map) = (PathBuf::from(&arguments.sampler), map.as_deref().map(open_environment).transpose()?);
+            let (file, map) = (path_of(&arguments.sampler), map.as_deref().map(open_environment).transpose()?);
             flat_exported(&ExportedSampler::read(&file)?, map.as_ref()).map_err(|error| error.in_file(&file))?
         }
     };

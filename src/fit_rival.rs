@@ -12,6 +12,7 @@ use headtail_render::rival::{Rival, RivalFile, RivalKind};
 use headtail_train::rival::{RivalFit, RivalMaterial, RivalQuality, RivalSettings, RivalState};
 
 use crate::{
+    given::given,
     output::{self, OutputFile},
     progress,
     terminal::{self, out, say},
@@ -39,7 +40,7 @@ pub struct Arguments {
     #[arg(long, value_name = "KIND")]
     kind: RivalKind,
     /// The material: neural:FILE, nbrdf:FILE#NAME or nbrdf:FILE#NAME,NAME and so on, which get a sampler each.
-    #[arg(long, value_name = "MATERIAL")]
+    #[arg(long, value_name = "MATERIAL", value_parser = given::<String>())]
     material: String,
     /// File to write.
     #[arg(long, value_name = "FILE")]

@@ -17,6 +17,7 @@ mod exposure;
 mod fit;
 mod fit_material;
 mod fit_rival;
+mod given;
 mod info;
 mod inspect;
 mod light;

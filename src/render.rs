@@ -21,6 +21,7 @@ use crate::{
     arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
     crop::{self, Crop},
     exposure,
+    given::given,
     light::LightArguments,
     output::OutputFile,
     progress,
@@ -41,7 +42,7 @@ pub struct Arguments {
     view: ViewArguments,
     /// brdf (or cosine), emitter, mis, mis2, mis-comp, split:N:SOURCE, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE, ris:M:direct:FILE or oracle (the
     /// exact product of light, BRDF and cosine, without visibility; slow); fit says which one its file is.
-    #[arg(long, value_name = "SPEC")]
+    #[arg(long, value_name = "SPEC", value_parser = given::<SamplerSpec>())]
     sampler: SamplerSpec,
     /// Samples per pixel.
     #[arg(long, conflicts_with = "seconds", required_unless_present = "seconds")]

@@ -15,6 +15,7 @@ use headtail_render::{
     tail::TailKind,
 };
 
+use crate::given::given;
 use crate::terminal::{self, note, out};
 use crate::{arguments::open_environment, exposure::of_rendering, output::OutputFolder, progress};
 
@@ -31,7 +32,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// A built-in environment (overcast, window, studio, sunset) or a map that lights them.
-    #[arg(long, value_name = "NAME|FILE", default_value = "window")]
+    #[arg(long, value_name = "NAME|FILE", default_value = "window", value_parser = given::<String>())]
     env: String,
     /// Samples per pixel.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]

@@ -15,6 +15,7 @@ use headtail_render::{
 };
 
 use crate::arguments::open_environment;
+use crate::given::given;
 use crate::output::OutputFile;
 use crate::terminal::say;
 
@@ -29,7 +30,7 @@ composite puts objects. The .fspy file has Z up, as Blender's importer expects i
 light that composite can read back; what is too bright for it is clipped.")]
 pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a .hdr or .exr map.
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     env: String,
     /// Where the camera looks to, in degrees around the vertical; 0 is the middle of Mitsuba's map (-Z), 90 is +X.
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_hyphen_values = true)]

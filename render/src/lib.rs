@@ -27,6 +27,7 @@ pub mod memory;
 pub(crate) mod morton;
 pub mod one_point;
 pub mod patches;
+pub mod path_text;
 pub mod points;
 pub mod random;
 pub mod rival;

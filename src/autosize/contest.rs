@@ -10,6 +10,7 @@ use headtail_render::{
     estimator::Estimator,
     file,
     integrator::Budget,
+    path_text::text_of,
     points::{PointSet, Points},
     spec::SamplerSpec,
     statistics::RatioInterval,
@@ -334,7 +335,7 @@ impl<'a> Contest<'a> {
             let copy = self.place(role, entry);
             let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
             file::replace(&copy, &bytes)?;
-            text = text.replace(&path.display().to_string(), &copy.display().to_string());
+            text = text.replace(&*text_of(path), &text_of(&copy));
         }
         Ok(file::replace(&self.arguments.out.join(role), (text + "\n").as_bytes())?)
     }

@@ -19,6 +19,7 @@ use self::{candidates::HeadMaterial, contest::Contest};
 use crate::terminal::{self, say};
 use crate::{
     arguments::{CameraArguments, ViewArguments},
+    given::given,
     output::OutputFolder,
     progress,
 };
@@ -36,13 +37,13 @@ A head is only trained if one that were perfect, at the time that its samples ta
 DIR/winner and DIR/cheapest name the samplers as --sampler takes them, with their files beside them.")]
 pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     env: String,
     /// A built-in scene or a glTF 2.0 file.
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     scene: String,
     /// Give every surface one material, as `render` does. Default: the scene's materials.
-    #[arg(long, value_name = "SPEC")]
+    #[arg(long, value_name = "SPEC", value_parser = given::<MaterialSpec>())]
     material: Option<MaterialSpec>,
     /// Put a grey diffuse plane under the scene.
     #[arg(long)]

@@ -11,6 +11,7 @@ use headtail_render::{
 
 use crate::{
     arguments::{CameraArguments, PointsArgument, VISIBILITY_MEGABYTES, ViewArguments},
+    given::given,
     progress,
     terminal::say,
 };
@@ -20,7 +21,7 @@ use crate::{
 #[command(next_help_heading = "For --visibility")]
 pub struct Arguments {
     /// A built-in scene or a glTF 2.0 file.
-    #[arg(long, value_name = "NAME|FILE", requires = "visibility")]
+    #[arg(long, value_name = "NAME|FILE", requires = "visibility", value_parser = given::<String>())]
     scene: Option<String>,
     #[command(flatten)]
     camera: CameraArguments,
@@ -28,7 +29,7 @@ pub struct Arguments {
     #[arg(long, requires = "visibility")]
     ground: bool,
     /// Give every surface one material. What is learned holds for all materials, but it is learned where this one reflects light from.
-    #[arg(long, value_name = "SPEC", requires = "visibility")]
+    #[arg(long, value_name = "SPEC", requires = "visibility", value_parser = given::<MaterialSpec>())]
     material: Option<MaterialSpec>,
     /// Surfaces that light may visit on its way to the camera; what is learned at later ones helps paths and other viewpoints.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]

@@ -1,8 +1,8 @@
 //! Lists of samplers on the command line.
 
-use std::{path::Path, str::FromStr};
+use std::str::FromStr;
 
-use headtail_render::{Error, spec::SamplerSpec};
+use headtail_render::{Error, path_text::path_of, spec::SamplerSpec};
 
 /// SPECs separated by commas. A comma may also be in the name of a file that is there.
 #[derive(Clone, Debug)]
@@ -29,7 +29,7 @@ impl FromStr for SamplerList {
 /// Whether what comes after one of the colons before the first comma is there.
 fn names_a_file(spec: &str) -> bool {
     let before = spec.find(',').unwrap_or(spec.len());
-    spec[..before].match_indices(':').any(|(colon, _)| Path::new(&spec[colon + 1..]).exists())
+    spec[..before].match_indices(':').any(|(colon, _)| path_of(&spec[colon + 1..]).exists())
 }
 
 #[cfg(test)]

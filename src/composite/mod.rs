@@ -21,6 +21,7 @@ use headtail_render::{
 use crate::terminal::{self, note, say, warning};
 use crate::{
     arguments::{Triple, note_use},
+    given::given,
     light::LightArguments,
     output::OutputFolder,
     progress,
@@ -59,15 +60,15 @@ pub struct Arguments {
     #[arg(long, value_name = "DEGREES", default_value_t = 40.0, conflicts_with = "camera")]
     pub fov: f32,
     /// The light: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr map.
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub env: String,
     #[command(flatten)]
     pub light: LightArguments,
     /// The object: a built-in scene or a glTF 2.0 file (.glb, .gltf).
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub scene: String,
     /// Give the object one material: lambert[:albedo=A], ggx:alpha=A, ggx:alpha=LOW..HIGH.
-    #[arg(long, value_name = "SPEC")]
+    #[arg(long, value_name = "SPEC", value_parser = given::<MaterialSpec>())]
     pub material: Option<MaterialSpec>,
     /// Where the middle of the object's underside is put, Y up.
     #[arg(long = "move", value_name = "X,Y,Z", default_value = "0,0,0", allow_hyphen_values = true)]
@@ -91,7 +92,7 @@ pub struct Arguments {
     #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", allow_hyphen_values = true)]
     pub plane_normal: Triple,
     /// Sampler of directions: any that render knows.
-    #[arg(long, value_name = "SPEC", default_value = "patches")]
+    #[arg(long, value_name = "SPEC", default_value = "patches", value_parser = given::<SamplerSpec>())]
     pub sampler: SamplerSpec,
     /// How the mask is estimated: control-variate (unbiased but where a --catcher shadows itself), weights (the same, noisier), ratio (bias of the order of
     /// 1 / spp) or paper (the mean visibility, right where the sampler is the exact product).

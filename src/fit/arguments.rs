@@ -11,6 +11,7 @@ use headtail_train::{
 
 use crate::{
     arguments::{CameraArguments, TailArgument},
+    given::given,
     run::{Checkpoints, Picture, RunTable},
 };
 
@@ -28,7 +29,7 @@ keys env, out, viewpoints, checkpoints, export and measure are in docs/sweeps.md
 often to draw from BRDF sampling, and keep the untrained head, which makes head+mis the sampler mis, where training did not lower the variance.")]
 pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
-    #[arg(long, value_name = "MAP", required_unless_present_any = ["print_config", "config"])]
+    #[arg(long, value_name = "MAP", required_unless_present_any = ["print_config", "config"], value_parser = given::<String>())]
     env: Option<String>,
     /// The settings to begin with: paper-cosine, paper-ggx, fast-cosine, fast-ggx, over-patches. Default: the fast one for the material, or with --over
     /// patches the last one.
@@ -45,7 +46,7 @@ pub struct Arguments {
     pub print_config: bool,
     /// The material to sample for: lambert, ggx:alpha=0.4, (any of a range) ggx:alpha=0.2..0.8, or measured: nbrdf:FILE#NAME, and one head for
     /// many: nbrdf:FILE#NAME,NAME and so on.
-    #[arg(long, value_name = "MATERIAL", required_unless_present_any = ["preset", "config"])]
+    #[arg(long, value_name = "MATERIAL", required_unless_present_any = ["preset", "config"], value_parser = given::<Material>())]
     material: Option<Material>,
     /// The tail warp under the head.
     #[arg(long)]
@@ -86,7 +87,7 @@ pub struct Arguments {
     #[arg(long)]
     loss: Option<LossArgument>,
     /// Take conditions from what a camera sees of this scene (a built-in one or a glTF file) instead of from everywhere.
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     conditions_from: Option<String>,
     #[command(flatten)]
     camera: CameraArguments,

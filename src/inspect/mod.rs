@@ -23,6 +23,7 @@ use headtail_render::{
 use headtail_train::Material;
 
 use crate::arguments::{Triple, open_environment};
+use crate::given::given;
 use crate::output::OutputFile;
 use crate::report::{
     chart::{Panel, Scale, Sides, densities},
@@ -55,7 +56,7 @@ pub struct Arguments {
     #[arg(long, requires = "env", requires = "file", requires = "scene", conflicts_with = "tail")]
     visibility: bool,
     /// The map for --tail and --visibility: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
-    #[arg(long, value_name = "MAP")]
+    #[arg(long, value_name = "MAP", value_parser = given::<String>())]
     env: Option<String>,
     /// The shading normal; it need not have unit length.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", allow_hyphen_values = true)]

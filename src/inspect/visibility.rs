@@ -19,6 +19,7 @@ use headtail_render::{
 
 use crate::{
     arguments::{CameraArguments, open_environment},
+    given::given,
     report::{
         chart::{Panel, Sides, densities},
         vector::Chart,
@@ -37,7 +38,7 @@ const BRIGHTEST: f32 = 6.0;
 #[command(next_help_heading = "For --visibility")]
 pub struct Arguments {
     /// The scene that the visibility was learned in: a built-in scene or a glTF 2.0 file.
-    #[arg(long, value_name = "NAME|FILE", requires = "visibility")]
+    #[arg(long, value_name = "NAME|FILE", requires = "visibility", value_parser = given::<String>())]
     scene: Option<String>,
     /// With the plane under it that it was learned with.
     #[arg(long, requires = "visibility")]

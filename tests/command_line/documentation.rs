@@ -82,7 +82,7 @@ fn small(command: &str) -> String {
 }
 
 /// A map with one bright window.
-fn room() -> Vec<u8> {
+pub(super) fn room() -> Vec<u8> {
     let (width, height) = (64, 32);
     let mut bytes = radiance_file(width, height, 128, 127);
     let start = bytes.len() - 4 * width * height;
@@ -93,7 +93,7 @@ fn room() -> Vec<u8> {
 }
 
 /// A pyramid as binary glTF.
-fn pyramid() -> Vec<u8> {
+pub(super) fn pyramid() -> Vec<u8> {
     let corners: [[f32; 3]; 4] = [[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 1.5, 0.0]];
     let triangles: [u16; 12] = [0, 1, 2, 0, 3, 1, 1, 3, 2, 2, 3, 0];
     let mut binary: Vec<u8> = corners.iter().flatten().flat_map(|value| value.to_le_bytes()).collect();

@@ -241,25 +241,6 @@ fn absurd_weights_are_refused() {
     assert!(refused(path, "inspect absurd --out a.svg").contains("no density"));
 }
 
-#[test]
-#[cfg(target_os = "linux")]
-fn names_that_are_no_unicode_are_files_like_others() {
-    use std::{ffi::OsStr, os::unix::ffi::OsStrExt};
-    let here = folder();
-    let path = here.path();
-    let name = OsStr::from_bytes(b"caf\xe9.exr");
-    let mut process = command(path, &format!("render --scene sphere --env overcast --sampler mis --spp 1 {SMALL}"));
-    let output = process.arg("--out").arg(name).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(path.join(name).exists());
-    // As an input where a name is that of a file; where it may be another thing, the sentence says what is wrong.
-    assert!(command(path, "info").arg(name).output().unwrap().status.success());
-    let map = OsStr::from_bytes(b"caf\xe9.hdr");
-    let output = command(path, "view --out view.exr --env").arg(map).output().unwrap();
-    let said = text(&output.stderr);
-    assert!(output.status.code() == Some(2) && said.contains("invalid UTF-8"), "{said}");
-}
-
 /// On a small file system of its own, in a mount namespace that ends with the script; skipped, aloud, where the system allows no namespace. Where the
 /// variable CI is set and there are namespaces, there is no excuse.
 #[test]

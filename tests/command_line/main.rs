@@ -11,6 +11,7 @@ mod export;
 #[cfg(target_os = "linux")]
 mod interruption;
 mod lost_work;
+mod names;
 mod options;
 mod pictures;
 mod placement;

@@ -21,6 +21,7 @@ use crate::{
     image::{Image, read_radiance},
     large::Large,
     latlong, memory,
+    path_text::path_of,
     simd::{LANES, Lanes},
 };
 
@@ -55,7 +56,7 @@ impl Environment {
         if let Some(environment) = built_in(name_or_path) {
             return Ok(environment);
         }
-        let path = Path::new(name_or_path);
+        let path = &path_of(name_or_path);
         if !path.exists() {
             let names = BUILT_IN_NAMES.join(", ");
             return Err(Error::argument(

@@ -9,6 +9,7 @@ use super::{AlphaField, Bounds, Material, Scene, measured, neural::NeuralSpec};
 use crate::{
     brdf::{Brdf, Ggx},
     error::{Error, Result},
+    path_text::text_of,
 };
 
 /// A Trowbridge-Reitz width, or the range that it varies in.
@@ -147,7 +148,7 @@ impl fmt::Display for MaterialSpec {
                 if *f0 == 1.0 { Ok(()) } else { write!(f, ",f0={f0}") }
             }
             Self::Measured { file, names } => {
-                write!(f, "nbrdf:{}", file.display())?;
+                write!(f, "nbrdf:{}", text_of(file))?;
                 if names.is_empty() { Ok(()) } else { write!(f, "#{}", names.join(",")) }
             }
             Self::Neural(spec) => write!(f, "neural:{spec}"),

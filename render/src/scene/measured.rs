@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use crate::{
     brdf::neural::{NeuralBrdf, read_networks},
     error::{Error, Result},
+    path_text::path_of,
 };
 
 /// Most names that an error lists.
@@ -25,7 +26,7 @@ pub(super) fn parse(text: &str) -> std::result::Result<(PathBuf, Vec<String>), S
     if names.iter().any(String::is_empty) {
         return Err("'' is no name of a material".into());
     }
-    Ok((file.into(), names))
+    Ok((path_of(file), names))
 }
 
 /// The materials of these names, in their order; the only one of the file if no name is given.

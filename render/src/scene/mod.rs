@@ -31,13 +31,12 @@ pub use normal_map::{NormalMap, TangentSpace};
 pub use ray::{Bounds, Ray};
 pub use texture::{Texture, Wrap};
 
-use std::path::Path;
-
 use glam::{Vec2, Vec3, Vec3A};
 
 use crate::{
     brdf::{BrdfTable, tabulate_lobe_albedo},
     error::{Error, Result},
+    path_text::path_of,
     tile::{ShadingPoint, Tile},
 };
 
@@ -123,7 +122,7 @@ impl Scene {
         if let Some(scene) = Self::built_in(name_or_path) {
             return Ok(scene);
         }
-        let path = Path::new(name_or_path);
+        let path = &path_of(name_or_path);
         if !path.exists() {
             let names = built_in_names().collect::<Vec<_>>().join(", ");
             let reason = format!("'{name_or_path}' is neither a file nor a built-in scene ({names})");

@@ -9,6 +9,7 @@ use crate::{
     brdf::{NeuralTexture, Surface, neural_texture::Seen},
     error::{Error, Result},
     frame::Frame,
+    path_text::{path_of, text_of},
 };
 
 /// The name of the meshes that take a neural material where none is asked for.
@@ -155,13 +156,13 @@ impl FromStr for NeuralSpec {
             Some((_, Ok(repeat))) if (1e-3..=1e6).contains(&repeat) => repeat,
             Some((text, _)) => return Err(format!("repeat '{text}' is not a number in 0.001..=1000000")),
         };
-        Ok(Self { file: file.into(), repeat, on: on.map(str::to_owned) })
+        Ok(Self { file: path_of(file), repeat, on: on.map(str::to_owned) })
     }
 }
 
 impl fmt::Display for NeuralSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.file.display())?;
+        f.write_str(&text_of(&self.file))?;
         if self.repeat != 1.0 {
             write!(f, ",repeat={}", self.repeat)?;
         }

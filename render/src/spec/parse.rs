@@ -8,6 +8,7 @@ use crate::{
     error::{Error, Result},
     estimator::{LearnedVisibility, Split},
     patches::Detail,
+    path_text::path_of,
     points::MAX_CANDIDATES,
     sampler::BrdfSampler,
 };
@@ -94,7 +95,7 @@ impl<'a> Learning<'a> {
             return Err(wrong("name a file, as in patches+vis:FILE, direct+vis:FILE or direct+vis@LEARNED:FILE"));
         }
         let learning = |source, drawn, grid, known: Option<&str>| {
-            let known = known.map(PathBuf::from);
+            let known = known.map(path_of);
             Ok(SamplerSpec::Learning { source, drawn, grid, known })
         };
         let drawn = Drawn::Directions(directions);
@@ -151,7 +152,7 @@ fn source_of(text: &str, whole: &str) -> Result<Source> {
             let kind = FileKind::ALL.into_iter().find(|kind| kind.name() == base);
             let file = || -> Result<PathBuf> {
                 let file = file.filter(|file| !file.is_empty());
-                Ok(file.ok_or_else(|| wrong(format!("name a file, as in {name}:FILE")))?.into())
+                Ok(path_of(file.ok_or_else(|| wrong(format!("name a file, as in {name}:FILE")))?))
             };
             return match (rival, kind) {
                 (Some((family, with_emitter)), _) => Ok(Source::Rival { family, file: file()?, with_emitter }),

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::{Drawn, SamplerSpec, Source};
-use crate::{estimator::LearnedVisibility, patches::Detail};
+use crate::{estimator::LearnedVisibility, patches::Detail, path_text::text_of};
 
 impl fmt::Display for SamplerSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -15,7 +15,7 @@ impl fmt::Display for SamplerSpec {
                 {
                     write!(f, "split:{directions}:")?;
                 }
-                let (name, known) = (source.to_string(), known.as_ref().map(|file| file.display().to_string()));
+                let (name, known) = (source.to_string(), known.as_deref().map(|file| text_of(file).into_owned()));
                 // What a source is read from stands last.
                 let (name, known, rest) = match (drawn, source) {
                     (Drawn::Candidates(count), Source::Emitter) => (format!("ris:{count}"), known, None),
@@ -51,14 +51,14 @@ impl fmt::Display for Source {
             Self::Oracle => f.write_str("oracle"),
             Self::Patches(Detail::Leaves) => f.write_str("patches"),
             Self::Patches(Detail::Twigs) => f.write_str("patches:fine"),
-            Self::File(kind, file) => write!(f, "{}:{}", kind.name(), file.display()),
+            Self::File(kind, file) => write!(f, "{}:{}", kind.name(), text_of(file)),
             Self::Rival { family, file, with_emitter } => {
-                write!(f, "{}{}:{}", family.name(), if *with_emitter { "+emitter" } else { "" }, file.display())
+                write!(f, "{}{}:{}", family.name(), if *with_emitter { "+emitter" } else { "" }, text_of(file))
             }
             Self::Mixture(source) => match &**source {
                 Self::Emitter => f.write_str("mis"),
                 Self::Compensated => f.write_str("mis-comp"),
-                Self::File(kind, file) => write!(f, "{}+mis:{}", kind.name(), file.display()),
+                Self::File(kind, file) => write!(f, "{}+mis:{}", kind.name(), text_of(file)),
                 other => write!(f, "{other}+mis"),
             },
         }

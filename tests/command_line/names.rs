@@ -1,0 +1,68 @@
+//! Names of files that are no Unicode are names like others.
+#![cfg(unix)]
+
+use std::{
+    ffi::OsStr,
+    fs,
+    os::unix::ffi::OsStrExt,
+    path::Path,
+    process::{Command, Output},
+};
+
+use super::{
+    SMALL, command,
+    documentation::{pyramid, room},
+    folder, text,
+};
+
+fn name(bytes: &[u8]) -> &OsStr {
+    OsStr::from_bytes(bytes)
+}
+
+fn run(process: &mut Command) -> Output {
+    let output = process.output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    output
+}
+
+#[test]
+fn names_that_are_no_unicode_are_files_like_others() {
+    let here = folder();
+    let path = here.path();
+    let picture = name(b"caf\xe9.exr");
+    let render = format!("render --scene sphere --env overcast --sampler mis --spp 1 {SMALL}");
+    run(command(path, &render).arg("--out").arg(picture));
+    assert!(path.join(picture).exists());
+    run(command(path, "info").arg(picture));
+}
+
+/// Where a name may be that of a built-in one or stands within a text.
+#[test]
+fn maps_scenes_materials_and_samplers_have_any_names() {
+    let here = folder();
+    let path = here.path();
+    let (map, scene) = (name(b"caf\xe9,\xe9.hdr"), name(b"\xfe.glb"));
+    let cloth = Path::new(env!("CARGO_MANIFEST_DIR")).join("checkpoints/satin.safetensors");
+    fs::write(path.join(map), room()).unwrap();
+    fs::write(path.join(scene), pyramid()).unwrap();
+    fs::copy(cloth, path.join(name(b"\xfd.safetensors"))).unwrap();
+    let bake = "bake --direct --normals 4x6 --cells 4x4 --out";
+    run(command(path, bake).arg(name(b"\xff.safetensors")).arg("--env").arg(map));
+
+    let compare = format!("compare {SMALL} --spp 1 --reference-spp 2 --runs 1 --out compared");
+    let samplers = name(b"mis,direct:\xff.safetensors,ris:2:direct:\xff.safetensors");
+    run(command(path, &compare).arg("--env").arg(map).arg("--scene").arg(scene).arg("--samplers").arg(samplers));
+    let table = fs::read_to_string(path.join("compared/results.csv")).unwrap();
+    // What stands in results is taken back as the same name.
+    let written = table.lines().find_map(|line| line.split(',').find(|cell| cell.starts_with("direct:"))).unwrap();
+    let render = format!("render {SMALL} --scene sphere --spp 1 --out again.exr --sampler");
+    run(command(path, &render).arg(written).arg("--env").arg(map));
+
+    let render = format!("render {SMALL} --scene plane --sampler patches --spp 1 --out cloth.exr");
+    let material = name(b"neural:\xfd.safetensors,repeat=3");
+    run(command(path, &render).arg("--env").arg(map).arg("--material").arg(material));
+
+    let output = command(path, "view --out view.exr --env").arg(name(b"nowhere\xe9.hdr")).output().unwrap();
+    let said = text(&output.stderr);
+    assert!(output.status.code() == Some(1) && said.contains("there is no such file"), "{said}");
+}
