@@ -17,8 +17,7 @@ use super::{Arguments, noise::Noise};
 use crate::{
     arguments::{OpenedView, ViewArguments},
     crop,
-    output::OutputFolder,
-    output::make_folder,
+    output::{OutputFolder, make_folder},
     progress::{self, Interrupted},
     render::attributes,
 };
