@@ -62,16 +62,7 @@ fn files(environment: &Environment, folder: &Path) -> Vec<String> {
     let head = head.with_selection(vec![layer(3, 8), layer(8, 1)]).unwrap();
     let tail = Tail::new(TailKind::Hierarchical, environment.width(), environment.height(), &environment.luminance());
     let table = direct_bake(&tail.unwrap(), NormalGrid::new(8, 16).unwrap(), CellGrid::new(8, 8).unwrap()).unwrap();
-    let training = TrainingSummary {
-        steps: 0,
-        seed: 5,
-        loss: "none".into(),
-        backend: "none".into(),
-        final_kl: 1.0,
-        relative_variance: 1.0,
-        seconds: None,
-        tabulated_seconds: None,
-    };
+    let training = TrainingSummary::default();
     let write = |kind: &str, intermediate, training| {
         let file = folder.join(kind);
         ExportedSampler::new(intermediate, TailKind::Hierarchical, environment, training)

@@ -64,16 +64,7 @@ fn heads(environment: &Environment, folder: &Path) -> Vec<String> {
     let head = head.with_selection(network(&[seen, 8, 1])).unwrap();
     let file = |name: &str, patches: bool| {
         let head = Intermediate::Head(head.clone());
-        let training = TrainingSummary {
-            steps: 0,
-            seed: 5,
-            loss: "none".into(),
-            backend: "none".into(),
-            final_kl: 1.0,
-            relative_variance: 1.0,
-            seconds: None,
-            tabulated_seconds: None,
-        };
+        let training = TrainingSummary::default();
         let sampler = ExportedSampler::new(head, TailKind::Hierarchical, environment, Some(training)).unwrap();
         let sampler = if patches { sampler.over_patches(Detail::Leaves) } else { sampler };
         let path = folder.join(name);

@@ -38,6 +38,11 @@ impl Recipe {
         matches!(self, Self::Head(..) | Self::Baked(..))
     }
 
+    /// Whether visibility can be learned for what it draws: a table with compact emitters leaves them to others.
+    fn can_learn(&self) -> bool {
+        !matches!(self, Self::Baked(shape, _) if shape.has_compact_emitters())
+    }
+
     /// Whether there is work before the first sample that a file keeps.
     pub fn is_prepared(&self) -> bool {
         !matches!(self, Self::Plain(_))
@@ -66,6 +71,11 @@ impl HeadShape {
 
     const fn varied(name: &'static str, settings: &'static str) -> Self {
         Self { varies: Some("head 8x64"), ..Self::base(name, settings) }
+    }
+
+    /// Whether the map's compact emitters are sampled on their own.
+    pub fn has_compact_emitters(&self) -> bool {
+        self.name.contains("compact emitters")
     }
 }
 
@@ -181,7 +191,11 @@ pub fn forms(name: &str, recipe: &Recipe, spec: &SamplerSpec) -> Vec<Candidate> 
         name: format!("{form}, {name}"),
         recipe: Recipe::Form(spec, Box::new(recipe.clone())),
     };
-    forms.map(candidate).into()
+    forms
+        .into_iter()
+        .filter(|(_, spec)| recipe.can_learn() || !matches!(spec, SamplerSpec::Learning { .. }))
+        .map(candidate)
+        .collect()
 }
 
 /// Directions from each surface point, where there are several: more do not pay.
@@ -254,6 +268,18 @@ mod tests {
             assert_eq!(draws_one(&text.parse().unwrap()), one, "{text}");
         }
         assert!(!draws_one(&"split:4:patches+vis".parse().unwrap()));
+    }
+
+    #[test]
+    fn tables_learn_nothing_beside_compact_emitters() {
+        let compact = HEADS.iter().filter(|shape| shape.settings.contains("compact_emitters = true"));
+        assert!(compact.clone().count() > 0);
+        for shape in compact {
+            assert!(shape.has_compact_emitters(), "{}", shape.name);
+            let forms = forms(shape.name, &Recipe::Baked(shape, 250), &"baked:a".parse().unwrap());
+            let Recipe::Form(only, _) = &forms[0].recipe else { panic!("{}", forms[0].name) };
+            assert_eq!((forms.len(), only.to_string()), (1, "split:4:baked:a".to_owned()));
+        }
     }
 
     #[test]

@@ -80,8 +80,7 @@ impl Contest<'_> {
         if shape.over_patches && self.material.0 == Material::Lambert {
             return false;
         }
-        !shape.name.contains("compact")
-            || without_compact_emitters(map.width(), map.height(), &map.luminance()).is_some()
+        !shape.has_compact_emitters() || without_compact_emitters(map.width(), map.height(), &map.luminance()).is_some()
     }
 
     /// Trains these shapes for the steps of a rung, measures them and their tables, and returns the entries. `None` where the rest need not be tried.

@@ -41,7 +41,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     };
     let points = arguments.get(6).map_or(Ok(PointSet::Sobol), |points| points.parse())?;
-    let memory = (arguments.get(7).map_or(Ok(64.0), |megabytes| megabytes.parse::<f64>())? * f64::from(1 << 20)) as usize;
+    let memory =
+        (arguments.get(7).map_or(Ok(64.0), |megabytes| megabytes.parse::<f64>())? * f64::from(1 << 20)) as usize;
     let reference = arguments.get(8).map_or(Ok(512), |samples| samples.parse())?;
     let (width, height) = size.split_once('x').ok_or("the size is WIDTHxHEIGHT")?;
     let size = (width.parse()?, height.parse()?);

@@ -89,8 +89,8 @@ pub enum IntermediateDescription {
     DirectBake,
 }
 
-/// How a head was trained.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// How a head was trained; by default not at all.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingSummary {
     /// Optimiser steps.

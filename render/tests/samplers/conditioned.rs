@@ -3,7 +3,7 @@
 use headtail_render::estimator::SingleSample;
 
 use super::{
-    glossy::{Glossy, POINTS},
+    glossy::{Glossy, POINTS, for_all_cases},
     *,
 };
 
@@ -34,29 +34,11 @@ fn cases(world: &World) -> Vec<Case> {
     HEADS.iter().flat_map(both).collect()
 }
 
-/// Runs a check for both samplers of every head in every world at one of `step` glossy points: which ones changes from case to
-/// case.
+/// Runs a check for both samplers of every head in every world at one of `step` glossy points.
 fn for_all_heads(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> Verdict + Sync) {
     let cases: Vec<Vec<Case>> = WORLDS.iter().map(cases).collect();
-    let tasks: Vec<(&World, &Case, &Glossy)> = WORLDS
-        .iter()
-        .zip(&*POINTS)
-        .zip(&cases)
-        .flat_map(|((world, points), cases)| cases.iter().map(move |case| (world, points, case)))
-        .enumerate()
-        .flat_map(|(k, (world, points, case))| {
-            points.iter().skip(k % step).step_by(step).map(move |p| (world, case, p))
-        })
-        .collect();
-    let failures: Vec<String> = tasks
-        .par_iter()
-        .filter_map(|(world, case, point)| {
-            let form = if case.through_tail { "head" } else { "head+mis" };
-            let verdict = check(world, case, point, tasks.len());
-            verdict.err().map(|reason| format!("{} / {form} {}, {}: {reason}", world.name, case.name, point.name))
-        })
-        .collect();
-    assert!(failures.is_empty(), "{} of {}:\n{}", failures.len(), tasks.len(), failures.join("\n"));
+    let all = WORLDS.iter().zip(&*POINTS).zip(&cases).map(|((world, points), cases)| (world, &**points, &**cases));
+    for_all_cases(all, step, check);
 }
 
 #[test]

@@ -72,13 +72,14 @@ impl Glossy {
 pub(super) static POINTS: LazyLock<Vec<Vec<Glossy>>> =
     LazyLock::new(|| WORLDS.par_iter().enumerate().map(|(k, world)| Glossy::points(world, k)).collect());
 
-/// Runs a check for every sampler of every world at one of `step` glossy points: which ones changes from case to case.
-fn for_all_glossy(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> Verdict + Sync) {
-    let cases = WORLDS
-        .iter()
-        .zip(&*POINTS)
-        .flat_map(|(world, points)| world.cases.iter().map(move |case| (world, points, case)));
-    let tasks: Vec<_> = cases
+/// Runs a check for every sampler of every world at one of `step` of its points: which ones changes from case to case.
+pub(super) fn for_all_cases<'a>(
+    all: impl Iterator<Item = (&'a World, &'a [Glossy], &'a [Case])>,
+    step: usize,
+    check: impl Fn(&World, &Case, &Glossy, usize) -> Verdict + Sync,
+) {
+    let tasks: Vec<(&World, &Case, &Glossy)> = all
+        .flat_map(|(world, points, cases)| cases.iter().map(move |case| (world, points, case)))
         .enumerate()
         .flat_map(|(k, (world, points, case))| {
             points.iter().skip(k % step).step_by(step).map(move |p| (world, case, p))
@@ -87,11 +88,18 @@ fn for_all_glossy(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> 
     let failures: Vec<String> = tasks
         .par_iter()
         .filter_map(|(world, case, point)| {
+            let through = if case.through_tail { "" } else { " (not through the tail alone)" };
             let verdict = check(world, case, point, tasks.len());
-            verdict.err().map(|reason| format!("{} / {}, {}: {reason}", world.name, case.name, point.name))
+            verdict.err().map(|reason| format!("{} / {}{through}, {}: {reason}", world.name, case.name, point.name))
         })
         .collect();
     assert!(failures.is_empty(), "{} of {}:\n{}", failures.len(), tasks.len(), failures.join("\n"));
+}
+
+/// The same for the samplers and the glossy points of all worlds.
+fn for_all_glossy(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> Verdict + Sync) {
+    let all = WORLDS.iter().zip(&*POINTS).map(|(world, points)| (world, &**points, &*world.cases));
+    for_all_cases(all, step, check);
 }
 
 #[test]

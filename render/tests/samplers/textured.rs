@@ -9,7 +9,7 @@ use headtail_render::{
 
 use super::{
     conditioned::product,
-    glossy::{Glossy, MEASURED},
+    glossy::{Glossy, MEASURED, for_all_cases},
     *,
 };
 
@@ -73,26 +73,11 @@ fn cases(world: &World) -> Vec<Case> {
     cases
 }
 
-/// Runs a check for every sampler of every world at one of `step` points: which ones changes from case to case.
+/// Runs a check for every sampler of every world at one of `step` points.
 fn for_all_fabrics(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> Verdict + Sync) {
     let all: Vec<(&World, Vec<Glossy>, Vec<Case>)> =
         WORLDS.par_iter().enumerate().map(|(k, world)| (world, points(world, k), cases(world))).collect();
-    let tasks: Vec<(&World, &Case, &Glossy)> = all
-        .iter()
-        .flat_map(|(world, points, cases)| cases.iter().map(move |case| (*world, points, case)))
-        .enumerate()
-        .flat_map(|(k, (world, points, case))| {
-            points.iter().skip(k % step).step_by(step).map(move |p| (world, case, p))
-        })
-        .collect();
-    let failures: Vec<String> = tasks
-        .par_iter()
-        .filter_map(|(world, case, point)| {
-            let verdict = check(world, case, point, tasks.len());
-            verdict.err().map(|reason| format!("{} / {}, {}: {reason}", world.name, case.name, point.name))
-        })
-        .collect();
-    assert!(failures.is_empty(), "{} of {}:\n{}", failures.len(), tasks.len(), failures.join("\n"));
+    for_all_cases(all.iter().map(|(world, points, cases)| (*world, &**points, &**cases)), step, check);
 }
 
 #[test]

@@ -109,22 +109,9 @@ fn bake(head: &Head, tail: &Tail) -> BakedTable {
     .unwrap()
 }
 
-fn untrained() -> TrainingSummary {
-    TrainingSummary {
-        steps: 0,
-        seed: 5,
-        loss: "none".into(),
-        backend: "none".into(),
-        final_kl: 1.0,
-        relative_variance: 1.0,
-        seconds: None,
-        tabulated_seconds: None,
-    }
-}
-
 /// Writes a head in either mode, its bake and a direct bake for a map, and names them as samplers.
 fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
-    let summary = untrained();
+    let summary = TrainingSummary::default();
     let path = |name: &str| folder.join(format!("{}-{name}.safetensors", environment.name()));
     let write = |name: &str, intermediate, tail, training| {
         let exported = ExportedSampler::new(intermediate, tail, environment, training).unwrap();

@@ -11,7 +11,7 @@ use headtail_render::{
     columns::Arena,
     environment::{Environment, built_in, without_compact_emitters},
     estimator::{Estimator, SingleSample},
-    export::{ExportedSampler, Intermediate},
+    export::{ExportedSampler, Intermediate, TrainingSummary},
     head::{Head, Linear, Mode},
     image::Image,
     random::{Purpose, Stream},
@@ -27,7 +27,7 @@ use headtail_render::{
     tile::Rows,
 };
 
-use super::{SIGNIFICANCE, Setting, bake, random_head, untrained};
+use super::{SIGNIFICANCE, Setting, bake, random_head};
 
 /// Sides of the tables of warps: coarse, so that much of the light is left over.
 const CELLS: usize = 64;
@@ -92,7 +92,7 @@ fn table(tail: &Tail) -> BakedTable {
 pub(super) fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
     let write = |name: &str, intermediate: Intermediate, tail: &Arc<Tail>, luminance: &[f32]| {
         let path = folder.join(format!("{}-{name}.safetensors", environment.name()));
-        let training = (!matches!(intermediate, Intermediate::DirectBake(_))).then(untrained);
+        let training = (!matches!(intermediate, Intermediate::DirectBake(_))).then(TrainingSummary::default);
         let exported = ExportedSampler::of_tail(intermediate, tail.clone(), luminance.to_vec(), environment, training);
         exported.write(&path).unwrap();
         path
