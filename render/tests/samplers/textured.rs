@@ -1,5 +1,7 @@
 //! The same properties where surfaces wear neural materials, and heads know the features at the point.
 
+use std::f32::consts::TAU;
+
 use glam::Vec2;
 use headtail_render::{
     brdf::{NeuralTexture, Surface, neural_texture::Seen},
@@ -31,11 +33,11 @@ fn points(world: &World, index: usize) -> Vec<Glossy> {
     let mut point = |k: usize| {
         let (fabric, n) = (k % FABRICS.len(), normals[(3 * index + 5 * k) % normals.len()]);
         let frame = Frame::from_normal(n.into());
-        let (cos_wo, phi) = (0.2 + 0.75 * random.uniform(), 6.28 * random.uniform());
+        let (cos_wo, phi) = (0.2 + 0.75 * random.uniform(), TAU * random.uniform());
         let sin_wo = (1.0 - cos_wo * cos_wo).sqrt();
         let wo = frame.to_world(Vec3::new(sin_wo * phi.cos(), sin_wo * phi.sin(), cos_wo)).normalize();
-        let (sin, cos) = (6.28 * random.uniform()).sin_cos();
-        let hand = if k % 3 == 0 { -1.0 } else { 1.0 };
+        let (sin, cos) = (TAU * random.uniform()).sin_cos();
+        let hand = if k.is_multiple_of(3) { -1.0 } else { 1.0 };
         let tangent = cos * frame.s + sin * frame.t;
         let local = Vec3::new(tangent.dot(wo), (hand * Vec3::from(n).cross(tangent)).dot(wo), cos_wo);
         let uv = Vec2::new(random.uniform(), random.uniform());
