@@ -14,7 +14,7 @@ import statistics
 import subprocess
 from pathlib import Path
 
-PLAIN = ["loss=forward-kl", "learning_rate=4e-3", "head.bins=32", "head.encoder=none", "head.selection=false"]
+PLAIN = ["loss=forward-kl", "learning_rate=4e-3", "head.bins=32", "head.encoder=none", "head.share=false"]
 ENCODED = [setting for setting in PLAIN if not setting.startswith("head.encoder")] + ["head.encoder.hidden=32", "head.encoder.output=32"]
 VARIANTS = {
     "naive": (PLAIN, ["--naive"]),

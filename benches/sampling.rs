@@ -89,8 +89,8 @@ fn direct(side: usize) -> impl Sampler {
     ProductSampler::new(LIGHT.clone(), direct_bake(LIGHT.tail(), normals, cells).expect("a lit map"))
 }
 
-fn head(selection: bool) -> Head {
-    let config = HeadConfig { share: selection, ..HeadConfig::COSINE };
+fn head(share: bool) -> Head {
+    let config = HeadConfig { share, ..HeadConfig::COSINE };
     let head = headtail_model::Head::new(config, 0, &Device::flex()).expect("a valid head");
     native_head(&head).expect("finite weights")
 }

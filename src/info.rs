@@ -88,7 +88,7 @@ fn sampler(path: &Path) -> Result<Facts> {
         facts.push(fact("condition", serde_json::to_value(head.condition())?));
         facts.push(fact("layers", layers.len()));
         facts.push(fact("weights", weights));
-        facts.push(fact("learned share", head.has_selection()));
+        facts.push(fact("learned share", head.has_share()));
     }
     let (width, height, _) = &exported.luminance;
     if let Some(detail) = exported.patches {

@@ -46,7 +46,7 @@ fn heads_reach_the_divergence_that_they_claim() {
         let (exported, _) = open(environment, "head");
         let training = exported.training.expect("a head says how it was trained");
         let Intermediate::Head(head) = &exported.intermediate else { panic!("{environment}: not a head") };
-        assert!(head.has_selection(), "{environment}: the default learns a share");
+        assert!(head.has_share(), "{environment}: the default learns a share");
         let (mut sum, mut count) = (0.0, 0.0);
         for index in 0..40 {
             let normal = Stream::new(3, Purpose::Test, index).direction();

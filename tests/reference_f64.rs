@@ -116,7 +116,7 @@ impl Reference {
 
     /// The probability to draw from the head.
     /// The learned share over a given one, whose logit is `prior`.
-    fn selection(&self, c: &[f64], prior: f64) -> f64 {
+    fn share(&self, c: &[f64], prior: f64) -> f64 {
         let hidden = self.leaky(self.affine("selection.linear0", &self.encode(c)));
         0.02 + 0.96 / (1.0 + (-self.affine("selection.linear1", &hidden)[0] - prior).exp())
     }
@@ -358,7 +358,7 @@ fn gradients_of_mixture_losses_agree_with_central_differences() {
             let mean = |reference: &Reference| {
                 let of_condition = |index: usize| {
                     let c = widen(&batch.conditions[3 * index..3 * index + 3]);
-                    let p = reference.selection(&c, f64::from(batch.share_logits[index]));
+                    let p = reference.share(&c, f64::from(batch.share_logits[index]));
                     let q: Vec<f64> = (0..samples)
                         .map(|i| {
                             let point = index * samples + i;

@@ -70,7 +70,7 @@ fn settings_are_printed_and_read_back() {
         assert!(printed.lines().any(|printed| printed == line), "{line}: {printed}");
     }
     let (printed, _) = succeed(path, "fit --material ggx:alpha=0.2..0.8 --print-config");
-    assert!(printed.contains("ggx-roughness") && printed.contains("selection = true"), "{printed}");
+    assert!(printed.contains("ggx-roughness") && printed.contains("share = true"), "{printed}");
 }
 
 #[test]

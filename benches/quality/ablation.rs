@@ -19,7 +19,7 @@ use crate::{
 
 /// The variants, each with what it adds to the one before it (the last one changes the mode of the third).
 ///
-/// All are trained alike: the fast preset's batches and steps, forward KL, no selection network, K = 32 bins, and a learning rate that suits
+/// All are trained alike: the fast preset's batches and steps, forward KL, no learned share, K = 32 bins, and a learning rate that suits
 /// the larger networks (at the preset's 1.6e-2 the one with an encoder ended at three times the KL of its neighbours).
 fn variants(material: Material) -> [(&'static str, FitConfig); 5] {
     let fast = Preset::fast_for(material).config().for_material(material);

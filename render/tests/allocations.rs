@@ -1,5 +1,7 @@
 //! Nothing is allocated while samples are drawn: a picture of four times as many samples asks for memory no more often.
 
+mod layers;
+
 use std::{
     alloc::{GlobalAlloc, Layout, System},
     path::Path,
@@ -13,7 +15,7 @@ use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     environment::{Environment, built_in},
     export::{ExportedSampler, Intermediate, TrainingSummary},
-    head::{Condition, Head, Linear, Mode},
+    head::{Condition, Head, Mode},
     integrator::{Budget, View, render},
     points::{PointSet, Points},
     random::{Purpose, Stream},
@@ -21,6 +23,7 @@ use headtail_render::{
     spec::SamplerSpec,
     tail::{Tail, TailKind},
 };
+use layers::random_layers;
 
 /// Counts how often memory is asked for.
 struct Counting;
@@ -53,13 +56,10 @@ static ALLOCATOR: Counting = Counting;
 /// Files of a head and of a table, as samplers.
 fn files(environment: &Environment, folder: &Path) -> Vec<String> {
     let mut random = Stream::new(5, Purpose::Weights, 0);
-    let mut layer = |inputs: usize, outputs: usize| {
-        let weight: Vec<f32> = (0..inputs * outputs).map(|_| random.uniform() - 0.5).collect();
-        Linear::new("random", inputs, outputs, &weight, vec![0.0; outputs]).unwrap()
-    };
-    let networks = [vec![layer(5, 16), layer(16, 13)], vec![layer(4, 16), layer(16, 13)]];
+    let mut network = |sizes: &[usize]| random_layers(sizes, &mut random, |_| [1.0; 2]);
+    let networks = [network(&[5, 16, 13]), network(&[4, 16, 13])];
     let head = Head::new(Condition::Normal, Mode::Coupled, 0.01, Vec::new(), networks).unwrap();
-    let head = head.with_selection(vec![layer(3, 8), layer(8, 1)]).unwrap();
+    let head = head.with_share(network(&[3, 8, 1])).unwrap();
     let tail = Tail::new(TailKind::Hierarchical, environment.width(), environment.height(), &environment.luminance());
     let table = direct_bake(&tail.unwrap(), NormalGrid::new(8, 16).unwrap(), CellGrid::new(8, 8).unwrap()).unwrap();
     let training = TrainingSummary::default();

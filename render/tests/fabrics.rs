@@ -1,5 +1,7 @@
 //! The neural materials that ship with the project: they load, go where they belong, and every sampler renders the same picture of them.
 
+mod layers;
+
 use std::{
     path::Path,
     sync::{Arc, atomic::AtomicBool},
@@ -22,6 +24,7 @@ use headtail_render::{
     statistics::{compare_images, sidak},
     tail::TailKind,
 };
+use layers::random_layers;
 
 /// The specification of a shipped material.
 fn spec(name: &str, settings: &str) -> MaterialSpec {
@@ -48,20 +51,11 @@ fn shipped_materials_say_what_they_are() {
 /// Files of a head with random weights that knows the features at the point, and of one over patches, as samplers.
 fn heads(environment: &Environment, folder: &Path) -> Vec<String> {
     let mut random = Stream::new(5, Purpose::Weights, 0);
-    let mut network = |sizes: &[usize]| -> Vec<Linear> {
-        let mut layer = |inputs: usize, outputs: usize| {
-            let size = 2.0 / (inputs as f32).sqrt();
-            let mut values =
-                |count: usize| -> Vec<f32> { (0..count).map(|_| size * (random.uniform() - 0.5)).collect() };
-            let weight = values(inputs * outputs);
-            Linear::new("random", inputs, outputs, &weight, values(outputs)).unwrap()
-        };
-        sizes.windows(2).map(|pair| layer(pair[0], pair[1])).collect()
-    };
+    let mut network = |sizes: &[usize]| random_layers(sizes, &mut random, |inputs| [2.0 / (inputs as f32).sqrt(); 2]);
     let seen = Condition::Texture.length();
     let networks = [network(&[seen + 2, 16, 16, 13]), network(&[seen + 1, 16, 16, 13])];
     let head = Head::new(Condition::Texture, Mode::Coupled, 0.01, Vec::new(), networks).unwrap();
-    let head = head.with_selection(network(&[seen, 8, 1])).unwrap();
+    let head = head.with_share(network(&[seen, 8, 1])).unwrap();
     let file = |name: &str, patches: bool| {
         let head = Intermediate::Head(head.clone());
         let training = TrainingSummary::default();

@@ -228,7 +228,7 @@ fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)
 /// The sizes of a head's networks, and how its numbers between layers lie in one list: what networks see (and two features behind it), two rows of
 /// hidden numbers that layers alternate between, logits. Layers write whole blocks of four.
 fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, usize)>> {
-    let &[condition, coupled, encoder, elevation, azimuth, selection, elevation_bins, azimuth_bins] = shape else {
+    let &[condition, coupled, encoder, elevation, azimuth, share, elevation_bins, azimuth_bins] = shape else {
         return Err(missing("head.shape"));
     };
     let outputs: Vec<usize> = layers.chunks_exact(4).map(|layer| layer[1] as usize).collect();
@@ -243,7 +243,7 @@ fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, us
         ("head_encoder_layers", encoder),
         ("head_elevation_layers", elevation),
         ("head_azimuth_layers", azimuth),
-        ("head_selection_layers", selection),
+        ("head_share_layers", share),
         ("head_elevation_bins", elevation_bins),
         ("head_azimuth_bins", azimuth_bins),
     ];

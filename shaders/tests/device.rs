@@ -283,8 +283,8 @@ fn head(condition: Condition, mode: Mode, encoder: &[usize], hidden: &[usize], b
         layers(&sizes, &mut random)
     });
     let encoder = layers(&encoder, &mut random);
-    let selection = layers(&[seen, 13, 1], &mut random);
-    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_selection(selection).unwrap()
+    let share = layers(&[seen, 13, 1], &mut random);
+    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_share(share).unwrap()
 }
 
 #[test]

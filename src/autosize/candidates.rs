@@ -105,7 +105,7 @@ pub static HEADS: [HeadShape; 12] = [
         "head.bins = 8\nhead.hidden = 64\nhead.encoder = { hidden = 64, output = 64 }",
     ),
     HeadShape::varied("head 8x64 row-column", "head.bins = 8\nhead.hidden = 64\ntail = 'row-column'"),
-    HeadShape::varied("head 8x64 alone", "head.bins = 8\nhead.hidden = 64\nhead.selection = false"),
+    HeadShape::varied("head 8x64 alone", "head.bins = 8\nhead.hidden = 64\nhead.share = false"),
     HeadShape::varied("head 8x64 compact emitters", "head.bins = 8\nhead.hidden = 64\ncompact_emitters = true"),
     HeadShape {
         is_flow: true,
@@ -115,7 +115,7 @@ pub static HEADS: [HeadShape; 12] = [
         is_flow: true,
         ..HeadShape::varied(
             "head 8x64 flow alone",
-            "head.bins = 8\nhead.hidden = 64\ntail = 'flow'\nhead.selection = false",
+            "head.bins = 8\nhead.hidden = 64\ntail = 'flow'\nhead.share = false",
         )
     },
 ];

@@ -230,7 +230,7 @@ fn intermediate_density<'a>(
                 condition => condition.encode(at.wo.into(), normal.into(), at.one_of(table).lobe_width()),
             };
             let head_at = head.at(&condition[..head.condition().length()])?;
-            let share = head.has_selection().then(|| head_at.share());
+            let share = head.has_share().then(|| head_at.share());
             (Box::new(move |y| head_at.invert(y).into_iter().map(|(_, density)| density).collect()), share)
         }
         Intermediate::Bake(table) | Intermediate::DirectBake(table) => {

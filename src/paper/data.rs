@@ -10,6 +10,7 @@ use anyhow::{Context, Result, ensure};
 use glam::{Affine3A, Quat, Vec3};
 use headtail_render::{
     environment::Environment,
+    path_text::{path_of, text_of},
     scene::{Camera, MaterialSpec, Scene},
 };
 
@@ -72,7 +73,7 @@ impl Data {
         ensure!(is_folder(folder), "--data: {}: there is no such folder", folder.display());
         let maps = files(folder, "envmaps", &["hdr", "exr"])?;
         ensure!(!maps.is_empty(), "--data: {}: there is no .hdr or .exr file in it, nor in envmaps", folder.display());
-        let mut maps: Vec<String> = maps.into_iter().map(|path| path.to_string_lossy().into_owned()).collect();
+        let mut maps: Vec<String> = maps.iter().map(|path| text_of(path).into_owned()).collect();
         let rank = |name: &String| FIRST.iter().position(|first| name.contains(first)).unwrap_or(FIRST.len());
         maps.sort_by_key(|name| (rank(name), name.clone()));
         // Two maps would do for a quick page; the shadow catcher wants three.
@@ -80,24 +81,30 @@ impl Data {
         let own = neural_materials(&folder.join("materials"));
         let materials = if own.is_empty() { neural_materials(Path::new("checkpoints")) } else { own };
         let measured = Some(folder.join("nbrdf/nbrdf_all.f32")).filter(|file| file.is_file());
-        let fabric = measured.as_ref().map(|file| format!("nbrdf:{}#{FABRIC}", file.display()).parse());
+        let fabric = measured.as_ref().map(|file| format!("nbrdf:{}#{FABRIC}", text_of(file)).parse());
         let fabric = fabric.transpose().map_err(anyhow::Error::msg)?;
         let scenes = files(folder, "scenes", &["glb", "gltf"])?;
         Ok(Self { maps, scenes, materials, fabric, measured, is_built_in: false })
     }
 
-    /// A hash of the names and contents of all files, and of the names of built-in maps. What a .gltf file refers to is not in it.
+    /// A hash of the names and contents of all files, and of the names of built-in maps. What a scene refers to in other files is in it.
     ///
     /// # Errors
     /// A file cannot be read.
     pub fn key(&self) -> Result<String> {
-        let maps = self.maps.iter().map(Path::new);
-        let others = self.scenes.iter().chain(&self.materials).chain(&self.measured).map(PathBuf::as_path);
+        let maps = self.maps.iter().map(|name| path_of(name));
+        let others = self.scenes.iter().chain(&self.materials).chain(&self.measured).cloned();
         let mut hasher = blake3::Hasher::new();
         for path in maps.chain(others) {
             hasher.update(path.file_name().unwrap_or_default().as_encoded_bytes());
+            // A scene that cannot be read is known by its own bytes: who needs it will say what is wrong with it.
+            if self.scenes.contains(&path)
+                && let Ok(scene) = Scene::load(&path)
+            {
+                hasher.update(scene.content_hash().as_bytes());
+            }
             if path.is_file() {
-                let contents = fs::read(path).with_context(|| format!("{}", path.display()))?;
+                let contents = fs::read(&path).with_context(|| path.display().to_string())?;
                 hasher.update(blake3::hash(&contents).as_bytes());
             }
         }
@@ -125,7 +132,7 @@ impl Data {
     /// A map's name, known before it is read.
     pub fn map_name(&self, index: usize) -> String {
         let name = &self.maps[index % self.maps.len()];
-        Path::new(name).file_stem().map_or_else(|| name.clone(), |stem| stem.to_string_lossy().into_owned())
+        path_of(name).file_stem().map_or_else(|| name.clone(), |stem| stem.to_string_lossy().into_owned())
     }
 
     /// A measured fabric that a network stands for, and a head can be trained for.
@@ -239,5 +246,28 @@ mod tests {
         names.into_iter().for_each(|name| fs::rename(path.join(name), path.join("moved").join(name)).unwrap());
         assert_eq!(data(&path.join("moved")).key().unwrap(), first);
         assert_ne!(Data::open(None, true).unwrap().key().unwrap(), first);
+    }
+
+    /// A scene's vertices may lie in a file beside it.
+    #[test]
+    fn the_key_is_of_what_scenes_refer_to() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str| folder.path().join(name);
+        let triangle = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}], "buffers": [{"uri": "a.bin", "byteLength": 36}],
+            "bufferViews": [{"buffer": 0, "byteLength": 36}],
+            "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}]}"#;
+        fs::write(file("a.gltf"), triangle).unwrap();
+        let key = |height: f32| {
+            let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, height, 0.0_f32];
+            fs::write(file("a.bin"), corners.map(f32::to_le_bytes).concat()).unwrap();
+            Scene::load(&file("a.gltf")).unwrap();
+            let scenes = vec![file("a.gltf")];
+            Data { scenes, maps: Vec::new(), materials: Vec::new(), fabric: None, measured: None, is_built_in: false }
+                .key()
+                .unwrap()
+        };
+        assert_eq!(key(1.0), key(1.0));
+        assert_ne!(key(1.0), key(0.5));
     }
 }

@@ -3,6 +3,7 @@
 use anyhow::{Context, Result};
 use headtail_render::{
     estimator::SingleSample,
+    path_text::text_of,
     sampler::Covering,
     spec::{FileKind, RivalFamily, SamplerSpec, Source},
 };
@@ -58,7 +59,7 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
 fn fabric(workshop: &Workshop, scene: &'static str, material: &'static str, repeat: u32) -> Result<Made> {
     let environment = workshop.data.map(if scene == "cloth" { 1 } else { 0 })?;
     let file = workshop.data.neural_material(material).context("a neural material that was there")?;
-    let text = format!("neural:{},repeat={repeat}", file.display());
+    let text = format!("neural:{},repeat={repeat}", text_of(file));
     let view = workshop.data.view(scene, &text)?;
     let title = format!("{scene}, {material}, under {}", environment.name());
     let own: Material = text.parse().map_err(anyhow::Error::msg)?;

@@ -65,16 +65,16 @@ impl Surface for Gaussian {
         condition.copy_from_slice(&encode(centre));
     }
 
-    fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {
-        Self::at(condition, latlong::square(wi))
+    fn lobes(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
+        wi.iter().map(|&wi| Self::at(condition, latlong::square(wi))).collect()
     }
 
-    fn sample(&self, _condition: &[f32], _u: Vec2) -> Option<Vec3A> {
-        None
+    fn samples(&self, _condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>> {
+        vec![None; u.len()]
     }
 
-    fn pdf(&self, _condition: &[f32], _wi: Vec3A) -> f32 {
-        0.0
+    fn pdfs(&self, _condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
+        vec![0.0; wi.len()]
     }
 }
 

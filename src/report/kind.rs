@@ -89,7 +89,7 @@ impl Kind {
             "baked" | "baked+mis" => Self::Baked,
             _ if first.starts_with("direct") && has("+vis") => Self::Direct,
             _ if first.starts_with("baked") && has("+vis") => Self::Baked,
-            "head+mis" | "selection" | "default" | "all" | "emitters" => Self::HeadWithMis,
+            "head+mis" | "share" | "default" | "all" | "emitters" => Self::HeadWithMis,
             "head" if ["MIS", "brdf", "BRDF", "share"].into_iter().any(has) => Self::HeadWithMis,
             "head" => Self::Head,
             "mis" => Self::Mis,

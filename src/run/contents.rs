@@ -11,6 +11,7 @@ use std::{
 use headtail_render::{
     environment::{BUILT_IN_NAMES, Environment},
     file,
+    path_text::text_of,
     scene::{MaterialSpec, Scene, built_in_names},
 };
 
@@ -52,7 +53,7 @@ impl Contents {
     }
 
     fn bytes(&self, path: &Path) -> String {
-        self.of("material", &path.display().to_string(), || hash_of(path).ok())
+        self.of("material", &text_of(path), || hash_of(path).ok())
     }
 
     /// What `read` finds, once for each name. A file that cannot be read is known by its name: the run will say what is wrong with it.

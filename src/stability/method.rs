@@ -31,7 +31,7 @@ pub const METHODS: [(&str, &str); 8] = [
     (PATCHES, "patches of sky, beside BRDF sampling where lobes are narrow: the product in closed form, no training"),
     ("head", "the head alone: the plain method"),
     (HALVES, "the same head and BRDF sampling, one half each"),
-    ("selection", "the same with a learned share, trained jointly"),
+    ("share", "the same with a learned share, trained jointly"),
     ("emitters", "compact emitters on their own, the head for the rest of the light"),
     (ALL, "learned share, compact emitters, and no head that is worse than none"),
     (DEFAULT, "what headtail fit makes without further flags: learned share, and no head that is worse than none"),
@@ -119,12 +119,12 @@ impl<'a> Laboratory<'a> {
             Err(error) => ["head", HALVES].into_iter().for_each(|method| self.stop(method, &error)),
         }
         let default = self.train(&self.config);
-        let selection = match &default {
+        let share = match &default {
             // The same head, unless it was given up.
             Ok(trained) if !trained.fell_back => Ok(trained.clone()),
             _ => self.train(&FitConfig { fall_back: false, ..self.config.clone() }),
         };
-        self.add_trained("selection", &selection, false);
+        self.add_trained("share", &share, false);
         if self.has_emitters() {
             let with_emitters = |config: &FitConfig| FitConfig { compact_emitters: true, ..config.clone() };
             self.add_trained("emitters", &self.train(&with_emitters(&plain)), false);
@@ -203,7 +203,7 @@ impl Trained {
     fn sampler(&self) -> Arc<dyn Sampler> {
         let product = Arc::new(ProductSampler::new(self.light.clone(), self.head.clone()));
         let rest: Arc<dyn Sampler> =
-            if self.head.has_selection() { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product };
+            if self.head.has_share() { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product };
         match self.compact.clone() {
             Some(compact) => Arc::new(WithCompactEmitters::new(compact, rest)),
             None => rest,
@@ -225,6 +225,6 @@ fn with_half_weights(head: &Head) -> Result<Head> {
     };
     let networks = [part("layer0.")?, part("layer1.")?];
     let head = Head::new(head.condition(), head.mode(), head.leaky_slope(), part("encoder.")?, networks)?
-        .with_selection(part("selection.")?)?;
+        .with_share(part("selection.")?)?;
     Ok(head)
 }

@@ -13,6 +13,7 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use headtail_render::path_text::{path_of, text_of};
 
 use super::{
     Sweep, jobs,
@@ -57,7 +58,9 @@ pub fn submit(arguments: &Arguments) -> Result<()> {
     let tasks = arguments.tasks.unwrap_or(open.min(MOST_TASKS) as u32);
     make_folder(&sweep.folder.logs())?;
     let script = sweep.folder.path().join(SCRIPT);
-    headtail_render::file::replace(&script, text(arguments, &sweep, tasks)?.as_bytes())?;
+    // Decodes the names of files within it.
+    let text = path_of(&text(arguments, &sweep, tasks)?);
+    headtail_render::file::replace(&script, text.as_os_str().as_encoded_bytes())?;
     if arguments.dry_run {
         out!("{} written", script.display());
         return Ok(());
@@ -74,17 +77,18 @@ pub fn submit(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The job's script.
+/// The job's script, a text in which paths keep every byte (see [`headtail_render::path_text`]).
 fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
     let absolute = |path: &Path| -> Result<String> {
         let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
-        Ok(quoted(&path.display().to_string()))
+        Ok(text_of(&path).into_owned())
     };
     let here = std::env::current_dir().context("the working folder")?;
     let program = std::env::current_exe().context("the program's own file")?;
     let limit = arguments.at_once.map_or(String::new(), |at_once| format!("%{at_once}"));
-    let name = arguments.place.space.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let log = sweep.folder.logs().join("slurm-%A_%a.log");
+    let name = text_of(Path::new(arguments.place.space.file_stem().unwrap_or_default()));
+    // In the names of logs, numbers of Slurm's begin with a percent sign.
+    let log = format!("{}/slurm-%A_%a.log", absolute(&sweep.folder.logs())?.replace('%', "%%"));
     let mut text = String::from("#!/bin/bash\n");
     let own = [
         format!("--job-name={}", quoted(&name)),
@@ -93,23 +97,25 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
         "--open-mode=append".into(),
         // Two minutes before the time is up, and to the program itself: it takes the shell's place.
         "--signal=B:USR1@120".into(),
-        format!("--output={}", absolute(&log)?),
+        format!("--output={}", quoted(&log)),
     ];
     let file = headtail_render::file::read_text(&arguments.place.space)
         .with_context(|| arguments.place.space.display().to_string())?;
-    let lines = file.lines().filter_map(|line| line.strip_prefix("#SBATCH ")).map(|line| line.trim().to_owned());
+    let lines = file.lines().filter_map(|line| line.strip_prefix("#SBATCH ")).map(str::trim);
+    let given =
+        lines.chain(arguments.sbatch.iter().map(String::as_str)).map(|line| text_of(Path::new(line)).into_owned());
     // Of an option that is given twice, the last one counts.
-    for option in own.into_iter().chain(lines).chain(arguments.sbatch.iter().cloned()) {
+    for option in own.into_iter().chain(given) {
         ensure!(!option.contains('\n'), "--sbatch: an option is one line");
         text += &format!("#SBATCH {option}\n");
     }
-    text += &format!("cd {}\n", absolute(&here)?);
+    text += &format!("cd {}\n", quoted(&absolute(&here)?));
     text += "export RAYON_NUM_THREADS=\"${SLURM_CPUS_PER_TASK:-1}\"\n";
     text += &format!(
         "exec {} sweep work {} --out {} --task --checkpoint-every {}\n",
-        absolute(&program)?,
-        absolute(&arguments.place.space)?,
-        absolute(sweep.folder.path())?,
+        quoted(&absolute(&program)?),
+        quoted(&absolute(&arguments.place.space)?),
+        quoted(&absolute(sweep.folder.path())?),
         arguments.checkpoints.checkpoint_every
     );
     Ok(text)

@@ -62,6 +62,13 @@ fn maps_scenes_materials_and_samplers_have_any_names() {
     let material = name(b"neural:\xfd.safetensors,repeat=3");
     run(command(path, &render).arg("--env").arg(map).arg("--material").arg(material));
 
+    // A script of Slurm is of bytes; in the names of its logs a percent sign begins a number.
+    fs::write(path.join(name(b"\xfc.toml")), "[run]\nenv = \"studio\"\n[axes]\nseed = [1, 2]\n").unwrap();
+    run(command(path, "sweep submit --dry-run").arg(name(b"\xfc.toml")).arg("--out").arg(name(b"5%\xfb")));
+    let script = fs::read(path.join(name(b"5%\xfb/slurm.sh"))).unwrap();
+    let holds = |part: &[u8]| script.windows(part.len()).any(|bytes| bytes == part);
+    assert!(holds(b"/\xfc.toml' --out '") && holds(b"/5%\xfb' --task") && holds(b"/5%%\xfb/logs/slurm-%A_%a.log'"));
+
     let output = command(path, "view --out view.exr --env").arg(name(b"nowhere\xe9.hdr")).output().unwrap();
     let said = text(&output.stderr);
     assert!(output.status.code() == Some(1) && said.contains("there is no such file"), "{said}");

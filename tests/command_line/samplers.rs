@@ -150,7 +150,7 @@ fn flow_tails_and_compact_emitters_are_fitted_exported_and_shown() {
     assert!(said.contains("flow tail: KL") && names(&path.join("ck")).contains(&"tail".to_owned()), "{said}");
     // A second run finds all steps done, of the tail and of the head.
     succeed(path, &format!("{fit} ck --resume --tail flow --out again"));
-    succeed(path, &format!("{fit} ck2 --compact-emitters --set head.selection=true --out compact"));
+    succeed(path, &format!("{fit} ck2 --compact-emitters --set head.share=true --out compact"));
     let said = succeed(path, "inspect --tail --env sunset flow/sampler.safetensors --out tails.svg");
     assert!(
         is_svg(&path.join("tails.svg")) && ["row-column", "hierarchical", "flow"].iter().all(|t| said.contains(t)),
@@ -193,7 +193,7 @@ fn the_stability_suite_writes_a_table_and_a_page() {
     assert!(head["variance_over_mis"].is_f64() && head["state"] == "finished", "{head}");
     assert!(rows.iter().any(|row| row["state"] == "not run" && row["kl"].is_null()));
     let table = fs::read_to_string(path.join("suite/stability.csv")).unwrap();
-    for method in ["mis", "head", "head and brdf by halves", "selection", "all remedies"] {
+    for method in ["mis", "head", "head and brdf by halves", "share", "all remedies"] {
         assert!(table.contains(&format!("constant map,{method},finished")), "{method}: {table}");
     }
     assert!(fs::read_to_string(path.join("suite/stability.html")).unwrap().contains("constant map"));

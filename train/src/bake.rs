@@ -52,7 +52,7 @@ pub fn learned_bake_watched(
     BakedTable::require_memory(normals, cells)?;
     let points = CellPoints::new(tail, cells, POINTS);
     let positions: Vec<_> = points.positions().flatten().copied().collect();
-    let cosine = head.has_selection().then(|| PulledBackCosine::new(tail, &positions));
+    let cosine = head.has_share().then(|| PulledBackCosine::new(tail, &positions));
     let points_of_cell = positions.len() / cells.cells();
     let mut masses = vec![0.0; normals.nodes() * cells.cells()];
     let share = Share::new(watch, (0.0, DENSITIES), normals.nodes());

@@ -179,7 +179,7 @@ impl FitConfig {
         }
         if self.material != Material::Lambert && !self.head.share {
             return refused(
-                "head.selection",
+                "head.share",
                 "false".into(),
                 "true over patches, which are beside BRDF sampling where surfaces are glossy",
             );
@@ -279,7 +279,7 @@ mod tests {
         assert_eq!(refused(FitConfig { tail: TailKind::RowColumn, ..over() }), "tail");
         assert_eq!(refused(FitConfig { points: Points::Tabulated, ..over() }), "points");
         assert_eq!(refused(FitConfig { naive: true, ..over() }), "naive");
-        assert_eq!(refused(over().for_material(Material::Ggx { low: 0.4, high: 0.4 })), "head.selection");
+        assert_eq!(refused(over().for_material(Material::Ggx { low: 0.4, high: 0.4 })), "head.share");
         assert_eq!(refused(FitConfig { learning_rate: f64::NAN, ..good() }), "learning_rate");
         assert_eq!(refused(FitConfig { beta_2: 1.0, ..good() }), "beta_2");
         assert_eq!(refused(FitConfig { entropic: -1e-4, ..good() }), "entropic");

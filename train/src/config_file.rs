@@ -62,7 +62,8 @@ impl ConfigBuilder {
     ///
     /// # Errors
     /// [`Error::ConfigFile`] names the key that is unknown or has a wrong value.
-    pub fn table(&mut self, name: &str, overlay: Table) -> Result<()> {
+    pub fn table(&mut self, name: &str, mut overlay: Table) -> Result<()> {
+        take_older_names(&mut overlay);
         check_keys(name, "", &self.table, &overlay)?;
         let names_condition = overlay.get("head").is_some_and(|head| head.get("condition").is_some());
         let material = overlay.get("material").and_then(Value::as_str).and_then(|text| text.parse::<Material>().ok());
@@ -115,6 +116,16 @@ impl FitConfig {
         self.head.condition = material.condition();
         let over = self.over;
         self.over(over)
+    }
+}
+
+/// Keys by their names of today: `head.share` was `head.selection`.
+fn take_older_names(table: &mut Table) {
+    if let Some(Value::Table(head)) = table.get_mut("head")
+        && !head.contains_key("share")
+        && let Some(share) = head.remove("selection")
+    {
+        head.insert("share".into(), share);
     }
 }
 
@@ -190,6 +201,18 @@ mod tests {
         assert_eq!(built(Preset::PaperGgx, &["head.encoder=none"]).head.encoder, None);
         let encoder = built(Preset::FastCosine, &["head.encoder={hidden=8, output=4}"]).head.encoder;
         assert_eq!(encoder, Some(EncoderConfig { hidden: 8, output: 4 }));
+    }
+
+    #[test]
+    fn the_share_is_known_by_its_older_name() {
+        assert!(built(Preset::FastCosine, &[]).head.share);
+        assert!(!built(Preset::FastCosine, &["head.selection=false"]).head.share);
+        let config = FitConfig::default();
+        let older = serde_json::to_string(&config).unwrap().replace("\"share\"", "\"selection\"");
+        assert_eq!(serde_json::from_str::<FitConfig>(&older).unwrap(), config);
+        let both =
+            ConfigBuilder::new(Preset::FastCosine).overlay("run.toml", "head = { share = true, selection = true }");
+        assert!(both.unwrap_err().to_string().contains("head.selection"));
     }
 
     #[test]

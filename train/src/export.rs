@@ -35,8 +35,7 @@ pub fn native_head(head: &Head) -> Result<native::Head> {
     let networks = [layers("layer0", config.hidden_layers + 1)?, layers("layer1", config.hidden_layers + 1)?];
     let encoder = layers("encoder", encoder_layers)?;
     let share = layers("selection", if config.share { 2 } else { 0 })?;
-    Ok(native::Head::new(config.condition, config.mode, config.leaky_slope, encoder, networks)?
-        .with_selection(share)?)
+    Ok(native::Head::new(config.condition, config.mode, config.leaky_slope, encoder, networks)?.with_share(share)?)
 }
 
 /// The exported sampler of a trained head. With `with_time` the file says how long the training took, and two runs of the

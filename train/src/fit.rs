@@ -213,7 +213,7 @@ fn check_target(config: &FitConfig, target: &dyn Target) -> Result<()> {
         return Ok(());
     }
     if config.head.share {
-        return refuse("head.selection", "true".into(), "false for a target without BRDF sampling");
+        return refuse("head.share", "true".into(), "false for a target without BRDF sampling");
     }
     if config.brdf_samples > 0 {
         return refuse("brdf_samples", config.brdf_samples.to_string(), "0 for a target without BRDF sampling");

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 use headtail_model::{
     EncoderConfig, HeadConfig, Mode,
-    head::{SELECTION_FLOOR, SHARE_HIDDEN},
+    head::{SHARE_FLOOR, SHARE_HIDDEN},
 };
 use headtail_render::spline::{MIN_BIN, MIN_SLOPE, SLOPE_OFFSET, bin_count};
 
@@ -111,7 +111,7 @@ impl<'a> Head<'a> {
             |features: usize| layers(&[vec![seen.len() + features], hidden.clone(), vec![config.logits()]].concat());
         let elevation = network(if config.mode == Mode::Coupled { 2 } else { 0 });
         let azimuth = network(1);
-        let floor = f64::from(SELECTION_FLOOR);
+        let floor = f64::from(SHARE_FLOOR);
         let share = config.share.then(|| {
             let logit = perceptron(&layers(&[seen.len(), SHARE_HIDDEN, 1]), &seen, config)[0];
             floor + (1.0 - 2.0 * floor) / (1.0 + (-logit - share_logit).exp())

@@ -39,7 +39,7 @@ pub struct HeadConfig {
     #[serde(with = "optional_encoder")]
     pub encoder: Option<EncoderConfig>,
     /// Whether the head learns how often to draw from BRDF sampling instead.
-    #[serde(rename = "selection")]
+    #[serde(alias = "selection")]
     pub share: bool,
 }
 

@@ -14,7 +14,7 @@ use burn::{
 
 pub use config::{EncoderConfig, HeadConfig};
 use headtail_render::head::Mode;
-pub use share::{SELECTION_FLOOR, SHARE_HIDDEN, ShareNetwork, share_of_logit, share_of_logits};
+pub use share::{SHARE_FLOOR, SHARE_HIDDEN, ShareNetwork, share_of_logit, share_of_logits};
 
 use crate::{
     Error, NamedTensor, Result,

@@ -7,7 +7,7 @@ use burn::{
     tensor::activation::sigmoid,
 };
 
-pub use headtail_render::head::SELECTION_FLOOR;
+pub use headtail_render::head::SHARE_FLOOR;
 
 use crate::linear::{self, Initializer};
 
@@ -16,12 +16,12 @@ pub const SHARE_HIDDEN: usize = 16;
 
 /// The probability of drawing from the head for a logit of the share network: `0.02 + 0.96 sigmoid(logit)`.
 pub fn share_of_logit(logit: f32) -> f32 {
-    SELECTION_FLOOR + (1.0 - 2.0 * SELECTION_FLOOR) / (1.0 + (-logit).exp())
+    SHARE_FLOOR + (1.0 - 2.0 * SHARE_FLOOR) / (1.0 + (-logit).exp())
 }
 
 /// The same in the tensor library's graph.
 pub fn share_of_logits(logit: Tensor<2>) -> Tensor<2> {
-    sigmoid(logit).mul_scalar(1.0 - 2.0 * SELECTION_FLOOR).add_scalar(SELECTION_FLOOR)
+    sigmoid(logit).mul_scalar(1.0 - 2.0 * SHARE_FLOOR).add_scalar(SHARE_FLOOR)
 }
 
 /// `(c, latent) -> 16 -> 1`, leaky ReLU between. The last layer starts at zero: both strategies start with 1/2.

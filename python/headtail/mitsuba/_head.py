@@ -19,17 +19,17 @@ class Head:
     """A head of `arrays` (see `Head::flat` in the crate headtail-render): points of the square, and their density."""
 
     def __init__(self, arrays, loops=None):
-        self.condition, coupled, encoder, elevation, azimuth, selection, *_ = (int(number) for number in arrays["head.shape"])
+        self.condition, coupled, encoder, elevation, azimuth, share, *_ = (int(number) for number in arrays["head.shape"])
         if self.condition not in (NORMAL, VIEW, WIDTH):
             raise HeadtailError("file: holds a head for measured materials, of which Mitsuba's BSDFs say nothing")
-        self.is_coupled, self.has_selection = bool(coupled), selection > 0
+        self.is_coupled, self.has_share = bool(coupled), share > 0
         layers = [Layer(arrays["head.weights"], row) for row in arrays["head.layers"]]
         slope = float(arrays["head.slope"][0])
         parts = []
-        for count in (encoder, elevation, azimuth, selection):
+        for count in (encoder, elevation, azimuth, share):
             parts.append(Network(layers[:count], slope, ends_leaky=not parts, loops=loops))
             layers = layers[count:]
-        self.encoder, self.elevation, self.azimuth, self.selection = parts
+        self.encoder, self.elevation, self.azimuth, self.share = parts
 
     def prepare(self, at):
         """What the networks see of a shading point: the condition, and what the encoder makes of it."""
@@ -43,7 +43,7 @@ class Head:
 
     def share(self, seen, prior=0):
         """The learned share of samples beside BSDF sampling, where its logit is added to another one."""
-        (logit,) = self.selection(seen)
+        (logit,) = self.share(seen)
         return SELECTION_FLOOR + (1 - 2 * SELECTION_FLOOR) / (1 + dr.exp(-logit - prior))
 
     def elevation_spline(self, seen, u):
@@ -79,7 +79,7 @@ class HeadOverTail:
         self.head, self.tail = Head(arrays, loops), tail_of(arrays)
         # What a head that sees no directions has learned of its share is for diffuse surfaces.
         self.sees_lobes = self.head.condition != NORMAL
-        self.has_share = self.sees_lobes and self.head.has_selection
+        self.has_share = self.sees_lobes and self.head.has_share
 
     def prepare(self, at):
         """What the networks see of a shading point."""
@@ -119,7 +119,7 @@ class HeadOverPatches:
         """The share of samples beside BSDF sampling: what the head has learned is a factor of the odds of patches."""
         at, seen = prepared
         share = mi.Float(1) if at.is_diffuse else shares((at.diffuse, at.specular, at.f0, at.alpha))
-        if not self.head.has_selection:
+        if not self.head.has_share:
             return share
         inside = dr.clip((share - SELECTION_FLOOR) / (1 - 2 * SELECTION_FLOOR), 1e-3, 1 - 1e-3)
         return self.head.share(seen, dr.log(inside / (1 - inside)))

@@ -79,9 +79,10 @@ pub enum IntermediateDescription {
         encoder_layers: usize,
         /// Number of layers of each spline network, the last one included.
         network_layers: usize,
-        /// Number of layers of the learned selection probability, 0 without one.
+        /// Number of layers of the network of the learned share, 0 without one. Files call it by its first name.
+        #[serde(rename = "selection_layers")]
         #[serde(default)]
-        selection_layers: usize,
+        share_layers: usize,
     },
     /// A table over normals, baked from a head.
     Bake,
@@ -203,7 +204,7 @@ impl ExportedSampler {
 
     /// Whether it holds a head that has learned its share beside BRDF sampling.
     pub fn has_share(&self) -> bool {
-        matches!(&self.intermediate, Intermediate::Head(head) if head.has_selection())
+        matches!(&self.intermediate, Intermediate::Head(head) if head.has_share())
     }
 
     /// The complete sampler that the file was made to be: with its compact emitters, and in a mixture with BRDF sampling where it has learned its
@@ -327,7 +328,7 @@ impl ExportedSampler {
                     leaky_slope: head.leaky_slope(),
                     encoder_layers: count("encoder."),
                     network_layers: count("layer0."),
-                    selection_layers: count("selection."),
+                    share_layers: count("selection."),
                 }
             }
             Intermediate::Bake(_) => IntermediateDescription::Bake,

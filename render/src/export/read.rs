@@ -85,12 +85,12 @@ impl Tensors<'_> {
             return Err(Error::invalid(self.path, "patches", reason));
         }
         let intermediate = match description.intermediate {
-            IntermediateDescription::Head { mode, leaky_slope, encoder_layers, network_layers, selection_layers } => {
+            IntermediateDescription::Head { mode, leaky_slope, encoder_layers, network_layers, share_layers } => {
                 let encoder = self.layers("encoder", encoder_layers)?;
                 let networks = [self.layers("layer0", network_layers)?, self.layers("layer1", network_layers)?];
-                let selection = self.layers("selection", selection_layers)?;
+                let share = self.layers("selection", share_layers)?;
                 let head = Head::new(description.condition, mode, leaky_slope, encoder, networks)
-                    .and_then(|head| head.with_selection(selection));
+                    .and_then(|head| head.with_share(share));
                 Intermediate::Head(head.map_err(|error| error.in_file(self.path))?)
             }
             IntermediateDescription::Bake => Intermediate::Bake(self.table()?),

@@ -7,13 +7,13 @@ use crate::{flat::FlatArray, spline::bin_count};
 const BLOCK: usize = 4;
 
 impl Head {
-    /// All that a draw and a pdf read. Layers follow each other as in [`Self::layers`]: encoder, elevation's network, azimuth's, selection.
+    /// All that a draw and a pdf read. Layers follow each other as in [`Self::layers`]: encoder, elevation's network, azimuth's, share.
     ///
     /// - `head.layers` `[layers, 4]`: inputs, outputs, where the weights begin in `head.weights`, and where the biases do.
     /// - `head.weights` `[numbers]`: of each layer the weights `[blocks, inputs, 4]`, where a block is four outputs, then the biases `[blocks, 4]`.
     ///   What is no output is 0.
     /// - `head.shape` `[8]`: numbers of the condition ([`super::Condition::length`]); 1 for coupled layers, 0 for autoregressive ones; layers of the
-    ///   encoder, of elevation's network, of azimuth's, of the selection; bins of elevation, bins of azimuth.
+    ///   encoder, of elevation's network, of azimuth's, of the share; bins of elevation, bins of azimuth.
     /// - `head.slope` `[1]`: slope of the leaky ReLU for negative arguments.
     pub fn flat(&self) -> Vec<FlatArray> {
         let (mut layers, mut weights) = (Vec::new(), Vec::new());
@@ -30,7 +30,7 @@ impl Head {
             self.encoder.layers.len(),
             elevation.layers().len(),
             azimuth.layers().len(),
-            self.selection.layers.len(),
+            self.share.layers.len(),
             bin_count(elevation.outputs()),
             bin_count(azimuth.outputs()),
         ];

@@ -4,7 +4,7 @@
 
 use glam::Vec2;
 
-use super::{Condition, Head, MAX_CONDITION, Mode, SELECTION_FLOOR};
+use super::{Condition, Head, MAX_CONDITION, Mode, SHARE_FLOOR};
 use crate::{
     brdf::OF_MATERIAL,
     columns::{Arena, vectorized},
@@ -41,7 +41,7 @@ impl Head {
     }
 
     fn widest(&self) -> usize {
-        let layers = self.encoder.layers.iter().chain(&self.selection.layers).map(super::Linear::outputs);
+        let layers = self.encoder.layers.iter().chain(&self.share.layers).map(super::Linear::outputs);
         // Splines need scratch of fewer rows than they have logits.
         layers.chain([self.elevation.widest(), self.azimuth.widest(), MAX_CONDITION]).max().unwrap_or(0)
     }
@@ -105,11 +105,11 @@ impl Head {
     fn select<S: Simd>(&self, simd: S, scratch: &mut Scratch<'_>, prior: &Lanes) -> Lanes {
         let Scratch { seen, hidden: [first, _], logits, .. } = scratch;
         let mut share = [0.5; LANES];
-        if let [inner, last] = &self.selection.packed[..] {
+        if let [inner, last] = &self.share.packed[..] {
             inner.forward(simd, Start::Bias, seen, first, Some(self.leaky_slope));
             last.forward(simd, Start::Bias, first, logits, None);
             for l in 0..LANES {
-                share[l] = SELECTION_FLOOR + (1.0 - 2.0 * SELECTION_FLOOR) * simd::sigmoid(logits[0][l] + prior[l]);
+                share[l] = SHARE_FLOOR + (1.0 - 2.0 * SHARE_FLOOR) * simd::sigmoid(logits[0][l] + prior[l]);
             }
         }
         share
@@ -349,7 +349,7 @@ impl IntermediateDensity for Head {
 impl Head {
     /// [`IntermediateDensity::share`] with logits in `out` that the learned ones are added to; 1/2 where none is learned.
     pub fn shares_after(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        if self.has_selection() {
+        if self.has_share() {
             self.with_conditions(at, arena, |material, scratch| {
                 prepare_rows(self, at, material, &mut [], out, scratch);
             });

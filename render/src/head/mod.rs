@@ -37,11 +37,11 @@ pub enum Mode {
 
 /// Least probability of either strategy in the mixture of head and BRDF sampling: a weight of the mixture is at most 50 times that of
 /// the strategy that fits.
-pub const SELECTION_FLOOR: f32 = 0.02;
+pub const SHARE_FLOOR: f32 = 0.02;
 
 /// The logit whose share is nearest to a share, at most 6.9 from 0: `share = 0.02 + 0.96 sigmoid(logit)`.
 pub fn logit_of_share(share: f32) -> f32 {
-    let inside = ((share - SELECTION_FLOOR) / (1.0 - 2.0 * SELECTION_FLOOR)).clamp(1e-3, 1.0 - 1e-3);
+    let inside = ((share - SHARE_FLOOR) / (1.0 - 2.0 * SHARE_FLOOR)).clamp(1e-3, 1.0 - 1e-3);
     (inside / (1.0 - inside)).ln()
 }
 
@@ -56,7 +56,7 @@ pub struct Head {
     elevation: SplineNetwork,
     azimuth: SplineNetwork,
     /// Empty, or two layers that end in the logit of the share of samples that the head gives beside BRDF sampling.
-    selection: Layers,
+    share: Layers,
 }
 
 /// Layers as files have them, and packed.
@@ -95,16 +95,16 @@ impl Head {
         let azimuth = SplineNetwork::new("layer1", Topology::Circle, seen, 1, azimuth)?;
         let packed = encoder.iter().map(Packed::new).collect();
         let encoder = Layers { layers: encoder, packed };
-        Ok(Self { condition, mode, leaky_slope, encoder, elevation, azimuth, selection: Layers::default() })
+        Ok(Self { condition, mode, leaky_slope, encoder, elevation, azimuth, share: Layers::default() })
     }
 
-    /// Adds the network of the learned selection probability: two layers from what the spline networks see to one logit, or none.
+    /// Adds the network of the learned share: two layers from what the spline networks see to one logit, or none.
     ///
     /// # Errors
     /// The layers do not fit.
-    pub fn with_selection(mut self, selection: Vec<Linear>) -> Result<Self> {
+    pub fn with_share(mut self, share: Vec<Linear>) -> Result<Self> {
         let seen = self.condition.length() + self.encoder.layers.last().map_or(0, Linear::outputs);
-        let fits = match &selection[..] {
+        let fits = match &share[..] {
             [] => true,
             [first, second] => {
                 let hidden = first.outputs();
@@ -113,16 +113,19 @@ impl Head {
             _ => false,
         };
         if !fits {
-            return Err(Error::argument("selection", format!("is not two layers from {seen} numbers to one")));
+            return Err(Error::argument(
+                "share (selection.linear)",
+                format!("is not two layers from {seen} numbers to one"),
+            ));
         }
-        let packed = selection.iter().map(Packed::new).collect();
-        self.selection = Layers { layers: selection, packed };
+        let packed = share.iter().map(Packed::new).collect();
+        self.share = Layers { layers: share, packed };
         Ok(self)
     }
 
     /// Whether the head has learned how often to draw from BRDF sampling instead.
-    pub fn has_selection(&self) -> bool {
-        !self.selection.layers.is_empty()
+    pub fn has_share(&self) -> bool {
+        !self.share.layers.is_empty()
     }
 
     /// What the head is conditioned on.
@@ -141,13 +144,13 @@ impl Head {
     }
 
     /// The layers by name, `encoder.linear0`, ..., `layer0.linear0`, ..., `layer1.linear0`, ...,
-    /// `selection.linear0`, ...
+    /// `selection.linear0`, ... (what files call the network of the share)
     pub fn layers(&self) -> Vec<(String, &Linear)> {
         let parts = [
             ("encoder", &self.encoder.layers[..]),
             ("layer0", self.elevation.layers()),
             ("layer1", self.azimuth.layers()),
-            ("selection", &self.selection.layers[..]),
+            ("selection", &self.share.layers[..]),
         ];
         let named = |(part, layers): (&'static str, _)| {
             <[Linear]>::iter(layers).enumerate().map(move |(index, layer)| (format!("{part}.linear{index}"), layer))

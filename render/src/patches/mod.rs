@@ -349,7 +349,7 @@ impl<W: Weighting> Sampler for WeightedPatches<'_, W> {
         let mut lobes = arena.columns::<LOBES>(at.strips());
         at.lobes(lobes.get_mut(), arena);
         draw::shares_by_width(lobes.get(), out);
-        if head.has_selection() {
+        if head.has_share() {
             for share in out.as_flattened_mut() {
                 *share = logit_of_share(*share);
             }

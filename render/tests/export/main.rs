@@ -1,6 +1,8 @@
 //! Exported files: what is written is what is read, and nothing that a file may hold makes the reader panic.
 
 mod emitters;
+#[path = "../layers/mod.rs"]
+mod layers;
 mod refused;
 
 use std::{fs, path::Path, path::PathBuf, sync::Arc};
@@ -25,6 +27,7 @@ use headtail_render::{
     tail::{Tail, TailKind, TailWarp, WarpMap},
     tile::ShadingPoint,
 };
+use layers::random_layers;
 use serde_json::{Value, json};
 
 fn environment(name: &str, salt: usize) -> Arc<Environment> {
@@ -37,22 +40,15 @@ fn head(mode: Mode, encoder: bool) -> Head {
 }
 
 /// A head with random weights, of the size that its condition asks for.
-fn head_of(condition: Condition, mode: Mode, encoder: bool, selection: bool) -> Head {
+fn head_of(condition: Condition, mode: Mode, encoder: bool, share: bool) -> Head {
     let mut random = Stream::new(5, Purpose::Weights, 0);
-    let mut layers = |sizes: &[usize]| -> Vec<Linear> {
-        let mut layer = |inputs: usize, outputs: usize| {
-            let mut values = |count: usize| -> Vec<f32> { (0..count).map(|_| random.uniform() - 0.5).collect() };
-            let weight = values(inputs * outputs);
-            Linear::new("random", inputs, outputs, &weight, values(outputs)).unwrap()
-        };
-        sizes.windows(2).map(|pair| layer(pair[0], pair[1])).collect()
-    };
+    let mut layers = |sizes: &[usize]| random_layers(sizes, &mut random, |_| [1.0; 2]);
     let encoder = if encoder { layers(&[condition.length(), 6, 5]) } else { Vec::new() };
     let seen = condition.length() + encoder.last().map_or(0, Linear::outputs);
     let features = if mode == Mode::Coupled { 2 } else { 0 };
     let networks = [layers(&[seen + features, 8, 8, 13]), layers(&[seen + 1, 8, 8, 13])];
-    let selection = if selection { layers(&[seen, 4, 1]) } else { Vec::new() };
-    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_selection(selection).unwrap()
+    let share = if share { layers(&[seen, 4, 1]) } else { Vec::new() };
+    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_share(share).unwrap()
 }
 
 fn table() -> BakedTable {
@@ -135,7 +131,7 @@ fn draws(sampler: &ExportedSampler, count: usize) -> Vec<[u32; 5]> {
     }
 }
 
-/// Heads for microfacet surfaces with their selection networks.
+/// Heads for microfacet surfaces with the networks of their shares.
 fn microfacet_samplers() -> Vec<ExportedSampler> {
     let map = environment("test map", 0);
     let kinds = [

@@ -139,7 +139,7 @@ fn wrong_tensors_are_refused_by_name() {
 }
 
 #[test]
-fn a_wrong_selection_network_is_refused_by_name() {
+fn a_wrong_network_of_the_share_is_refused_by_name() {
     let folder = Folder::new();
     let expect = |bytes: &[u8], words: &[&str]| {
         let error = folder.refused(bytes);

@@ -7,7 +7,7 @@ use super::{
     *,
 };
 
-/// Heads with random weights, and with a random selection network.
+/// Heads with random weights, and with a random network of the share.
 pub static HEADS: LazyLock<[(&str, Head); 5]> = LazyLock::new(|| {
     let head = |condition, mode, bins, encoder: &[usize]| random_head_of(condition, mode, bins, encoder, &[16, 1]);
     [
@@ -121,7 +121,7 @@ fn the_mixture_draws_as_often_from_the_head_as_it_asks() {
     let shares: Vec<f32> =
         POINTS[0].iter().flat_map(|point| HEADS.iter().map(|(_, head)| share(head, &point.at))).collect();
     let (least, most) = shares.iter().fold((1.0_f32, 0.0_f32), |(a, b), &share| (a.min(share), b.max(share)));
-    assert!(least < 0.45 && most > 0.55, "{shares:?}: the selection networks say nothing");
+    assert!(least < 0.45 && most > 0.55, "{shares:?}: the networks of the share say nothing");
 
     for (point, (name, head)) in POINTS[0].iter().zip(HEADS.iter().cycle()) {
         let (head, share) = (product(world, head), share(head, &point.at));

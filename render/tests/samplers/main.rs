@@ -9,6 +9,8 @@ mod checks;
 mod conditioned;
 mod faulty;
 mod glossy;
+#[path = "../layers/mod.rs"]
+mod layers;
 mod mixed_tiles;
 #[path = "../networks/mod.rs"]
 mod networks;

@@ -21,7 +21,10 @@ use headtail_render::{
 };
 use rayon::prelude::*;
 
-use super::truth::{Dense, Quadrature};
+use super::{
+    layers::random_layers,
+    truth::{Dense, Quadrature},
+};
 
 /// A sampler under test.
 pub struct Case {
@@ -261,27 +264,18 @@ fn random_head(mode: Mode, bins: usize, encoder: &[usize]) -> Head {
     random_head_of(Condition::Normal, mode, bins, encoder, &[])
 }
 
-/// A head with random weights, of the size at which logits spread by about one. `encoder` and `selection` are the widths of
+/// A head with random weights, of the size at which logits spread by about one. `encoder` and `share` are the widths of
 /// their layers' outputs.
-pub fn random_head_of(condition: Condition, mode: Mode, bins: usize, encoder: &[usize], selection: &[usize]) -> Head {
+pub fn random_head_of(condition: Condition, mode: Mode, bins: usize, encoder: &[usize], share: &[usize]) -> Head {
     let mut random = Stream::new(5, Purpose::Weights, bins as u64);
-    let mut network = |sizes: &[usize]| -> Vec<Linear> {
-        let mut layer = |inputs: usize, outputs: usize| {
-            let scale = 2.0 * (3.0 / inputs as f32).sqrt();
-            let mut values = |count: usize, scale: f32| -> Vec<f32> {
-                (0..count).map(|_| scale * (random.uniform() - 0.5)).collect()
-            };
-            let weight = values(inputs * outputs, scale);
-            Linear::new("random", inputs, outputs, &weight, values(outputs, 1.0)).unwrap()
-        };
-        sizes.windows(2).map(|pair| layer(pair[0], pair[1])).collect()
-    };
+    let mut network =
+        |sizes: &[usize]| random_layers(sizes, &mut random, |inputs| [2.0 * (3.0 / inputs as f32).sqrt(), 1.0]);
     let encoder = network(&[&[condition.length()], encoder].concat());
     let seen = condition.length() + encoder.last().map_or(0, Linear::outputs);
     let features = if mode == Mode::Coupled { 2 } else { 0 };
     let networks = [network(&[seen + features, 16, 16, 3 * bins + 1]), network(&[seen + 1, 16, 16, 3 * bins + 1])];
-    let selection = network(&[&[seen], selection].concat());
-    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_selection(selection).unwrap()
+    let share = network(&[&[seen], share].concat());
+    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_share(share).unwrap()
 }
 
 pub fn shading_point(normal: Vec3A) -> ShadingPoint {

@@ -1,6 +1,8 @@
 //! Every sampler renders the same picture as every other, a white furnace is white, and threads change nothing.
 
 mod budgets;
+#[path = "../layers/mod.rs"]
+mod layers;
 mod learning;
 #[path = "../networks/mod.rs"]
 mod networks;
@@ -21,7 +23,7 @@ use headtail_render::{
     environment::{Environment, built_in},
     estimator::{Estimator, LearnedVisibility},
     export::{ExportedSampler, Intermediate, TrainingSummary},
-    head::{Condition, Head, Linear, Mode},
+    head::{Condition, Head, Mode},
     image::Image,
     integrator::{Budget, Rendering, View, render},
     patches::Detail,
@@ -33,6 +35,7 @@ use headtail_render::{
     statistics::{Moments, TTest, compare_images, sidak},
     tail::{Tail, TailKind},
 };
+use layers::random_layers;
 use rayon::prelude::*;
 
 const WIDTH: usize = 48;
@@ -82,15 +85,7 @@ impl Setting {
 /// A head with small random weights: far from the identity, near enough for bounded variance.
 fn random_head(mode: Mode) -> Head {
     let mut random = Stream::new(5, Purpose::Weights, 0);
-    let mut network = |sizes: &[usize]| -> Vec<Linear> {
-        let mut layer = |inputs: usize, outputs: usize| {
-            let mut values =
-                |count: usize| -> Vec<f32> { (0..count).map(|_| 0.8 * (random.uniform() - 0.5)).collect() };
-            let weight = values(inputs * outputs);
-            Linear::new("random", inputs, outputs, &weight, values(outputs)).unwrap()
-        };
-        sizes.windows(2).map(|pair| layer(pair[0], pair[1])).collect()
-    };
+    let mut network = |sizes: &[usize]| random_layers(sizes, &mut random, |_| [0.8; 2]);
     let features = if mode == Mode::Coupled { 2 } else { 0 };
     let networks = [network(&[3 + features, 16, 16, 13]), network(&[4, 16, 16, 13])];
     Head::new(Condition::Normal, mode, 0.01, Vec::new(), networks).unwrap()

@@ -12,7 +12,7 @@ use headtail_render::{
     environment::{Environment, built_in, without_compact_emitters},
     estimator::{Estimator, SingleSample},
     export::{ExportedSampler, Intermediate, TrainingSummary},
-    head::{Head, Linear, Mode},
+    head::{Head, Mode},
     image::Image,
     random::{Purpose, Stream},
     sampler::{
@@ -27,7 +27,7 @@ use headtail_render::{
     tile::Rows,
 };
 
-use super::{SIGNIFICANCE, Setting, bake, random_head};
+use super::{SIGNIFICANCE, Setting, bake, layers::random_layers, random_head};
 
 /// Sides of the tables of warps: coarse, so that much of the light is left over.
 const CELLS: usize = 64;
@@ -76,12 +76,7 @@ fn rest(environment: &Environment) -> Vec<f32> {
 /// A random head with a learned share that differs from normal to normal.
 fn selecting_head() -> Head {
     let mut random = Stream::new(6, Purpose::Weights, 0);
-    let mut layer = |inputs: usize, outputs: usize| {
-        let mut values = |count: usize| -> Vec<f32> { (0..count).map(|_| 2.0 * (random.uniform() - 0.5)).collect() };
-        let weight = values(inputs * outputs);
-        Linear::new("random", inputs, outputs, &weight, values(outputs)).unwrap()
-    };
-    random_head(Mode::Coupled).with_selection(vec![layer(3, 8), layer(8, 1)]).unwrap()
+    random_head(Mode::Coupled).with_share(random_layers(&[3, 8, 1], &mut random, |_| [2.0; 2])).unwrap()
 }
 
 fn table(tail: &Tail) -> BakedTable {

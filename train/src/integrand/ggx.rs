@@ -49,20 +49,20 @@ impl Surface for Ggx {
         condition.copy_from_slice(&encoded[..condition.len()]);
     }
 
-    fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {
+    fn lobes(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
         let ([wo, n], ggx) = self.decode(condition);
-        ggx.lobe_cosine(n, wo, wi.into())
+        wi.iter().map(|&wi| ggx.lobe_cosine(n, wo, wi.into())).collect()
     }
 
-    fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A> {
+    fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>> {
         let ([wo, n], ggx) = self.decode(condition);
-        let (wi, pdf) = ggx.sample(n, wo, u);
-        (pdf > 0.0).then_some(wi.into())
+        let sample = |&u: &Vec2| Some(ggx.sample(n, wo, u)).filter(|(_, pdf)| *pdf > 0.0).map(|(wi, _)| wi.into());
+        u.iter().map(sample).collect()
     }
 
-    fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
+    fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
         let ([wo, n], ggx) = self.decode(condition);
-        ggx.pdf(n, wo, wi.into())
+        wi.iter().map(|&wi| ggx.pdf(n, wo, wi.into())).collect()
     }
 }
 
@@ -106,10 +106,10 @@ mod tests {
             surface.draw_condition(&mut stream, &mut c);
             let (wo, n) = (Vec3::from_slice(&c), Vec3::from_slice(&c[3..]));
             let ggx = brdf::Ggx::new(c[10], Vec3::ONE);
-            let Some(wi) = surface.sample(&c, stream.uniform2()) else { continue };
-            assert_eq!(surface.pdf(&c, wi), ggx.pdf(n, wo, wi.into()));
-            assert_eq!(surface.lobe(&c, wi), ggx.lobe_cosine(n, wo, wi.into()));
-            assert!(surface.lobe(&c, wi) <= 1.0001 * surface.pdf(&c, wi));
+            let Some(wi) = surface.samples(&c, &[stream.uniform2()])[0] else { continue };
+            assert_eq!(surface.pdfs(&c, &[wi]), [ggx.pdf(n, wo, wi.into())]);
+            assert_eq!(surface.lobes(&c, &[wi]), [ggx.lobe_cosine(n, wo, wi.into())]);
+            assert!(surface.lobes(&c, &[wi])[0] <= 1.0001 * surface.pdfs(&c, &[wi])[0]);
         }
     }
 }

@@ -62,25 +62,21 @@ impl Surface for MeasuredSurface {
         condition.copy_from_slice(&encoded[..condition.len()]);
     }
 
-    fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {
-        self.lobes(condition, &[wi])[0]
-    }
-
     fn lobes(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
         let [wo, n] = directions(condition);
         let wi: Vec<Vec3> = wi.iter().map(|&wi| wi.into()).collect();
         self.brdf(condition).luminances(n, wo, &wi)
     }
 
-    fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A> {
-        let [wo, n] = directions(condition);
-        let (wi, pdf) = self.brdf(condition).mixture().draw_at(n, wo, u);
-        (pdf > 0.0).then_some(wi.into())
+    fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>> {
+        let ([wo, n], mixture) = (directions(condition), self.brdf(condition).mixture());
+        let sample = |&u: &Vec2| Some(mixture.draw_at(n, wo, u)).filter(|(_, pdf)| *pdf > 0.0).map(|(wi, _)| wi.into());
+        u.iter().map(sample).collect()
     }
 
-    fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
-        let [wo, n] = directions(condition);
-        self.brdf(condition).mixture().pdf_at(n, wo, wi.into())
+    fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
+        let ([wo, n], mixture) = (directions(condition), self.brdf(condition).mixture());
+        wi.iter().map(|&wi| mixture.pdf_at(n, wo, wi.into())).collect()
     }
 }
 
@@ -129,10 +125,10 @@ mod tests {
             let which = usize::from(condition[head::Condition::Ggx.length()..] == materials.brdfs()[1].latent());
             seen[which] += 1;
             let brdf = &materials.brdfs()[which];
-            let Some(wi) = surface.sample(&condition, stream.uniform2()) else { continue };
-            assert_eq!(surface.lobe(&condition, wi), brdf.luminances(n, wo, &[wi.into()])[0]);
-            assert_eq!(surface.pdf(&condition, wi), brdf.mixture().pdf_at(n, wo, wi.into()));
-            assert!(surface.pdf(&condition, wi) > 0.0);
+            let Some(wi) = surface.samples(&condition, &[stream.uniform2()])[0] else { continue };
+            assert_eq!(surface.lobes(&condition, &[wi]), brdf.luminances(n, wo, &[wi.into()]));
+            let pdfs = surface.pdfs(&condition, &[wi]);
+            assert!(pdfs == [brdf.mixture().pdf_at(n, wo, wi.into())] && pdfs[0] > 0.0);
         }
         // 100 each, with a standard deviation of 7.
         assert!(seen.iter().all(|&count| count > 60), "{seen:?}");

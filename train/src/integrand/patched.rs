@@ -9,7 +9,7 @@ use headtail_render::{
     tail::Tail,
 };
 
-use super::{PointValues, RenderedSurface, TailMap, Target, product::MAX_BRDF_DENSITY};
+use super::{PointValues, RenderedSurface, TailMap, TailPoint, Target, product::MAX_BRDF_DENSITY};
 
 /// The density over the square U that patches carry to Y: the target in Y over the density that patches draw with. Where the closed form is
 /// exact it is flat.
@@ -49,17 +49,16 @@ impl<S: RenderedSurface> Target for PatchedTarget<'_, S> {
         let there = TailMap::forward(self.tail, &y);
         let directions: Vec<Vec3A> = there.iter().map(|there| there.direction).collect();
         let lobes = self.surface.lobes(condition, &directions);
-        let values = |((there, lobe), q): ((_, f32), f32)| {
-            let there: super::TailPoint = there;
+        let pdfs = self.surface.pdfs(condition, &directions);
+        let values = |(((there, lobe), pdf), q): (((TailPoint, f32), f32), f32)| {
             if q <= 0.0 {
                 // Patches draw nothing here, as nothing reflects from there.
                 return PointValues { target: 0.0, brdf: 0.0, tail: 1.0 };
             }
-            let pdf = self.surface.pdf(condition, there.direction);
             let brdf = if pdf > 0.0 { (pdf / (there.pdf * q)).min(MAX_BRDF_DENSITY) } else { 0.0 };
             PointValues { target: lobe / q, brdf, tail: there.density * q }
         };
-        there.into_iter().zip(lobes).zip(densities).map(values).collect()
+        there.into_iter().zip(lobes).zip(pdfs).zip(densities).map(values).collect()
     }
 
     fn has_brdf_sampling(&self) -> bool {
@@ -67,7 +66,8 @@ impl<S: RenderedSurface> Target for PatchedTarget<'_, S> {
     }
 
     fn brdf_samples(&self, condition: &[f32], u: &[[f32; 2]]) -> Vec<Option<[f32; 2]>> {
-        let drawn: Vec<_> = u.iter().map(|&u| self.surface.sample(condition, Vec2::from_array(u))).collect();
+        let u: Vec<Vec2> = u.iter().copied().map(Vec2::from_array).collect();
+        let drawn = self.surface.samples(condition, &u);
         let directions: Vec<Vec3A> = drawn.iter().flatten().copied().collect();
         let point = self.surface.point(condition);
         let mut found = self.patches.warp_at(self.tail, &point).inverse(&directions).into_iter();

@@ -20,29 +20,14 @@ pub trait Surface: Sync {
     /// Draws a condition.
     fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]);
 
-    /// BRDF x cosine towards `wi`, up to a factor that may depend on the condition.
-    fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32;
+    /// BRDF x cosine towards directions, up to a factor that may depend on the condition.
+    fn lobes(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32>;
 
-    /// [`Self::lobe`] towards many directions.
-    fn lobes(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
-        wi.iter().map(|&wi| self.lobe(condition, wi)).collect()
-    }
+    /// BRDF sampling: directions for uniform numbers.
+    fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>>;
 
-    /// BRDF sampling: a direction for uniform numbers.
-    fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A>;
-
-    /// [`Self::sample`] for many numbers.
-    fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>> {
-        u.iter().map(|&u| self.sample(condition, u)).collect()
-    }
-
-    /// The solid-angle pdf of [`sample`](Self::sample).
-    fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32;
-
-    /// [`Self::pdf`] of many directions.
-    fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
-        wi.iter().map(|&wi| self.pdf(condition, wi)).collect()
-    }
+    /// The solid-angle pdfs of [`samples`](Self::samples).
+    fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32>;
 }
 
 /// A surface that the renderer has, too.
@@ -91,21 +76,22 @@ impl Surface for Lambert {
         condition.copy_from_slice(&self.viewpoints.draw_normal(stream).to_array());
     }
 
-    fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {
-        let cosine = normal(condition).dot(wi);
+    fn lobes(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
+        let n = normal(condition);
         // Not `max`: it would turn NaN into 0.
-        if cosine < 0.0 { 0.0 } else { cosine }
+        let clamped = |cosine: f32| if cosine < 0.0 { 0.0 } else { cosine };
+        wi.iter().map(|&wi| clamped(n.dot(wi))).collect()
     }
 
-    fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A> {
+    fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>> {
         let n = normal(condition).into();
-        let (wi, pdf) = DIFFUSE.sample(n, n, u);
-        (pdf > 0.0).then_some(wi.into())
+        let sample = |&u: &Vec2| Some(DIFFUSE.sample(n, n, u)).filter(|(_, pdf)| *pdf > 0.0).map(|(wi, _)| wi.into());
+        u.iter().map(sample).collect()
     }
 
-    fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
+    fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
         let n = normal(condition).into();
-        DIFFUSE.pdf(n, n, wi.into())
+        wi.iter().map(|&wi| DIFFUSE.pdf(n, n, wi.into())).collect()
     }
 }
 

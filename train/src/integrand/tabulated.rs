@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{
-    discrete::BELOW_ONE,
+    discrete::{BELOW_ONE, invert_running_sums},
     latlong,
     random::Stream,
     tail::{Tail, TailWarp},
@@ -22,8 +22,10 @@ const COLUMNS: usize = 1024;
 pub struct TabulatedTarget<'a, S> {
     product: ProductTarget<'a, S>,
     tail: &'a Tail,
-    /// Direction of each cell's centre, and the light's density there.
-    cells: Vec<(Vec3A, f32)>,
+    /// Direction of each cell's centre.
+    directions: Vec<Vec3A>,
+    /// The light's density there.
+    light: Vec<f32>,
 }
 
 impl<'a, S: Surface> TabulatedTarget<'a, S> {
@@ -34,52 +36,50 @@ impl<'a, S: Surface> TabulatedTarget<'a, S> {
             let x = Vec2::new((column as f32 + 0.5) / COLUMNS as f32, (row as f32 + 0.5) / ROWS as f32);
             (latlong::direction(x), tail.light().density(x))
         };
-        let cells = (0..ROWS * COLUMNS).map(centre).collect();
-        Self { product: ProductTarget::of_surface(surface, tail), tail, cells }
+        let (directions, light) = (0..ROWS * COLUMNS).map(centre).unzip();
+        Self { product: ProductTarget::of_surface(surface, tail), tail, directions, light }
     }
 }
 
 /// The product at the centres of cells, summed up for inversion.
 struct Table {
-    masses: Vec<f32>,
+    /// Sums of each row up to and with each cell.
+    sums: Vec<f32>,
     /// Sums of the rows up to and with each row.
-    row_sums: Vec<f64>,
+    row_sums: Vec<f32>,
 }
 
 impl Table {
-    fn new(masses: Vec<f32>) -> Self {
-        let mut sum = 0.0;
+    fn new(masses: &[f32]) -> Self {
+        let mut sums = Vec::with_capacity(masses.len());
+        let mut total = 0.0;
         let row_sum = |row: &[f32]| {
-            sum += row.iter().map(|&mass| f64::from(mass)).sum::<f64>();
-            sum
+            let mut sum = 0.0;
+            sums.extend(row.iter().map(|&mass| {
+                sum += f64::from(mass);
+                sum as f32
+            }));
+            total += sum;
+            total as f32
         };
         let row_sums = masses.chunks_exact(COLUMNS).map(row_sum).collect();
-        Self { masses, row_sums }
+        Self { sums, row_sums }
     }
 
     /// A point of X and its density over X for two uniform numbers. The table is not empty.
     fn draw(&self, u: f32, v: f32) -> (Vec2, f32) {
-        let total = self.row_sums[ROWS - 1];
-        let wanted = f64::from(v) * total;
-        let row = self.row_sums.partition_point(|&sum| sum <= wanted).min(ROWS - 1);
-        let below = if row == 0 { 0.0 } else { self.row_sums[row - 1] };
-        let row_mass = self.row_sums[row] - below;
-        let masses = &self.masses[row * COLUMNS..(row + 1) * COLUMNS];
-        let mut rest = f64::from(u) * row_mass;
-        let mut column = masses.iter().rposition(|&mass| mass > 0.0).unwrap_or(0);
-        for (index, &mass) in masses.iter().enumerate() {
-            if rest < f64::from(mass) {
-                column = index;
-                break;
-            }
-            rest -= f64::from(mass);
-        }
-        let mass = f64::from(masses[column]);
-        let within_row = ((wanted - below) / row_mass).clamp(0.0, 1.0) as f32;
-        let within_column = (rest / mass).clamp(0.0, 1.0) as f32;
+        let (row, within_row) = invert_running_sums(&self.row_sums, v);
+        let sums = &self.sums[row * COLUMNS..][..COLUMNS];
+        let (column, within_column) = invert_running_sums(sums, u);
         let x = Vec2::new((column as f32 + within_column) / COLUMNS as f32, (row as f32 + within_row) / ROWS as f32);
-        (x, (mass / total) as f32 * (ROWS * COLUMNS) as f32)
+        (x, share_of(&self.row_sums, row) * share_of(sums, column))
     }
+}
+
+/// How many times as often as an even share a cell of running sums is drawn.
+fn share_of(sums: &[f32], cell: usize) -> f32 {
+    let before = if cell == 0 { 0.0 } else { sums[cell - 1] };
+    (sums[cell] - before) / sums[sums.len() - 1] * sums.len() as f32
 }
 
 impl<S: Surface> Target for TabulatedTarget<'_, S> {
@@ -102,8 +102,9 @@ impl<S: Surface> Target for TabulatedTarget<'_, S> {
     /// All points are drawn from the table, and the table is the target: every point weighs the same.
     fn place(&self, condition: &[f32], _: BatchShape, place: PlacedPoints<'_>) -> Result<()> {
         let surface = self.product.surface();
-        let mass = |(direction, light): &(Vec3A, f32)| light * surface.lobe(condition, *direction);
-        let table = Table::new(self.cells.iter().map(mass).collect());
+        let mut masses = surface.lobes(condition, &self.directions);
+        masses.iter_mut().zip(&self.light).for_each(|(mass, light)| *mass *= light);
+        let table = Table::new(&masses);
         if table.row_sums[ROWS - 1] <= 0.0 {
             return Ok(());
         }

@@ -97,24 +97,12 @@ impl Surface for TexturedSurface {
         condition.copy_from_slice(&head::Condition::encode_texture(wo.into(), n.into(), &material));
     }
 
-    fn lobe(&self, condition: &[f32], wi: Vec3A) -> f32 {
-        self.lobes(condition, &[wi])[0]
-    }
-
     fn lobes(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
         self.points(condition, wi.len()).brdf_cosines(wi).into_iter().map(luminance).collect()
     }
 
-    fn sample(&self, condition: &[f32], u: Vec2) -> Option<Vec3A> {
-        self.samples(condition, &[u])[0]
-    }
-
     fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>> {
         self.points(condition, u.len()).sample_brdf(u).into_iter().map(|drawn| Some(drawn?.0)).collect()
-    }
-
-    fn pdf(&self, condition: &[f32], wi: Vec3A) -> f32 {
-        self.pdfs(condition, &[wi])[0]
     }
 
     fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
@@ -175,8 +163,8 @@ mod tests {
             let apart = seen[0].iter().zip(&condition[MATERIAL..]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(apart < 1e-5, "{apart}");
             let u = stream.uniform2();
-            let Some(wi) = surface.sample(&condition, u) else { continue };
-            assert!(surface.pdf(&condition, wi) > 0.0 && surface.lobe(&condition, wi) >= 0.0);
+            let Some(wi) = surface.samples(&condition, &[u])[0] else { continue };
+            assert!(surface.pdfs(&condition, &[wi])[0] > 0.0 && surface.lobes(&condition, &[wi])[0] >= 0.0);
         }
         assert!(on_cloth > 210 && beside > 20, "{on_cloth} {beside}");
     }

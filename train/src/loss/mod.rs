@@ -4,7 +4,7 @@ mod in_graph;
 #[cfg(test)]
 mod tests;
 
-use headtail_model::head::{SELECTION_FLOOR, share_of_logit};
+use headtail_model::head::{SHARE_FLOOR, share_of_logit};
 use headtail_render::statistics::relative_variance_of_log_moment;
 use serde::{Deserialize, Serialize};
 
@@ -265,7 +265,7 @@ struct Mixture {
 impl Mixture {
     fn new(logit: f32) -> Self {
         let share = share_of_logit(logit);
-        let floor = SELECTION_FLOOR;
+        let floor = SHARE_FLOOR;
         Self { share, d_logit: (share - floor) * (1.0 - floor - share) / (1.0 - 2.0 * floor) }
     }
 

@@ -96,7 +96,7 @@ fn derivatives_are_those_of_central_differences() {
             }
             if let Some(logit) = logit {
                 let at = |step: f32| evaluate(objective, &POINTS, &LOG_Q, Some(logit + step)).0;
-                close(d_share, at(0.02), at(-0.02), "selection");
+                close(d_share, at(0.02), at(-0.02), "share");
                 assert!(d_share.abs() > 1e-3, "{d_share} tests nothing");
             } else {
                 assert_eq!(d_share, 0.0);
