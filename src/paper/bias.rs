@@ -16,7 +16,7 @@ use headtail_train::Material;
 
 use super::{
     Workshop,
-    figure::{Panel, heading, legend, note, strip},
+    figure::{Layout, Panel, Strip, heading, note},
     part::Made,
     scenes::baked,
     shot::{Errors, IN_SHADOW, Shot, Truth},
@@ -67,7 +67,8 @@ pub fn bias(workshop: &Workshop) -> Result<Made> {
         escape(environment.name()),
         4 * spp,
     ));
-    made.html += &(strip("fits", &panels) + &legend(scale, "absolute error of the mask"));
+    let scales = vec![(scale, "absolute error of the mask")];
+    made.strip("bias", &Strip { layout: Layout::Four, panels, scales })?;
     made.table("mask-bias", &["sampler, form", "mean error in shadow", "root mean square"], rows);
     Ok(made)
 }

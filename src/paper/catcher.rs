@@ -14,7 +14,7 @@ use headtail_train::Material;
 use super::{
     Workshop,
     bias::bias,
-    figure::{Panel, heading, note, strip},
+    figure::{Layout, Panel, Strip, heading, note},
     part::{Made, Part},
     passes,
     shot::{Shot, size},
@@ -60,14 +60,12 @@ fn composite(workshop: &Workshop, index: usize) -> Result<Made> {
     let layers = Layers::new(&film, &mask, &shot.photograph, Vec3A::ONE, true);
     let stops = automatic_exposure(&shot.photograph.image) + 0.5;
     let mut made = Made::of(heading(&format!("{} under {}", shot.name, shot.environment.name())));
-    made.html += &strip(
-        "wide",
-        &[
-            Panel::new(&encode_png(&shot.photograph.image, stops)?, "photograph", ""),
-            Panel::new(&encode_png(&layers.composite(), stops)?, "composite", format!("{SHOWN} spp")),
-            Panel::new(&codes(&layers.shadow)?, "mask", format!("{SHOWN} spp")),
-        ],
-    );
+    let panels = vec![
+        Panel::new(&encode_png(&shot.photograph.image, stops)?, "photograph", ""),
+        Panel::new(&encode_png(&layers.composite(), stops)?, "composite", format!("{SHOWN} spp")),
+        Panel::new(&codes(&layers.shadow)?, "mask", format!("{SHOWN} spp")),
+    ];
+    made.strip(&format!("composite-{index}"), &Strip { layout: Layout::Wide, panels, scales: Vec::new() })?;
     passes::compare(workshop, &shot, &backdrop, &mut made)?;
     Ok(made)
 }
@@ -118,19 +116,14 @@ fn mesh(workshop: &Workshop) -> Result<Made> {
         "The photograph is a rendering of the {} under direct light; it is the catcher as it is, a mesh that shadows itself. What the composite should be is a rendering of both.",
         escape(&view.name)
     ));
-    made.html += &strip(
-        "fits",
-        &[
-            Panel::new(
-                &encode_png(&shot.photograph.image, stops)?,
-                "photograph",
-                format!("{} spp", workshop.effort.mask_spp),
-            ),
-            Panel::new(&encode_png(&composite, stops)?, "composite", format!("{SHOWN} spp, MSE {}", text(mse))),
-            Panel::new(&codes(&layers.shadow)?, "mask", ""),
-            Panel::new(&encode_png(&after, stops)?, "rendering of both", format!("{} spp", workshop.effort.mask_spp)),
-        ],
-    );
+    let spp = format!("{} spp", workshop.effort.mask_spp);
+    let panels = vec![
+        Panel::new(&encode_png(&shot.photograph.image, stops)?, "photograph", spp.clone()),
+        Panel::new(&encode_png(&composite, stops)?, "composite", format!("{SHOWN} spp, MSE {}", text(mse))),
+        Panel::new(&codes(&layers.shadow)?, "mask", ""),
+        Panel::new(&encode_png(&after, stops)?, "rendering of both", spp),
+    ];
+    made.strip("composite-mesh", &Strip { layout: Layout::Four, panels, scales: Vec::new() })?;
     passes::compare(workshop, &shot, &backdrop, &mut made)?;
     Ok(made)
 }

@@ -16,7 +16,7 @@ use super::{
     Workshop,
     data::View,
     densities::{self, Models, Surface, with_cross},
-    figure::{Panel, note, strip},
+    figure::{Layout, Panel, Strip, note},
     measure::{Bench, Entry, EqualTime, mean},
     part::Made,
 };
@@ -75,20 +75,23 @@ pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<
         vec![Panel::new(&reference, "reference", format!("{} spp", workshop.effort.reference_spp)), whole(0)?];
     panels.extend(middle.map(&whole).transpose()?);
     panels.push(whole(entries.len() - 1)?);
-    made.html += &strip(if panels.len() > 3 { "fits" } else { "wide" }, &panels);
+    let stem = stem(subject);
+    let layout = if panels.len() > 3 { Layout::Four } else { Layout::Wide };
+    made.strip(&format!("pictures-{stem}"), &Strip { layout, panels, scales: Vec::new() })?;
     made.html +=
         &note(&format!("The square at {SHOWN} samples per pixel; errors are of the whole picture and of the square."));
     let errors: Vec<f64> = entries.iter().map(|entry| mean(&rows, &entry.name, SHOWN).0).collect();
     let captions: Vec<String> =
         errors.iter().map(|mse| format!("MSE {}, {}\u{d7}", text(*mse), times(errors[0] / mse))).collect();
-    made.html += &crops(&bench, crop, entries, &images.iter().collect::<Vec<_>>(), &captions)?;
+    let squares = crops(&bench, crop, entries, &images.iter().collect::<Vec<_>>(), &captions)?;
+    made.strip(&format!("squares-{stem}"), &squares)?;
     made.html += &note("The same square in equal time: each takes the time of the slowest at 4 samples per pixel.");
     let captions: Vec<String> = equal
         .iter()
         .map(|own| format!("{} spp, MSE {}, {}\u{d7}", own.spp, text(own.mse), times(equal[0].mse / own.mse)))
         .collect();
-    made.html += &crops(&bench, crop, entries, &equal.iter().map(|own| &own.image).collect::<Vec<_>>(), &captions)?;
-    let stem = stem(subject);
+    let squares = crops(&bench, crop, entries, &equal.iter().map(|own| &own.image).collect::<Vec<_>>(), &captions)?;
+    made.strip(&format!("squares-{stem}-equal-time"), &squares)?;
     made.table(
         &format!("numbers-{stem}"),
         &[
@@ -117,7 +120,13 @@ pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<
     let models =
         Models { head: heads.map(|[head, _]| head), naive: heads.map(|[_, naive]| naive), samplers: &samplers };
     let at = Surface { point: &surface, brdfs: bench.scene().brdfs() };
-    let divergences = densities::row(&mut made, workshop.effort.density_rows, light.tail(), at, models)?;
+    let divergences = densities::row(
+        (&mut made, &format!("densities-{stem}")),
+        workshop.effort.density_rows,
+        light.tail(),
+        at,
+        models,
+    )?;
     let names: Vec<&str> =
         std::iter::once("KL in nats").chain(divergences.iter().map(|(name, _)| name.as_str())).collect();
     made.figures(&format!("densities-{stem}"), &names, &[densities::line("green cross", &divergences)]);
@@ -131,13 +140,19 @@ fn stem(subject: &Subject) -> String {
 }
 
 /// The same square of the reference and of pictures, with what stands under them and their own error.
-fn crops(bench: &Bench<'_>, crop: Crop, entries: &[Entry], images: &[&Image], captions: &[String]) -> Result<String> {
+fn crops(
+    bench: &Bench<'_>,
+    crop: Crop,
+    entries: &[Entry],
+    images: &[&Image],
+    captions: &[String],
+) -> Result<Strip<'static>> {
     let mut panels = vec![Panel::new(&crop.png(&bench.reference, bench.exposure)?, "reference", "")];
     for ((entry, image), caption) in entries.iter().zip(images).zip(captions) {
         let note = format!("{caption}, square {}", text(crop.error(image, &bench.reference, &bench.measured)));
         panels.push(Panel::new(&crop.png(image, bench.exposure)?, entry.name.as_str(), note));
     }
-    Ok(strip("crops", &panels))
+    Ok(Strip { layout: Layout::Crops, panels, scales: Vec::new() })
 }
 
 /// Errors at the shown number of samples, and at equal time.

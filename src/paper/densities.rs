@@ -16,7 +16,7 @@ use headtail_render::{
 };
 
 use super::{
-    figure::{Panel, legends, strip},
+    figure::{Layout, Panel, Strip},
     part::Made,
 };
 use crate::report::{
@@ -147,9 +147,9 @@ pub struct Models<'a> {
     pub samplers: &'a [(&'a str, &'a dyn Sampler)],
 }
 
-/// A row of pictures with its scales: the target, and what comes near to it. Returns the divergences from the target in nats, by name.
+/// A row of pictures with its scales, and what its files are called: the target, and what comes near to it. Returns the divergences from the target in nats, by name.
 pub fn row(
-    made: &mut Made,
+    (made, name): (&mut Made, &str),
     rows: usize,
     tail: &Tail,
     at: Surface<'_>,
@@ -189,7 +189,8 @@ pub fn row(
         panels.push(Panel::new(&marked(&grid, scale, &density, shown)?, name, format!("KL {}", text(kl))));
         divergences.push((name.to_owned(), kl));
     }
-    made.html += &(strip(if panels.len() > 4 { "five" } else { "fits" }, &panels) + &legends(&scales));
+    let layout = if panels.len() > 4 { Layout::Five } else { Layout::Four };
+    made.strip(name, &Strip { layout, panels, scales })?;
     Ok(divergences)
 }
 

@@ -1,8 +1,15 @@
 //! Parts of figures: rows of pictures, and what their colours mean.
 
+use anyhow::Result;
+use headtail_render::image::encode_png_rgb8;
 use maud::html;
 
-use crate::report::{chart::Scale, colours::DENSITY, picture::data_address};
+use crate::report::{
+    chart::{Scale, wrap},
+    colours::DENSITY,
+    picture::data_address,
+    vector::Drawing,
+};
 
 /// What figures need beyond the style of all pages.
 pub const STYLE: &str = include_str!("figure.css");
@@ -10,54 +17,150 @@ pub const STYLE: &str = include_str!("figure.css");
 /// A picture with what stands under it.
 pub struct Panel {
     /// A `data:` address.
-    pub address: String,
+    address: String,
     /// Its name.
-    pub name: String,
+    name: String,
     /// A figure or two; may be empty.
-    pub note: String,
+    note: String,
+    /// Columns over rows.
+    aspect: f64,
 }
 
 impl Panel {
     /// A panel.
     pub fn new(png: &[u8], name: impl Into<String>, note: impl Into<String>) -> Self {
-        Self { address: data_address(png), name: name.into(), note: note.into() }
+        // Width and height stand at the beginning of a PNG.
+        let size =
+            |at: usize| png.get(at..at + 4).map_or(1.0, |b| f64::from(u32::from_be_bytes([b[0], b[1], b[2], b[3]])));
+        Self { address: data_address(png), name: name.into(), note: note.into(), aspect: size(16) / size(20) }
     }
 }
 
-/// Panels side by side.
-pub fn strip(class: &str, panels: &[Panel]) -> String {
-    let strip = html! {
-        div.figure.(class) {
-            @for panel in panels {
-                figure.card {
-                    img src=(panel.address) alt=(panel.name);
-                    figcaption { b { (panel.name) } @if !panel.note.is_empty() { span.number { (panel.note) } } }
-                }
-            }
-        }
-    };
-    strip.into_string()
+/// How a row of pictures lies.
+#[derive(Clone, Copy)]
+pub enum Layout {
+    /// Four side by side.
+    Four,
+    /// Five side by side.
+    Five,
+    /// As many as there are.
+    Wide,
+    /// Small ones, their pixels to be seen.
+    Crops,
 }
 
-/// What the colours of a scale mean.
-pub fn legend(scale: Scale, of: &str) -> String {
-    legends(&[(scale, of)])
+impl Layout {
+    fn class(self) -> &'static str {
+        match self {
+            Self::Four => "fits",
+            Self::Five => "five",
+            Self::Wide => "wide",
+            Self::Crops => "crops",
+        }
+    }
+
+    fn columns(self, panels: usize) -> usize {
+        let most = match self {
+            Self::Four => 4,
+            Self::Five => 5,
+            Self::Wide => panels,
+            Self::Crops => 6,
+        };
+        most.min(panels).max(1)
+    }
 }
 
-/// What the colours of several scales mean, side by side.
-pub fn legends(scales: &[(Scale, &str)]) -> String {
-    let legends = html! {
-        div.legends {
-            @for (scale, of) in scales {
-                div.legend {
-                    p { (of) }
-                    div.gradient style={ "background:" (DENSITY.gradient()) } {}
-                    div.colour-ticks { @for tick in scale.ticks() { span { (tick) } } }
+/// Pictures side by side, with what their colours mean.
+pub struct Strip<'a> {
+    /// How they lie.
+    pub layout: Layout,
+    /// The pictures.
+    pub panels: Vec<Panel>,
+    /// What the colours of scales mean; empty for pictures as they are seen.
+    pub scales: Vec<(Scale, &'a str)>,
+}
+
+/// Width of the drawing of a strip.
+const WIDTH: f64 = 1000.0;
+/// Between pictures.
+const GAP: f64 = 10.0;
+/// Between lines of text.
+const LINE: f64 = 16.0;
+/// Width of a letter.
+const LETTER: f64 = 7.4;
+/// Width of what says what colours mean.
+const LEGEND: f64 = 260.0;
+
+impl Strip<'_> {
+    /// As a part of the page.
+    pub fn html(&self) -> String {
+        let strip = html! {
+            div.figure.(self.layout.class()) {
+                @for panel in &self.panels {
+                    figure.card {
+                        img src=(panel.address) alt=(panel.name);
+                        figcaption { b { (panel.name) } @if !panel.note.is_empty() { span.number { (panel.note) } } }
+                    }
                 }
             }
+            @if !self.scales.is_empty() {
+                div.legends {
+                    @for (scale, of) in &self.scales {
+                        div.legend {
+                            p { (of) }
+                            div.gradient style={ "background:" (DENSITY.gradient()) } {}
+                            div.colour-ticks { @for tick in scale.ticks() { span { (tick) } } }
+                        }
+                    }
+                }
+            }
+        };
+        strip.into_string()
+    }
+
+    /// As a drawing of its own.
+    ///
+    /// # Errors
+    /// If a picture cannot be encoded.
+    pub fn drawing(&self) -> Result<Drawing> {
+        let columns = self.layout.columns(self.panels.len());
+        let width = (WIDTH + GAP) / columns as f64 - GAP;
+        let letters = (width / LETTER) as usize;
+        let lines = |words: &str| if words.is_empty() { Vec::new() } else { wrap(words, letters) };
+        let text = |panel: &Panel| [lines(&panel.name), lines(&panel.note)];
+        let height_of = |panel: &Panel| width / panel.aspect + LINE * text(panel).concat().len() as f64 + 14.0;
+        let rows: Vec<&[Panel]> = self.panels.chunks(columns).collect();
+        let heights: Vec<f64> = rows.iter().map(|row| row.iter().map(height_of).fold(0.0, f64::max)).collect();
+        let legends = if self.scales.is_empty() { 0.0 } else { 60.0 };
+        let names: Vec<&str> = self.panels.iter().map(|panel| panel.name.as_str()).collect();
+        let size = (WIDTH, heights.iter().sum::<f64>() + legends);
+        let mut drawing = Drawing::new("strip", size, names.join(", "));
+        let mut top = 0.0;
+        for (row, height) in rows.into_iter().zip(heights) {
+            for (k, panel) in row.iter().enumerate() {
+                let left = k as f64 * (width + GAP);
+                drawing.picture(&panel.address, (left, top), (width, width / panel.aspect));
+                let mut y = top + width / panel.aspect + LINE;
+                for (class, lines) in ["heading", "label"].into_iter().zip(text(panel)) {
+                    for line in lines {
+                        drawing.text(class, "start", (left, y), line.trim_end());
+                        y += LINE;
+                    }
+                }
+            }
+            top += height;
         }
-    };
-    legends.into_string()
+        let gradient = data_address(&encode_png_rgb8(128, 1, &DENSITY.ramp(128))?);
+        for (k, (scale, of)) in self.scales.iter().enumerate() {
+            let left = k as f64 * (LEGEND + 30.0);
+            drawing.text("small", "start", (left, top + 14.0), of);
+            drawing.picture(&gradient, (left, top + 20.0), (LEGEND, 10.0));
+            for (place, (anchor, tick)) in ["start", "middle", "end"].into_iter().zip(scale.ticks()).enumerate() {
+                drawing.text("tick", anchor, (left + 0.5 * LEGEND * place as f64, top + 46.0), &tick);
+            }
+        }
+        Ok(drawing)
+    }
 }
 
 /// The title of a part of a section.
@@ -68,4 +171,31 @@ pub fn heading(title: &str) -> String {
 /// A paragraph; `text` is HTML.
 pub fn note(text: &str) -> String {
     format!("<p class=\"note\">{text}</p>\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::pdf::pdf;
+
+    #[test]
+    fn a_row_of_pictures_is_a_drawing_with_all_that_the_page_says() {
+        let values = [1.0, 0.1, 0.01, 0.5];
+        let scale = Scale { top: 1.0, decades: 2.0 };
+        let panel = |name: &str| {
+            Panel::new(&scale.png(&values, 4).unwrap(), name, "KL 0.02 <nats>, and more that takes a second line")
+        };
+        let names = ["target", "intermediate", "final", "naive", "another"];
+        let strip = Strip { layout: Layout::Four, panels: names.map(panel).into(), scales: vec![(scale, "density")] };
+        assert_eq!(strip.panels[0].aspect, 4.0);
+        let file = strip.drawing().unwrap().file();
+        assert_eq!(file.matches("<image ").count(), 6, "five pictures and the colours");
+        assert!(names.iter().all(|name| file.contains(&format!(">{name}<"))));
+        assert!(
+            file.contains("KL 0.02 &lt;nats&gt;,") && file.contains(">second line<") && file.contains(">0.0100<"),
+            "{file}"
+        );
+        assert!(pdf(&file).unwrap().starts_with(b"%PDF"));
+        assert_eq!(strip.html().matches("<img ").count(), 5);
+    }
 }

@@ -61,17 +61,23 @@ fn fit(workshop: &Workshop, index: usize, material: Material) -> Result<Made> {
     let naive = workshop.heads.naive_of(environment, material)?;
     let name = short_name(material);
     let mut made = Made::of(heading(&format!("{} \u{b7} {name}", environment.name())));
+    let stem = format!("fit-{}-{}", environment.name(), name.replace(|c: char| !c.is_ascii_alphanumeric(), "-"));
     let mut random = Stream::new(index as u64, Purpose::Test, 0);
     let mut lines = Vec::new();
     for letter in ["A", "B"] {
         let (point, brdfs) = condition(material, &mut random)?;
         let at = Surface { point: &point, brdfs: &brdfs };
         let models = Models { head: Some(&head), naive: Some(&naive), samplers: &[] };
-        let divergences = densities::row(&mut made, workshop.effort.density_rows, &light.tail, at, models)?;
+        let divergences = densities::row(
+            (&mut made, &format!("{stem}-{letter}")),
+            workshop.effort.density_rows,
+            &light.tail,
+            at,
+            models,
+        )?;
         lines.push(densities::line(format!("condition {letter}"), &divergences));
     }
-    let table = format!("fit-{}-{}", environment.name(), name.replace(|c: char| !c.is_ascii_alphanumeric(), "-"));
-    made.figures(&table, &["KL in nats", "final", "naive"], &lines);
+    made.figures(&stem, &["KL in nats", "final", "naive"], &lines);
     Ok(made)
 }
 

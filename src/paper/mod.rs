@@ -166,6 +166,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let bar = progress::bar(costs.iter().sum(), "paper");
     let path = output.file("paper.html")?;
     let write = |page: &Page| file::replace(&path, page.encode(&workshop).as_bytes());
+    let draw = |kept: &Kept| kept.made.drawings.iter().try_for_each(|drawing| drawing.write(&arguments.out));
+    page.kept.iter().flatten().flatten().try_for_each(draw)?;
     write(&page)?;
     for (&(k, j), cost) in missing.iter().zip(costs) {
         let (section, part) = (&page.sections[k], &page.sections[k].parts[j]);
@@ -175,6 +177,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         // A signal cuts renderings short: what came of them is no figure.
         workshop.check()?;
         kept.write(&folder, section.name, &part.name)?;
+        draw(&kept)?;
         note!("{name}: {}", duration(kept.seconds));
         page.kept[k][j] = Some(kept);
         write(&page)?;

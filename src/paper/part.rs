@@ -8,11 +8,18 @@ use std::{
 
 use anyhow::{Context, Result};
 use headtail_render::file;
+use maud::html;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::Workshop;
-use crate::report::table::{Cell, Column, Table};
+use super::{Workshop, figure::Strip};
+use crate::{
+    output::make_folder,
+    report::{
+        pdf::pdf,
+        table::{Cell, Column, Table},
+    },
+};
 
 /// What makes a part.
 type Make = Box<dyn Fn(&Workshop) -> Result<Made>>;
@@ -50,6 +57,37 @@ pub struct Made {
     pub html: String,
     /// The same in figures.
     pub tables: Vec<Figures>,
+    /// Its rows of pictures.
+    #[serde(default)]
+    pub drawings: Vec<SavedDrawing>,
+}
+
+/// A drawing, to be saved beside the page.
+#[derive(Serialize, Deserialize)]
+pub struct SavedDrawing {
+    /// What its files are called.
+    name: String,
+    svg: String,
+}
+
+/// The folder of drawings, beside the page.
+const FIGURES: &str = "figures";
+
+impl SavedDrawing {
+    /// Writes it as SVG and as PDF into a folder of its own in `out`, unless it is there.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write(&self, out: &Path) -> Result<()> {
+        let folder = out.join(FIGURES);
+        make_folder(&folder)?;
+        let path = folder.join(&self.name);
+        if fs::read(path.with_extension("svg")).is_ok_and(|own| own == self.svg.as_bytes()) {
+            return Ok(());
+        }
+        file::replace(&path.with_extension("pdf"), &pdf(&self.svg)?)?;
+        Ok(file::replace(&path.with_extension("svg"), self.svg.as_bytes())?)
+    }
 }
 
 /// A table as data.
@@ -62,7 +100,27 @@ pub struct Figures {
 impl Made {
     /// What is shown without figures.
     pub fn of(html: String) -> Self {
-        Self { html, tables: Vec::new() }
+        Self { html, ..Self::default() }
+    }
+
+    /// Adds pictures side by side, with links to their files of this name.
+    ///
+    /// # Errors
+    /// If a picture cannot be encoded.
+    pub fn strip(&mut self, name: &str, strip: &Strip<'_>) -> Result<()> {
+        let name = name.replace(|c: char| !(c.is_ascii_alphanumeric() || "-_".contains(c)), "-");
+        let saved = html! {
+            p.save {
+                "Save "
+                @for extension in ["svg", "pdf"] {
+                    @let (path, words) = (format!("{FIGURES}/{name}.{extension}"), extension.to_uppercase());
+                    a download href=(path) aria-label={ "Save " (name) " as " (words) } { (words) } " "
+                }
+            }
+        };
+        self.html += &(strip.html() + &saved.into_string());
+        self.drawings.push(SavedDrawing { name, svg: strip.drawing()?.file() });
+        Ok(())
     }
 
     /// Adds figures that are shown otherwise: the first column words, all others numbers.

@@ -20,7 +20,7 @@ use super::{
     Workshop,
     comparison::{Subject, compare},
     densities::Densities,
-    figure::{Panel, heading, legend, strip},
+    figure::{Layout, Panel, Strip, heading},
     measure::Entry,
     part::{Made, Part},
 };
@@ -126,7 +126,8 @@ fn intermediate(workshop: &Workshop) -> Result<Made> {
             panels.push(Panel::new(&scale.png(&density, columns)?, format!("{name}: baked {side}\u{d7}{side}"), note));
             line.push(Cell::number(kl));
         }
-        made.html += &(strip("fits", &panels) + &legend(scale, "density over the square Y"));
+        let scales = vec![(scale, "density over the square Y")];
+        made.strip(&format!("intermediate-{name}"), &Strip { layout: Layout::Four, panels, scales })?;
         lines.push(line);
     }
     made.figures("intermediate", &["KL from the head in nats", "baked 8\u{d7}8", "baked 32\u{d7}32"], &lines);

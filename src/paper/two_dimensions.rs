@@ -22,7 +22,7 @@ use headtail_train::{
 use super::{
     Workshop,
     densities::Densities,
-    figure::{Panel, legends, strip},
+    figure::{Layout, Panel, Strip},
     fits::weights,
     part::{Made, Part},
 };
@@ -106,7 +106,7 @@ fn example(workshop: &Workshop) -> Result<Made> {
 
     let grid = Densities::new(workshop.effort.density_rows);
     let first = grid.normalized(grid.points.iter().map(|&x| tail.light().density(x)));
-    let mut html = format!(
+    let mut made = Made::of(format!(
         "<p class=\"note\">An image as the density p1 of the tail, times a Gaussian p2 whose centre is the condition. Both fits have {} weights and {} steps. \
          Over the validation set the divergence from the product is {} nats with the tail (before training {}), and {} nats without ({}). \
          <span class=\"paper\">The paper: \u{201c}a poor result\u{201d} without the tail, \u{201c}a near-perfect fit with an equal number of NF parameters\u{201d} with it.</span></p>\n",
@@ -116,7 +116,7 @@ fn example(workshop: &Workshop) -> Result<Made> {
         text(summary.initial.kl),
         text(naive_summary.divergence.kl),
         text(naive_summary.initial.kl),
-    );
+    ));
     let mut lines = Vec::new();
     for centre in [Vec2::new(0.42, 0.55), Vec2::new(0.62, 0.4)] {
         let condition = encode(centre);
@@ -132,8 +132,11 @@ fn example(workshop: &Workshop) -> Result<Made> {
             Panel::new(&scale.png(&alone, columns)?, "naive fit", format!("KL {}", text(grid.kl(&product, &alone)))),
             Panel::new(&scale.png(&ours, columns)?, "our fit", format!("KL {}", text(grid.kl(&product, &ours)))),
         ];
-        html += &(strip("five", &panels)
-            + &legends(&[(scale, "density over the square"), (own, "density of the image p1")]));
+        let scales = vec![(scale, "density over the square"), (own, "density of the image p1")];
+        made.strip(
+            &format!("example-{}", lines.len() + 1),
+            &Strip { layout: Layout::Five, panels: panels.into(), scales },
+        )?;
         let divergences = [&alone, &ours].map(|density| Cell::number(grid.kl(&product, density)));
         lines.push(
             std::iter::once(Cell::text(format!("centre {:.2}, {:.2}", centre.x, centre.y)))
@@ -141,7 +144,6 @@ fn example(workshop: &Workshop) -> Result<Made> {
                 .collect(),
         );
     }
-    let mut made = Made::of(html);
     lines.push(vec![
         Cell::text("all centres (validation set)"),
         Cell::number(naive_summary.divergence.kl),

@@ -40,6 +40,11 @@ impl Colours {
         std::array::from_fn(|c| (f64::from(a[c]) + t * (f64::from(b[c]) - f64::from(a[c]))).round() as u8)
     }
 
+    /// So many colours from one end to the other, as the pixels of a row.
+    pub fn ramp(&self, count: u32) -> Vec<[u8; 3]> {
+        (0..count).map(|k| self.at(f64::from(k) / f64::from(count - 1))).collect()
+    }
+
     /// As CSS, `#rrggbb`, each with its place.
     pub fn stops(&self) -> impl Iterator<Item = (f64, String)> {
         let last = (self.0.len() - 1) as f64;

@@ -160,8 +160,7 @@ fn sides(drawing: &mut Drawing, sides: Sides, (left, top): (f64, f64), (width, h
 }
 
 fn gradient(colours: &Colours) -> Result<String> {
-    let pixels: Vec<[u8; 3]> = (0..128).map(|k| colours.at(f64::from(k) / 127.0)).collect();
-    Ok(data_address(&encode_png_rgb8(128, 1, &pixels)?))
+    Ok(data_address(&encode_png_rgb8(128, 1, &colours.ramp(128))?))
 }
 
 #[cfg(test)]

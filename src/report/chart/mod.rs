@@ -16,6 +16,7 @@ mod spots;
 pub use bars::{comparisons, ratio_bars};
 pub use curves::{Curve, curves};
 pub use densities::{Panel, Scale, Sides, densities};
+pub use legend::wrap;
 pub use lines::error_over_time;
 pub use matrix::{Cell, Matrix, matrix};
 pub use settings::{Bar, effects, shares};
