@@ -3,7 +3,7 @@
 // The share of samples to draw here, beside sampling the BSDF: what the head has learned is a factor of the odds of patches.
 fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
     let share = headtail_share_by_width(lobes);
-    if (HEADTAIL_HEAD_SELECTION_LAYERS == 0u) { return share; }
+    if (HEADTAIL_HEAD_SHARE_LAYERS == 0u) { return share; }
     let inside = clamp((share - 0.02) / 0.96, 1e-3, 1.0 - 1e-3);
     return headtail_head_share(n, wo, lobes.w, headtail_ln(inside / (1.0 - inside)));
 }

@@ -2,7 +2,7 @@
 
 // The share of samples to draw here, beside sampling the BSDF: what the head has learned, or one half.
 fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
-    if (HEADTAIL_HEAD_SELECTION_LAYERS == 0u) { return 0.5; }
+    if (HEADTAIL_HEAD_SHARE_LAYERS == 0u) { return 0.5; }
     return headtail_head_share(n, wo, lobes.w, 0.0);
 }
 

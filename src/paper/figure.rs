@@ -192,7 +192,9 @@ mod tests {
         assert_eq!(file.matches("<image ").count(), 6, "five pictures and the colours");
         assert!(names.iter().all(|name| file.contains(&format!(">{name}<"))));
         assert!(
-            file.contains("KL 0.02 &lt;nats&gt;,") && file.contains(">second line<") && file.contains(">0.0100<"),
+            file.contains("KL 0.02 &lt;nats&gt;,")
+                && file.contains(">takes a second line<")
+                && file.contains(">0.0100<"),
             "{file}"
         );
         assert!(pdf(&file).unwrap().starts_with(b"%PDF"));

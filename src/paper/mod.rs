@@ -149,6 +149,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let output = OutputFolder::take_for(&arguments.out, &["paper.html"], request)?;
     let folder = arguments.out.join("sections");
     make_folder(&folder)?;
+    Kept::remove_others(&folder, &arguments.out, &stamp)?;
     let stop = progress::stop_flag()?;
     let heads = Heads::new(&arguments.out.join("heads"), effort, stop.clone())?;
     let workshop = Workshop { data, effort, heads, stop };

@@ -14,7 +14,7 @@ use serde_json::{Map, Value};
 
 use super::{Workshop, figure::Strip};
 use crate::{
-    output::make_folder,
+    output::{make_folder, remove_kept},
     report::{
         pdf::pdf,
         table::{Cell, Column, Table},
@@ -74,6 +74,14 @@ pub struct SavedDrawing {
 const FIGURES: &str = "figures";
 
 impl SavedDrawing {
+    /// Removes its files.
+    fn remove(&self, out: &Path) -> Result<()> {
+        // Only names, so that a file from elsewhere cannot lead out of the folder.
+        let name = Path::new(&self.name).file_name().unwrap_or_default();
+        let path = out.join(FIGURES).join(name);
+        ["svg", "pdf"].into_iter().try_for_each(|extension| remove_kept(&path.with_extension(extension)))
+    }
+
     /// Writes it as SVG and as PDF into a folder of its own in `out`, unless it is there.
     ///
     /// # Errors
@@ -81,7 +89,7 @@ impl SavedDrawing {
     pub fn write(&self, out: &Path) -> Result<()> {
         let folder = out.join(FIGURES);
         make_folder(&folder)?;
-        let path = folder.join(&self.name);
+        let path = folder.join(Path::new(&self.name).file_name().unwrap_or_default());
         if fs::read(path.with_extension("svg")).is_ok_and(|own| own == self.svg.as_bytes()) {
             return Ok(());
         }
@@ -159,6 +167,21 @@ impl Kept {
         folder.join(format!("{section}--{name}.json"))
     }
 
+    /// Removes parts of other data or of another effort, and their figures in `out`: those of this one take their place.
+    ///
+    /// # Errors
+    /// If a file cannot be removed.
+    pub fn remove_others(folder: &Path, out: &Path, stamp: &str) -> Result<()> {
+        for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())? {
+            let path = entry.with_context(|| folder.display().to_string())?.path();
+            let kept: Option<Self> = fs::read(&path).ok().and_then(|text| serde_json::from_slice(&text).ok());
+            let Some(kept) = kept.filter(|kept| kept.stamp != stamp) else { continue };
+            kept.made.drawings.iter().try_for_each(|drawing| drawing.remove(out))?;
+            remove_kept(&path)?;
+        }
+        Ok(())
+    }
+
     /// A part that was made before with the same stamp.
     pub fn read(folder: &Path, section: &str, part: &str, stamp: &str) -> Option<Self> {
         let kept: Self = serde_json::from_slice(&fs::read(Self::path(folder, section, part)).ok()?).ok()?;
@@ -172,5 +195,39 @@ impl Kept {
     pub fn write(&self, folder: &Path, section: &str, part: &str) -> Result<()> {
         let path = Self::path(folder, section, part);
         file::replace(&path, &serde_json::to_vec(self)?).with_context(|| format!("{}", path.display()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::vector::Drawing;
+
+    #[test]
+    fn parts_of_other_data_go_with_their_figures() {
+        let out = tempfile::tempdir().unwrap();
+        let folder = out.path().join("sections");
+        make_folder(&folder).unwrap();
+        let svg = || Drawing::new("none", (9.0, 9.0), "").file();
+        let drawing = |name: &str| SavedDrawing { name: name.to_owned(), svg: svg() };
+        let kept = |stamp: &str, name: &str| {
+            let made = Made { drawings: vec![drawing(name)], ..Made::default() };
+            Kept { stamp: stamp.into(), seconds: 1.0, made }
+        };
+        for (stamp, name) in [("old", "one"), ("new", "two")] {
+            let kept = kept(stamp, name);
+            kept.write(&folder, "fits", name).unwrap();
+            kept.made.drawings.iter().try_for_each(|drawing| drawing.write(out.path())).unwrap();
+        }
+        let own = out.path().join("figures/own.svg");
+        fs::write(&own, "of somebody else").unwrap();
+        Kept::remove_others(&folder, out.path(), "new").unwrap();
+        let is_there =
+            |name: &str| ["svg", "pdf"].map(|kind| out.path().join("figures").join(name).with_extension(kind).exists());
+        assert_eq!((is_there("one"), is_there("two")), ([false; 2], [true; 2]));
+        assert!(
+            Kept::read(&folder, "fits", "one", "old").is_none() && Kept::read(&folder, "fits", "two", "new").is_some()
+        );
+        assert!(own.exists());
     }
 }

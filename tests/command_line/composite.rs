@@ -256,8 +256,12 @@ fn an_interrupted_paper_goes_on() {
     assert!(missing.exists() && fs::read_to_string(&done).unwrap() == kept);
     let page = fs::read_to_string(path.join("out/paper.html")).unwrap();
     assert!(page.contains("near-perfect fit") && page.contains("Kept"));
-    // What was finished is not made again.
+    let figure = |extension: &str| path.join("out/figures/example-1").with_extension(extension);
+    assert!(page.contains("href=\"figures/example-1.svg\"") && fs::read(figure("pdf")).unwrap().starts_with(b"%PDF"));
+    // What was finished is not made again; a figure that was lost is.
     let made = fs::metadata(&missing).unwrap().modified().unwrap();
+    fs::remove_file(figure("svg")).unwrap();
     succeed(path, arguments);
+    assert!(fs::read_to_string(figure("svg")).unwrap().contains(">p2: Gaussian<"));
     assert_eq!(fs::metadata(&missing).unwrap().modified().unwrap(), made);
 }

@@ -63,7 +63,11 @@ fn maps_scenes_materials_and_samplers_have_any_names() {
     run(command(path, &render).arg("--env").arg(map).arg("--material").arg(material));
 
     // A script of Slurm is of bytes; in the names of its logs a percent sign begins a number.
-    fs::write(path.join(name(b"\xfc.toml")), "[run]\nenv = \"studio\"\n[axes]\nseed = [1, 2]\n").unwrap();
+    fs::write(
+        path.join(name(b"\xfc.toml")),
+        "objectives = [\"relative_variance\"]\n[run]\nenv = \"studio\"\n[axes]\nseed = [1, 2]\n",
+    )
+    .unwrap();
     run(command(path, "sweep submit --dry-run").arg(name(b"\xfc.toml")).arg("--out").arg(name(b"5%\xfb")));
     let script = fs::read(path.join(name(b"5%\xfb/slurm.sh"))).unwrap();
     let holds = |part: &[u8]| script.windows(part.len()).any(|bytes| bytes == part);

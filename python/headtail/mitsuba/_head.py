@@ -12,7 +12,7 @@ from ._tails import tail_of
 from ._warp import directions, positive, squares
 
 NORMAL, VIEW, WIDTH = 3, 10, 12
-SELECTION_FLOOR = 0.02
+SHARE_FLOOR = 0.02
 
 
 class Head:
@@ -44,7 +44,7 @@ class Head:
     def share(self, seen, prior=0):
         """The learned share of samples beside BSDF sampling, where its logit is added to another one."""
         (logit,) = self.share(seen)
-        return SELECTION_FLOOR + (1 - 2 * SELECTION_FLOOR) / (1 + dr.exp(-logit - prior))
+        return SHARE_FLOOR + (1 - 2 * SHARE_FLOOR) / (1 + dr.exp(-logit - prior))
 
     def elevation_spline(self, seen, u):
         if self.is_coupled:
@@ -121,7 +121,7 @@ class HeadOverPatches:
         share = mi.Float(1) if at.is_diffuse else shares((at.diffuse, at.specular, at.f0, at.alpha))
         if not self.head.has_share:
             return share
-        inside = dr.clip((share - SELECTION_FLOOR) / (1 - 2 * SELECTION_FLOOR), 1e-3, 1 - 1e-3)
+        inside = dr.clip((share - SHARE_FLOOR) / (1 - 2 * SHARE_FLOOR), 1e-3, 1 - 1e-3)
         return self.head.share(seen, dr.log(inside / (1 - inside)))
 
     def sample(self, prepared, z, active=True):
