@@ -29,7 +29,7 @@ class Head:
         for count in (encoder, elevation, azimuth, share):
             parts.append(Network(layers[:count], slope, ends_leaky=not parts, loops=loops))
             layers = layers[count:]
-        self.encoder, self.elevation, self.azimuth, self.share = parts
+        self.encoder, self.elevation, self.azimuth, self.share_network = parts
 
     def prepare(self, at):
         """What the networks see of a shading point: the condition, and what the encoder makes of it."""
@@ -43,7 +43,7 @@ class Head:
 
     def share(self, seen, prior=0):
         """The learned share of samples beside BSDF sampling, where its logit is added to another one."""
-        (logit,) = self.share(seen)
+        (logit,) = self.share_network(seen)
         return SHARE_FLOOR + (1 - 2 * SHARE_FLOOR) / (1 + dr.exp(-logit - prior))
 
     def elevation_spline(self, seen, u):
