@@ -92,21 +92,18 @@ impl Data {
     /// # Errors
     /// A file cannot be read.
     pub fn key(&self) -> Result<String> {
-        let maps = self.maps.iter().map(|name| path_of(name));
-        let others = self.scenes.iter().chain(&self.materials).chain(&self.measured).cloned();
+        let maps: Vec<PathBuf> = self.maps.iter().map(|name| path_of(name)).collect();
         let mut hasher = blake3::Hasher::new();
-        for path in maps.chain(others) {
+        for path in maps.iter().chain(&self.scenes).chain(&self.materials).chain(&self.measured) {
             hasher.update(path.file_name().unwrap_or_default().as_encoded_bytes());
-            // A scene that cannot be read is known by its own bytes: who needs it will say what is wrong with it.
-            if self.scenes.contains(&path)
-                && let Ok(scene) = Scene::load(&path)
-            {
-                hasher.update(scene.content_hash().as_bytes());
-            }
             if path.is_file() {
-                let contents = fs::read(&path).with_context(|| path.display().to_string())?;
+                let contents = fs::read(path).with_context(|| path.display().to_string())?;
                 hasher.update(blake3::hash(&contents).as_bytes());
             }
+        }
+        // A scene that cannot be read is known by its own bytes, above: who needs it will say what is wrong with it.
+        for scene in self.scenes.iter().filter_map(|path| Scene::load(path).ok()) {
+            hasher.update(scene.content_hash().as_bytes());
         }
         Ok(hasher.finalize().to_hex().to_string())
     }

@@ -16,8 +16,8 @@ use super::{Workshop, figure::Strip};
 use crate::{
     output::{make_folder, remove_kept},
     report::{
-        pdf::pdf,
         table::{Cell, Column, Table},
+        vector,
     },
 };
 
@@ -74,11 +74,15 @@ pub struct SavedDrawing {
 const FIGURES: &str = "figures";
 
 impl SavedDrawing {
+    /// Its files, without their extensions.
+    fn path(&self, out: &Path) -> PathBuf {
+        // Only names, so that a file from elsewhere cannot lead out of the folder.
+        out.join(FIGURES).join(Path::new(&self.name).file_name().unwrap_or_default())
+    }
+
     /// Removes its files.
     fn remove(&self, out: &Path) -> Result<()> {
-        // Only names, so that a file from elsewhere cannot lead out of the folder.
-        let name = Path::new(&self.name).file_name().unwrap_or_default();
-        let path = out.join(FIGURES).join(name);
+        let path = self.path(out);
         ["svg", "pdf"].into_iter().try_for_each(|extension| remove_kept(&path.with_extension(extension)))
     }
 
@@ -87,14 +91,12 @@ impl SavedDrawing {
     /// # Errors
     /// If a file cannot be written.
     pub fn write(&self, out: &Path) -> Result<()> {
-        let folder = out.join(FIGURES);
-        make_folder(&folder)?;
-        let path = folder.join(Path::new(&self.name).file_name().unwrap_or_default());
+        make_folder(&out.join(FIGURES))?;
+        let path = self.path(out);
         if fs::read(path.with_extension("svg")).is_ok_and(|own| own == self.svg.as_bytes()) {
             return Ok(());
         }
-        file::replace(&path.with_extension("pdf"), &pdf(&self.svg)?)?;
-        Ok(file::replace(&path.with_extension("svg"), self.svg.as_bytes())?)
+        vector::write(&path, &self.svg)
     }
 }
 
@@ -121,8 +123,7 @@ impl Made {
             p.save {
                 "Save "
                 @for extension in ["svg", "pdf"] {
-                    @let (path, words) = (format!("{FIGURES}/{name}.{extension}"), extension.to_uppercase());
-                    a download href=(path) aria-label={ "Save " (name) " as " (words) } { (words) } " "
+                    (vector::link(&name, extension, &format!("{FIGURES}/{name}.{extension}"))) " "
                 }
             }
         };

@@ -113,9 +113,7 @@ impl Chart {
     /// If a file cannot be written, or the drawing has no form as PDF.
     pub fn write(&self, folder: &Path) -> Result<()> {
         if let Some(drawing) = self.widest() {
-            let (path, svg) = (folder.join(&self.name), drawing.file());
-            file::replace(&path.with_extension("svg"), svg.as_bytes())?;
-            file::replace(&path.with_extension("pdf"), &pdf(&svg)?)?;
+            write(&folder.join(&self.name), &drawing.file())?;
         }
         Ok(())
     }
@@ -133,9 +131,22 @@ impl Chart {
     }
 }
 
+/// Writes an SVG, and the same as PDF, to a path with these extensions.
+///
+/// # Errors
+/// If a file cannot be written, or the drawing has no form as PDF.
+pub fn write(path: &Path, svg: &str) -> Result<()> {
+    file::replace(&path.with_extension("pdf"), &pdf(svg)?)?;
+    Ok(file::replace(&path.with_extension("svg"), svg.as_bytes())?)
+}
+
 /// A link that saves bytes under a name.
 pub fn saved(name: &str, extension: &str, kind: &str, bytes: &[u8]) -> Markup {
-    let address = format!("data:{kind};base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes));
+    link(name, extension, &format!("data:{kind};base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes)))
+}
+
+/// A link that saves what is at an address under a name.
+pub fn link(name: &str, extension: &str, address: &str) -> Markup {
     let (file, words) = (format!("{name}.{extension}"), extension.to_uppercase());
     let label = format!("Save {name} as {words}");
     html! { a download=(file) href=(address) aria-label=(label) { (words) } }

@@ -9,7 +9,10 @@ use headtail_render::{
     random::Stream,
 };
 
-use super::{RenderedSurface, Surface, Viewpoints, surface::one_strip};
+use super::{
+    RenderedSurface, Surface, Viewpoints,
+    surface::{drawn, one_strip},
+};
 
 /// Trowbridge-Reitz microfacets that reflect everything (F = 1): the colour of a surface and its change with the angle are left
 /// to the renderer.
@@ -56,8 +59,7 @@ impl Surface for Ggx {
 
     fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>> {
         let ([wo, n], ggx) = self.decode(condition);
-        let sample = |&u: &Vec2| Some(ggx.sample(n, wo, u)).filter(|(_, pdf)| *pdf > 0.0).map(|(wi, _)| wi.into());
-        u.iter().map(sample).collect()
+        u.iter().map(|&u| drawn(ggx.sample(n, wo, u))).collect()
     }
 
     fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {

@@ -9,7 +9,10 @@ use headtail_render::{
     random::Stream,
 };
 
-use super::{RenderedSurface, Surface, Viewpoints, surface::one_strip};
+use super::{
+    RenderedSurface, Surface, Viewpoints,
+    surface::{drawn, one_strip},
+};
 use crate::Measured;
 
 /// One measured material, or any of a family, each as often as the others.
@@ -70,8 +73,7 @@ impl Surface for MeasuredSurface {
 
     fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>> {
         let ([wo, n], mixture) = (directions(condition), self.brdf(condition).mixture());
-        let sample = |&u: &Vec2| Some(mixture.draw_at(n, wo, u)).filter(|(_, pdf)| *pdf > 0.0).map(|(wi, _)| wi.into());
-        u.iter().map(sample).collect()
+        u.iter().map(|&u| drawn(mixture.draw_at(n, wo, u))).collect()
     }
 
     fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {

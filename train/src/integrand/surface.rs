@@ -41,6 +41,11 @@ pub(super) fn one_strip([wo, n]: [Vec3A; 2], surface: brdf::Surface, brdfs: &Brd
     OnePoint::of_table(&ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }, LANES, brdfs)
 }
 
+/// The direction of a draw with its pdf, which is 0 where nothing was drawn.
+pub(super) fn drawn((wi, pdf): (Vec3, f32)) -> Option<Vec3A> {
+    (pdf > 0.0).then_some(wi.into())
+}
+
 /// Diffuse reflection; the condition is the normal.
 pub struct Lambert {
     viewpoints: Viewpoints,
@@ -85,8 +90,7 @@ impl Surface for Lambert {
 
     fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>> {
         let n = normal(condition).into();
-        let sample = |&u: &Vec2| Some(DIFFUSE.sample(n, n, u)).filter(|(_, pdf)| *pdf > 0.0).map(|(wi, _)| wi.into());
-        u.iter().map(sample).collect()
+        u.iter().map(|&u| drawn(DIFFUSE.sample(n, n, u))).collect()
     }
 
     fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
