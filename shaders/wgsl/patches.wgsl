@@ -9,9 +9,17 @@ const HEADTAIL_LEAST_VARIANCE: f32 = 3e-7;
 
 struct HeadtailSurface { n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32> }
 
-// Three times the variance of t . w over a patch.
+// Multiplications and additions are fused at the places where the native sampler fuses them, wherever the device can.
+fn headtail_dot(a: vec3<f32>, b: vec3<f32>) -> f32 {
+    return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z));
+}
+
+// Three times the variance of t . w over a patch: each component times what it meets in its row of the symmetric matrix.
 fn headtail_spread(squares: vec3<f32>, mixed: vec3<f32>, t: vec3<f32>) -> f32 {
-    return max(dot(t * t, squares) + dot(vec3<f32>(t.x * t.y, t.x * t.z, t.y * t.z), mixed), 0.0);
+    let first = fma(t.y, mixed.x, fma(t.z, mixed.y, t.x * squares.x));
+    let second = fma(t.z, mixed.z, t.y * squares.y);
+    let third = t.z * squares.z;
+    return max(fma(t.x, first, fma(t.y, second, t.z * third)), 0.0);
 }
 
 // The light of a patch times what the surface reflects of it.
@@ -23,16 +31,16 @@ fn headtail_mass(start: u32, k: u32, at: HeadtailSurface, is_leaf: bool) -> f32 
     let centroid = a.yzw;
     let squares = b.xyz;
     let mixed = vec3<f32>(b.w, c.xy);
-    let mean = dot(at.n, centroid);
+    let mean = headtail_dot(at.n, centroid);
     let half_width = sqrt(headtail_spread(squares, mixed, at.n) + HEADTAIL_LEAST_VARIANCE);
     // c.z: reach, c.w: the same in the metric of the spread, d.x: what a cell adds.
-    let bound = mean + min(c.w * half_width + d.x, c.z);
+    let bound = mean + min(fma(c.w, half_width, d.x), c.z);
     if (!(bound > 0.0)) { return 0.0; }
     let above = max(mean + half_width, 0.0);
     var diffuse: f32;
     if (is_leaf) {
         let part = above * above * above / (6.0 * half_width);
-        diffuse = max(sqrt(select(part, mean * mean + half_width * half_width / 3.0, mean > half_width)), 0.15 * bound);
+        diffuse = max(sqrt(select(part, mean * mean + half_width * half_width * (1.0 / 3.0), mean > half_width)), 0.15 * bound);
     } else {
         diffuse = max(select(above * above / (4.0 * half_width), mean, mean > half_width), 0.02 * bound);
     }
@@ -40,35 +48,38 @@ fn headtail_mass(start: u32, k: u32, at: HeadtailSurface, is_leaf: bool) -> f32 
     let top = max(min(mean + half_width, bound), 0.2 * bound);
     let bottom = max(mean - half_width, 0.0);
     let visible = max(min((top - bottom) / (2.0 * half_width), 1.0), 0.02);
-    let toward = centroid + at.n * (0.5 * (top + bottom) - mean);
-    let w = toward * (1.0 / sqrt(max(dot(toward, toward), 1e-6)));
-    let cos_o = max(dot(at.n, at.wo), 1e-4);
-    let cos_i = min(max(dot(at.n, w), 1e-4), 1.0);
-    let cosine = min(dot(at.wo, w), 1.0 - 1e-6);
-    let squared_half = max(0.5 * (1.0 + cosine), 1e-3);
-    let both = 1.0 / (squared_half * (1.0 - cosine));
-    let per_half = (1.0 - cosine) * both;
+    let middle = 0.5 * (top + bottom);
+    let toward = fma(at.n, vec3<f32>(middle - mean), centroid);
+    let scale = 1.0 / sqrt(max(headtail_dot(toward, toward), 1e-6));
+    let w = toward * scale;
+    let cos_o = max(headtail_dot(at.n, at.wo), 1e-4);
+    let cos_i = min(max(middle * scale, 1e-4), 1.0);
+    let cosine = min(headtail_dot(at.wo, w), 1.0 - 1e-6);
+    let squared_half = max(fma(0.5, cosine, 0.5), 1e-3);
+    let away = 1.0 - cosine;
+    let both = 1.0 / (squared_half * away);
+    let per_half = away * both;
     let per_squared_sine = 0.5 * both;
     let squared_cos_h = min((cos_i + cos_o) * (cos_i + cos_o) * (0.25 * per_half), 1.0);
-    let across = cross(at.wo, w);
-    let variance_across = headtail_spread(squares, mixed, across) / 3.0 * per_squared_sine;
+    let across = fma(at.wo.yzx, w.zxy, -(at.wo.zxy * w.yzx));
+    let variance_across = headtail_spread(squares, mixed, across) * (1.0 / 3.0) * per_squared_sine;
     let variance_along = max(d.y - variance_across, 0.0);
     let alpha = at.lobes.w;
-    let along = min(alpha * alpha + 0.5 * variance_along, 1.0);
-    let over = min(alpha * alpha + 0.5 * variance_across * per_half, 1.0);
-    let tilt = dot(at.n, across);
+    let along = min(fma(0.5, variance_along, alpha * alpha), 1.0);
+    let over = min(fma(0.5 * variance_across, per_half, alpha * alpha), 1.0);
+    let tilt = headtail_dot(at.n, across);
     let tilt_across = tilt * tilt * per_squared_sine;
     let tilt_along = max(1.0 - squared_cos_h - tilt_across, 0.0);
     let product = along * over;
-    let scaled = squared_cos_h * product + tilt_along * over + tilt_across * along;
+    let scaled = fma(squared_cos_h, product, fma(tilt_along, over, tilt_across * along));
     let smooth_part = 2.0 * cos_i * cos_o;
-    let shadowing = 2.0 * (smooth_part + alpha * (cos_i + cos_o - smooth_part));
+    let shadowing = 2.0 * fma(alpha, cos_i + cos_o - smooth_part, smooth_part);
     let x = 1.0 - squared_half;
     let fourth = (x * x) * (x * x);
-    let fresnel = at.lobes.z + (1.0 - at.lobes.z) * (fourth * fourth * fourth);
-    let lobe = product * sqrt(product) * cos_i / (HEADTAIL_PI * scaled * scaled * shadowing);
+    let fresnel = fma(1.0 - at.lobes.z, fourth * fourth * fourth, at.lobes.z);
+    let lobe = HEADTAIL_INVERSE_PI * product * sqrt(product) * cos_i / (scaled * scaled * shadowing);
     let glossy = select(visible, sqrt(visible), is_leaf) * fresnel * lobe;
-    return a.x * (at.lobes.x / HEADTAIL_PI * diffuse + at.lobes.y * glossy);
+    return a.x * fma(at.lobes.y, glossy, at.lobes.x * HEADTAIL_INVERSE_PI * diffuse);
 }
 
 struct HeadtailStep { sums: array<f32, 32>, total: f32 }

@@ -1,6 +1,7 @@
 // Directions and points of X, and functions that all samplers share.
 
 const HEADTAIL_PI: f32 = 3.14159265358979;
+const HEADTAIL_INVERSE_PI: f32 = 0.318309886183791;
 const HEADTAIL_BELOW_ONE: f32 = 0.99999994;
 const HEADTAIL_LEAST_SINE: f32 = 1e-7;
 const HEADTAIL_TINY: f32 = 1.17549435e-38;

@@ -1,4 +1,7 @@
-"""Patches of sky in Dr.Jit: product sampling in closed form, as `render/src/patches` has it for SIMD lanes."""
+"""Patches of sky in Dr.Jit: product sampling in closed form, as `render/src/patches` has it for SIMD lanes.
+
+Multiplications and additions are fused where they are there: masses agree to the last digits.
+"""
 
 import drjit as dr
 import mitsuba as mi
@@ -24,14 +27,16 @@ class Patch:
 
     def spread(self, t):
         """Three times the variance of t . w over the patch."""
-        mixed = mi.Vector3f(t.x * t.y, t.x * t.z, t.y * t.z)
-        return dr.maximum(dr.dot(t * t, self.squares) + dr.dot(mixed, self.mixed), 0)
+        first = dr.fma(t.y, self.mixed.x, dr.fma(t.z, self.mixed.y, t.x * self.squares.x))
+        second = dr.fma(t.z, self.mixed.z, t.y * self.squares.y)
+        third = t.z * self.squares.z
+        return dr.maximum(dr.fma(t.x, first, dr.fma(t.y, second, t.z * third)), 0)
 
     def cosines(self, n):
         """Mean, half width and upper bound of the cosines over the patch, as if they were uniform on an interval."""
-        mean = dr.dot(n, self.centroid)
+        mean = dot(n, self.centroid)
         half_width = dr.sqrt(self.spread(n) + LEAST_VARIANCE)
-        return mean, half_width, mean + dr.minimum(self.mahalanobis * half_width + self.cell, self.reach)
+        return mean, half_width, mean + dr.minimum(dr.fma(self.mahalanobis, half_width, self.cell), self.reach)
 
     def mass(self, at, is_leaf):
         """Light of the patch times what the surface reflects of it."""
@@ -40,7 +45,7 @@ class Patch:
         if at.is_diffuse:
             return self.energy * diffuse
         glossy = dr.select(cosines[2] > 0, self.glossy(at, cosines, is_leaf), 0)
-        both = at.diffuse * dr.inv_pi * diffuse + at.specular * glossy
+        both = dr.fma(at.specular, glossy, at.diffuse * dr.inv_pi * diffuse)
         return self.energy * dr.select(at.specular > 0, both, diffuse)
 
     def glossy(self, at, cosines, is_leaf):
@@ -49,32 +54,44 @@ class Patch:
         top = dr.maximum(dr.minimum(mean + half_width, bound), LEAST_TOP * bound)
         bottom = dr.maximum(mean - half_width, 0)
         visible = dr.maximum(dr.minimum((top - bottom) / (2 * half_width), 1), LEAST_VISIBLE)
-        w = self.centroid + at.n * (0.5 * (top + bottom) - mean)
-        w /= dr.sqrt(dr.maximum(dr.dot(w, w), 1e-6))
-        cos_i = dr.clip(dr.dot(at.n, w), 1e-4, 1)
-        cos = dr.minimum(dr.dot(at.wo, w), 1 - 1e-6)
-        squared_half = dr.maximum(0.5 * (1 + cos), 1e-3)
-        both = 1 / (squared_half * (1 - cos))
-        per_half, per_squared_sine = (1 - cos) * both, 0.5 * both
+        middle = 0.5 * (top + bottom)
+        w = dr.fma(at.n, middle - mean, self.centroid)
+        scale = 1 / dr.sqrt(dr.maximum(dot(w, w), 1e-6))
+        w *= scale
+        cos_i = dr.clip(middle * scale, 1e-4, 1)
+        cos = dr.minimum(dot(at.wo, w), 1 - 1e-6)
+        squared_half = dr.maximum(dr.fma(0.5, cos, 0.5), 1e-3)
+        away = 1 - cos
+        both = 1 / (squared_half * away)
+        per_half, per_squared_sine = away * both, 0.5 * both
         squared_cos_h = dr.minimum((cos_i + at.cos_o) * (cos_i + at.cos_o) * (0.25 * per_half), 1)
-        across = dr.cross(at.wo, w)
+        across = mi.Vector3f(
+            dr.fma(at.wo.y, w.z, -(at.wo.z * w.y)),
+            dr.fma(at.wo.z, w.x, -(at.wo.x * w.z)),
+            dr.fma(at.wo.x, w.y, -(at.wo.y * w.x)),
+        )
         variance_across = self.spread(across) * (1 / 3) * per_squared_sine
         variance_along = dr.maximum(self.variance - variance_across, 0)
         own = at.alpha * at.alpha
-        along = dr.minimum(own + 0.5 * variance_along, 1)
-        over = dr.minimum(own + 0.5 * variance_across * per_half, 1)
-        tilt_across = dr.square(dr.dot(at.n, across)) * per_squared_sine
+        along = dr.minimum(dr.fma(0.5, variance_along, own), 1)
+        over = dr.minimum(dr.fma(0.5 * variance_across, per_half, own), 1)
+        tilt_across = dr.square(dot(at.n, across)) * per_squared_sine
         tilt_along = dr.maximum(1 - squared_cos_h - tilt_across, 0)
         product = along * over
-        scaled = squared_cos_h * product + tilt_along * over + tilt_across * along
+        scaled = dr.fma(squared_cos_h, product, dr.fma(tilt_along, over, tilt_across * along))
         smooth, rough = 2 * cos_i * at.cos_o, cos_i + at.cos_o
-        shadowing = 2 * (smooth + at.alpha * (rough - smooth))
+        shadowing = 2 * dr.fma(at.alpha, rough - smooth, smooth)
         x = 1 - squared_half
         fourth = dr.square(dr.square(x))
-        fresnel = at.f0 + (1 - at.f0) * (fourth * fourth * fourth)
+        fresnel = dr.fma(1 - at.f0, fourth * fourth * fourth, at.f0)
         share = dr.sqrt(visible) if is_leaf else visible
         lobe = dr.inv_pi * product * dr.sqrt(product) * cos_i / (scaled * scaled * shadowing)
         return share * fresnel * lobe
+
+
+def dot(a, b):
+    """The scalar product, in the order of the native sampler."""
+    return dr.fma(a.x, b.x, dr.fma(a.y, b.y, a.z * b.z))
 
 
 def clamped(cosines, is_leaf):
@@ -96,7 +113,7 @@ class Point:
         self.n, self.wo, self.is_diffuse = n, wo, lobes is None
         if lobes is not None:
             self.diffuse, self.specular, self.f0, self.alpha = lobes
-            self.cos_o = dr.maximum(dr.dot(n, wo), 1e-4)
+            self.cos_o = dr.maximum(dot(n, wo), 1e-4)
 
 
 def shares(lobes):

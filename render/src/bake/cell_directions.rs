@@ -198,12 +198,15 @@ impl CellDirections {
 
 vectorized! {
     fn irradiances['a](_simd, light: &'a [[Lanes; 3]], normal: [f32; 3], sums: &'a mut Lanes) {
+        // In registers: what is written through a reference might be read by the next turn.
+        let mut own = *sums;
         for [x, y, z] in light {
             for k in 0..LANES {
                 let cosine = normal[0] * x[k] + normal[1] * y[k] + normal[2] * z[k];
-                sums[k] += if cosine > 0.0 { cosine } else { 0.0 };
+                own[k] += if cosine > 0.0 { cosine } else { 0.0 };
             }
         }
+        *sums = own;
     }
 }
 

@@ -66,16 +66,23 @@ impl NormalGrid {
         let row = (polar as i32).min(self.polar as i32 - 2).max(0);
         let across = (azimuth - column as f32).clamp(0.0, 1.0);
         let down = (polar - row as f32).clamp(0.0, 1.0);
-        let next = if column + 1 == columns { 1 - columns } else { 1 };
-        let corner = row * columns + column;
-        GridCell { corner: corner as u32, next: (corner + next) as u32, across, down }
+        GridCell { number: (row * columns + column) as u32, across, down }
     }
 
-    /// The four nodes of a cell.
-    #[inline(always)]
-    pub(super) fn nodes_of(&self, corner: u32, next: u32) -> [usize; 4] {
-        let (corner, next) = (corner as usize, next as usize);
-        [corner, next, corner + self.azimuth, next + self.azimuth]
+    /// Number of cells between nodes. A cell has the number of its upper left node.
+    pub(super) fn cells(&self) -> usize {
+        (self.polar - 1) * self.azimuth
+    }
+
+    /// The nodes at the upper left, upper right, lower left and lower right of a cell.
+    pub(super) fn corners(&self, cell: usize) -> [usize; 4] {
+        let next = if (cell + 1).is_multiple_of(self.azimuth) { cell + 1 - self.azimuth } else { cell + 1 };
+        [cell, next, cell + self.azimuth, next + self.azimuth]
+    }
+
+    /// A cell that a node is a corner of, and which.
+    pub(super) fn cell_of(&self, node: usize) -> (usize, usize) {
+        if node < self.cells() { (node, 0) } else { (node - self.azimuth, 2) }
     }
 }
 
@@ -108,7 +115,7 @@ impl NormalGrid {
     fn served(&self, position: Vec2) -> Served {
         let normal = latlong::direction(position / Vec2::new(self.azimuth as f32, (self.polar - 1) as f32));
         let cell = self.cell(position);
-        let (nodes, weights) = (self.nodes_of(cell.corner, cell.next), cell.weights());
+        let (nodes, weights) = (self.corners(cell.number as usize), cell.weights());
         let sum: Vec3A = nodes.iter().zip(weights).map(|(&node, weight)| weight * self.normal(node)).sum();
         Served { normal, nodes, weights, length: sum.length() }
     }
@@ -137,9 +144,8 @@ impl NormalGrid {
 /// A cell of the grid and a position in it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GridCell {
-    /// The node at the upper left, and the one beside it.
-    pub corner: u32,
-    pub next: u32,
+    /// That of the node at the upper left.
+    pub number: u32,
     /// Position inside, in `[0, 1]`.
     across: f32,
     down: f32,
@@ -179,7 +185,7 @@ mod tests {
 
     fn stencil(grid: &NormalGrid, normal: Vec3A) -> Stencil {
         let cell = grid.cell(grid.position(normal.to_array()));
-        Stencil { nodes: grid.nodes_of(cell.corner, cell.next), weights: cell.weights() }
+        Stencil { nodes: grid.corners(cell.number as usize), weights: cell.weights() }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::{
     cell_grid::CellGrid,
-    cell_masses::{Blend, CellMasses, Node},
+    cell_masses::{Blend, Blends, CellMasses},
     normal_grid::NormalGrid,
 };
 use crate::{
@@ -23,8 +23,9 @@ use crate::{
 /// direction that does; without this floor its energy would be lost.
 const FLOOR: f32 = 2e-3;
 
-/// Bytes that a mass takes at most while a table is made: itself, as a double with its floor, and in integers with their padding.
-const BYTES_PER_MASS: u64 = 20;
+/// Bytes that a mass takes at most while a table is made: itself, as a double with its floor, as an integer, and as one of each of four cells around its
+/// node, twice while they are put into place.
+const BYTES_PER_MASS: u64 = 32;
 
 /// Piecewise constant masses over the cells of Y for every normal of a grid.
 ///
@@ -68,7 +69,7 @@ impl BakedTable {
             let floor = f64::from(FLOOR) * total.max(1e-6) / cells.cells() as f64;
             with_floor.extend(node.iter().map(|&mass| scale * f64::from(mass) + floor));
         }
-        let quantized = CellMasses::new(cells, &with_floor);
+        let quantized = CellMasses::new(normals, cells, &with_floor);
         Ok(Self { normals, cells, masses, quantized })
     }
 
@@ -155,12 +156,12 @@ impl BakedTable {
     }
 }
 
-/// State of a shading point: the numbers of the four nodes around its normal (as bits), their weights times their scales, and the
-/// sum of weight times mass.
-pub(super) const COLUMNS: usize = 9;
-pub(super) const NODES: usize = 0;
-pub(super) const WEIGHTS: usize = 4;
-const TOTAL: usize = 8;
+/// State of a shading point: the number of the cell of the grid of normals that its normal lies in (as bits), the weights of the nodes around times their
+/// scales, and the sum of weight times mass.
+pub(super) const COLUMNS: usize = 6;
+pub(super) const CELL: usize = 0;
+pub(super) const WEIGHTS: usize = 1;
+const TOTAL: usize = 5;
 
 vectorized! {
     /// One strip of normals.
@@ -171,44 +172,47 @@ vectorized! {
             let position = grid.position([normals[0][k], normals[1][k], normals[2][k]]);
             (azimuths[k], polars[k]) = (position.x, position.y);
         }
-        let (mut corners, mut next, mut weights) = ([0_u32; LANES], [0_u32; LANES], [[0.0; LANES]; 4]);
+        let (mut cells, mut weights) = ([0_u32; LANES], [[0.0; LANES]; 4]);
         for k in 0..LANES {
             let cell = grid.cell(Vec2::new(azimuths[k], polars[k]));
-            (corners[k], next[k]) = (cell.corner, cell.next);
+            cells[k] = cell.number;
             for (weights, weight) in weights.iter_mut().zip(cell.weights()) {
                 weights[k] = weight;
             }
         }
-        // Loads for all lanes and nodes before the arithmetic.
-        let (mut scales, mut masses) = ([[0.0; LANES]; 4], [[0.0; LANES]; 4]);
+        let (blends, total) = table.quantized.blends(&cells, &weights);
         for k in 0..LANES {
-            for (corner, node) in grid.nodes_of(corners[k], next[k]).into_iter().enumerate() {
-                let Node { scale, rows } = table.quantized.node(node);
-                (scales[corner][k], masses[corner][k]) = (scale, rows);
-                state[NODES + corner][k] = f32::from_bits(node as u32);
-            }
+            state[CELL][k] = f32::from_bits(cells[k]);
         }
-        let mut sum = [0.0; LANES];
-        for corner in 0..4 {
-            for k in 0..LANES {
-                let weight = weights[corner][k] * scales[corner][k];
-                sum[k] += weight * masses[corner][k];
-                state[WEIGHTS + corner][k] = weight;
-            }
-        }
-        state[TOTAL] = sum;
+        state[WEIGHTS..TOTAL].copy_from_slice(&blends.weights);
+        state[TOTAL] = total;
     }
+}
+
+/// The four tables of the samples below `count` of some strips, whose numbers are `N`; those of the others are any.
+#[inline(always)]
+fn blends_of<const N: usize>(state: &[Lanes], count: usize) -> Blends<N> {
+    let (mut cells, mut weights) = ([0; N], [[0.0; N]; 4]);
+    for (strip, state) in state.chunks_exact(COLUMNS).enumerate() {
+        for k in 0..LANES {
+            let at = strip * LANES + k;
+            cells[at] = if at < count { state[CELL][k].to_bits() } else { 0 };
+            for corner in 0..4 {
+                weights[corner][at] = state[WEIGHTS + corner][k];
+            }
+        }
+    }
+    Blends { cells, weights }
 }
 
 /// The four tables of one lane.
 #[inline(always)]
 pub(super) fn blend_of(state: &[Lanes], lane: usize) -> Blend {
-    let mut blend = Blend { nodes: [0; 4], weights: [0.0; 4] };
+    let mut weights = [0.0; 4];
     for corner in 0..4 {
-        blend.nodes[corner] = state[NODES + corner][lane].to_bits() as usize;
-        blend.weights[corner] = state[WEIGHTS + corner][lane];
+        weights[corner] = state[WEIGHTS + corner][lane];
     }
-    blend
+    Blend { cell: state[CELL][lane].to_bits(), weights }
 }
 
 /// A position in a row or column of cells, below the next one even where the sum is rounded.
@@ -220,40 +224,68 @@ pub(super) fn inside(index: usize, position: f32) -> f32 {
 
 /// The interpolated densities from the interpolated masses of cells.
 #[inline(always)]
-fn densities(table: &BakedTable, masses: &Lanes, state: &[Lanes]) -> Lanes {
+fn densities(table: &BakedTable, masses: &[f32], state: &[Lanes], out: &mut [Lanes]) {
     let unit = table.cells.cells() as f32 / CellMasses::ROW;
-    let mut out = [0.0; LANES];
-    for k in 0..LANES {
-        out[k] = masses[k] * unit / state[TOTAL][k];
+    for ((masses, state), out) in masses.as_chunks().0.iter().zip(state.chunks_exact(COLUMNS)).zip(out) {
+        let masses: &Lanes = masses;
+        for k in 0..LANES {
+            out[k] = masses[k] * unit / state[TOTAL][k];
+        }
     }
-    out
+}
+
+/// Draws for `N` samples, whole strips.
+#[inline(always)]
+fn sample_strips<const N: usize>(
+    table: &BakedTable,
+    count: usize,
+    state: &[Lanes],
+    [z_u, z_v]: [&[Lanes]; 2],
+    [y_u, y_v]: [&mut [Lanes]; 2],
+    q: &mut [Lanes],
+) {
+    let (rows, columns) = (table.cells.shape().0 as f32, table.cells.shape().1 as f32);
+    let (mut across, mut down) = ([0.0; N], [0.0; N]);
+    for (strip, state) in state.chunks_exact(COLUMNS).enumerate() {
+        for k in 0..LANES {
+            across[strip * LANES + k] = z_u[strip][k];
+            down[strip * LANES + k] = z_v[strip][k] * state[TOTAL][k];
+        }
+    }
+    let blends = blends_of::<N>(state, count);
+    let (row, below) = table.quantized.search_rows(&blends, &down);
+    let (column, right, masses) = table.quantized.search_columns(&blends, &row, &across);
+    for strip in 0..q.len() {
+        for k in 0..LANES {
+            let at = strip * LANES + k;
+            y_v[strip][k] = inside(row[at] as usize, below[at]) / rows;
+            y_u[strip][k] = inside(column[at] as usize, right[at]) / columns;
+        }
+    }
+    densities(table, &masses, state, q);
 }
 
 vectorized! {
-    /// Each stage is done for a strip before the next one: loads do not wait for each other. Lanes from `count` on are not drawn for: their state
-    /// may be anything.
+    /// Lanes from `count` on are not drawn for: their state may be anything.
     fn sample['a](
         _simd, table: &'a BakedTable, count: usize, state: &'a [Lanes],
         z: [&'a [Lanes]; 2], y: [&'a mut [Lanes]; 2], q: &'a mut [Lanes],
     ) {
-        let (rows, columns) = (table.cells.shape().0 as f32, table.cells.shape().1 as f32);
-        let [y_u, y_v] = y;
-        for strip in 0..q.len() {
-            let state = &state[strip * COLUMNS..][..COLUMNS];
-            let lanes = LANES.min(count - strip * LANES);
-            let (mut found, mut masses) = ([0; LANES], [0.0; LANES]);
-            for k in 0..lanes {
-                let target = z[1][strip][k] * state[TOTAL][k];
-                let (row, below) = table.quantized.search_row(&blend_of(state, k), target);
-                y_v[strip][k] = inside(row, below) / rows;
-                found[k] = row;
+        let [mut y_u, mut y_v] = y;
+        let (mut q, mut strip) = (q, 0);
+        while !q.is_empty() {
+            let strips = q.len().min(2);
+            let (own_u, rest_u) = y_u.split_at_mut(strips);
+            let (own_v, rest_v) = y_v.split_at_mut(strips);
+            let (own_q, rest_q) = q.split_at_mut(strips);
+            let (state, left) = (&state[strip * COLUMNS..][..strips * COLUMNS], count - strip * LANES);
+            let z = [&z[0][strip..][..strips], &z[1][strip..][..strips]];
+            if strips == 2 {
+                sample_strips::<{ 2 * LANES }>(table, left, state, z, [own_u, own_v], own_q);
+            } else {
+                sample_strips::<LANES>(table, left, state, z, [own_u, own_v], own_q);
             }
-            for k in 0..lanes {
-                let (column, right, mass) = table.quantized.search_column(&blend_of(state, k), found[k], z[0][strip][k]);
-                y_u[strip][k] = inside(column, right) / columns;
-                masses[k] = mass;
-            }
-            q[strip] = densities(table, &masses, state);
+            (y_u, y_v, q, strip) = (rest_u, rest_v, rest_q, strip + strips);
         }
     }
 }
@@ -264,12 +296,13 @@ vectorized! {
     ) {
         for strip in 0..q.len() {
             let state = &state[strip * COLUMNS..][..COLUMNS];
-            let mut masses = [0.0; LANES];
-            for k in 0..LANES.min(count - strip * LANES) {
+            let (mut rows, mut columns) = ([0; LANES], [0; LANES]);
+            for k in 0..LANES {
                 let (row, column) = table.cells.cell(Vec2::new(y[0][strip][k], y[1][strip][k]));
-                masses[k] = table.quantized.mass(&blend_of(state, k), row, column);
+                (rows[k], columns[k]) = (row as u32, column as u32);
             }
-            q[strip] = densities(table, &masses, state);
+            let masses = table.quantized.masses(&blends_of::<LANES>(state, count - strip * LANES), &rows, &columns);
+            densities(table, &masses, state, &mut q[strip..=strip]);
         }
     }
 }

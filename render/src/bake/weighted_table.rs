@@ -12,10 +12,7 @@ use std::ops::Range;
 use fine::{Fine, search, share};
 use glam::Vec2;
 
-use super::{
-    cell_masses::Blend,
-    table::{self, BakedTable, COLUMNS as OF_TABLE, NODES, WEIGHTS, blend_of, inside},
-};
+use super::table::{self, BakedTable, CELL, COLUMNS as OF_TABLE, WEIGHTS, blend_of, inside};
 use crate::{
     columns::{Arena, vectorized},
     discrete::remap,
@@ -47,6 +44,8 @@ pub struct WeightedTable {
     coarse: [Vec<u8>; 2],
     /// The rows of each coarse row, and the columns of each coarse column.
     fine: [Vec<Range<usize>>; 2],
+    /// The nodes around each cell of the grid of normals.
+    corners: Vec<[u32; 4]>,
     /// For each table the masses of the coarse cells, as the layout has them, in units of its own: only where a draw goes depends on them, and the
     /// density is that of where it goes, so they may be rounded.
     masses: Vec<u16>,
@@ -82,7 +81,7 @@ impl WeightedTable {
         let nodes = table.normals().nodes();
         let (mut masses, mut units) = (Vec::with_capacity(nodes * layout.bytes()), Vec::with_capacity(nodes));
         for node in 0..nodes {
-            let alone = Blend { nodes: [node; 4], weights: [1.0, 0.0, 0.0, 0.0] };
+            let alone = table.quantized.alone(node);
             let sum = |row: usize, column: usize| -> f64 {
                 let cells =
                     fine[0][row].clone().flat_map(|row| fine[1][column].clone().map(move |column| (row, column)));
@@ -97,7 +96,9 @@ impl WeightedTable {
             masses.extend_from_slice(&layout.lay_out(mass));
             units.push(unit as f32);
         }
-        Ok(Self { table, layout, coarse, fine, masses, units, even: layout.lay_out(|_, _| 255) })
+        let normals = table.normals();
+        let corners = (0..normals.cells()).map(|cell| normals.corners(cell).map(|node| node as u32)).collect();
+        Ok(Self { table, layout, coarse, fine, corners, masses, units, even: layout.lay_out(|_, _| 255) })
     }
 
     /// How the weights of its coarse cells are laid out.
@@ -136,8 +137,8 @@ impl WeightedTable {
     fn coarse_masses(&self, state: &[Lanes], lane: usize) -> ([&[u16]; 4], [f32; 4]) {
         let length = self.layout.bytes();
         let (mut masses, mut weights) = ([&self.masses[..0]; 4], [0.0; 4]);
-        for corner in 0..4 {
-            let node = state[NODES + corner][lane].to_bits() as usize;
+        for (corner, &node) in self.corners[state[CELL][lane].to_bits() as usize].iter().enumerate() {
+            let node = node as usize;
             masses[corner] = &self.masses[node * length..][..length];
             weights[corner] = state[WEIGHTS + corner][lane] * self.units[node];
         }
@@ -207,8 +208,7 @@ vectorized! {
         let (mut last, mut rows) = (None, [[0.0; MOST_COARSE]; 4]);
         for k in 0..LANES {
             let (masses, units) = table.coarse_masses(state, k);
-            // The first of the four says which the others are.
-            let key = Some((state[NODES][k].to_bits(), state[INDEX][k].to_bits()));
+            let key = Some((state[CELL][k].to_bits(), state[INDEX][k].to_bits()));
             // Neighbours mostly have the same tables and the same weights, and differ in what each table counts for.
             if key != last {
                 let weights = table.weights(weighting, state[INDEX][k]);

@@ -1,6 +1,6 @@
 //! The quad-tree tail: a warp that halves the map again and again (after Clarberg et al. 2005).
 
-use glam::{Mat4, Vec2, Vec4};
+use glam::Vec2;
 
 use super::{Node, TailWarp};
 use crate::{
@@ -9,7 +9,7 @@ use crate::{
     environment::BilinearDensity,
     large::Large,
     morton::{gather, spread},
-    simd::{LANES, Lanes},
+    simd::{LANES, Lanes, Quads},
 };
 
 /// Where a node cuts its rectangle of Y: `[y of the horizontal cut, x of the vertical cut above it, x of the one below it, 0]`.
@@ -50,17 +50,8 @@ impl Level {
     /// The cuts of nodes.
     #[inline(always)]
     fn load(&self, index: &[u32; LANES]) -> [Lanes; 3] {
-        let own: &[Cuts] = &self.cuts;
-        let mut cuts = [[0.0; LANES]; 3];
-        for k in (0..LANES).step_by(4) {
-            // Four nodes at a time: four loads and a transposition instead of twelve loads.
-            let node = |lane: usize| Vec4::from_array(own[index[k + lane] as usize]);
-            let nodes = Mat4::from_cols(node(0), node(1), node(2), node(3)).transpose();
-            for (cuts, nodes) in cuts.iter_mut().zip([nodes.x_axis, nodes.y_axis, nodes.z_axis]) {
-                cuts[k..k + 4].copy_from_slice(&nodes.to_array());
-            }
-        }
-        cuts
+        let [horizontal, above, below, _] = self.cuts.load(index);
+        [horizontal, above, below]
     }
 }
 
