@@ -42,7 +42,7 @@ fn headtail_mass(start: u32, k: u32, at: HeadtailSurface, is_leaf: bool) -> f32 
         let part = above * above * above / (6.0 * half_width);
         diffuse = max(sqrt(select(part, mean * mean + half_width * half_width * (1.0 / 3.0), mean > half_width)), 0.15 * bound);
     } else {
-        diffuse = max(select(above * above / (4.0 * half_width), mean, mean > half_width), 0.02 * bound);
+        diffuse = max(select(above * above / (4.0 * half_width), mean, mean > half_width), 0.045 * bound);
     }
     if (!(at.lobes.y > 0.0)) { return a.x * diffuse; }
     let top = max(min(mean + half_width, bound), 0.2 * bound);

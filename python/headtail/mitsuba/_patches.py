@@ -9,7 +9,7 @@ import mitsuba as mi
 from ._warp import BELOW_ONE, Tail, directions, positive, remap, squares, upload
 
 CLUSTERS, PARTS = 32, 16
-LEAF_FLOOR, CLUSTER_FLOOR = 0.15, 0.02
+LEAF_FLOOR, CLUSTER_FLOOR = 0.15, 0.045
 LEAST_VISIBLE, LEAST_TOP, LEAST_VARIANCE = 0.02, 0.2, 3e-7
 MOST_BRDF, LEAST_BRDF, LEAST_REFLECTED = 0.9, 0.03, 0.3
 CUTS_COLUMNS, IS_SINGLE = 1 << 7, 1 << 24

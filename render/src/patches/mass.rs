@@ -52,7 +52,7 @@ pub struct Reflection {
 /// The least share of the upper bound of the cosine that a patch has: it bounds weights.
 const LEAF_FLOOR: f32 = 0.15;
 /// The same of a cluster.
-const CLUSTER_FLOOR: f32 = 0.02;
+const CLUSTER_FLOOR: f32 = 0.045;
 /// The least share of a glossy lobe's patch that counts as visible.
 const LEAST_VISIBLE: f32 = 0.02;
 /// The least of the upper bound that the largest cosine counts as.
