@@ -32,15 +32,38 @@ pub fn train(config: &FitConfig, light: &EnvironmentLight) -> Fallible<(Head, f6
     Ok((native_head(&fitted.head)?, start.elapsed().as_secs_f64()))
 }
 
-/// Every sampler of a material on one map.
-pub fn measure_map(material: Material, environment: &Arc<Environment>) -> Fallible<Qualities> {
+/// The samplers of a material on one map: all, or `mis` and those that are asked for.
+pub fn measure_map(material: Material, environment: &Arc<Environment>, only: &[String]) -> Fallible<Qualities> {
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
-    let (head, seconds) = train(&Preset::fast_for(material).config().for_material(material), &light)?;
-    println!("{}: trained for {seconds:.1} s", environment.name());
-    if material == Material::Lambert { diffuse(&light, head) } else { glossy(material, &light, head) }
+    let is_wanted = |name: &str| name == "mis" || only.is_empty() || only.iter().any(|only| only == name);
+    let config = Preset::fast_for(material).config().for_material(material);
+    let head = || {
+        let (head, seconds) = train(&config, &light)?;
+        println!("{}: trained for {seconds:.1} s", environment.name());
+        Ok(head)
+    };
+    if material == Material::Lambert {
+        diffuse(&light, &head, &is_wanted)
+    } else {
+        glossy(material, &light, &head, &is_wanted)
+    }
 }
 
-fn diffuse(light: &EnvironmentLight, head: Head) -> Fallible<Qualities> {
+/// What trains the head of a map.
+type Training<'a> = dyn Fn() -> Fallible<Head> + 'a;
+
+/// Measures the samplers whose names are wanted; the others are not made.
+macro_rules! wanted {
+    ($is_wanted:expr, $($name:literal: $quality:expr,)*) => {{
+        let mut found = Qualities::new();
+        $(if $is_wanted($name) {
+            found.push(($name, $quality));
+        })*
+        Ok(found)
+    }};
+}
+
+fn diffuse(light: &EnvironmentLight, head: &Training, is_wanted: &dyn Fn(&str) -> bool) -> Fallible<Qualities> {
     let environment = light.environment();
     let row_column = EnvironmentLight::new(environment.clone(), TailKind::RowColumn)?;
     let conditions = Conditions::of(Material::Lambert);
@@ -48,62 +71,74 @@ fn diffuse(light: &EnvironmentLight, head: Head) -> Fallible<Qualities> {
     let emitter = EmitterSampler::new(light.clone());
     let brdf = BrdfSampler;
     let compensated = EmitterSampler::compensated(light)?;
-    let baked = learned_bake(&head, light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
+    let needs_head = is_wanted("head+mis") || is_wanted("baked 32x32");
+    let head = if needs_head { Some(head()?) } else { None };
+    let head = || head.clone().ok_or("no head was trained");
+    let baked = || -> Fallible<BakedTable> {
+        Ok(learned_bake(&head()?, light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?)
+    };
     let by_draws = |candidates| resampled(conditions, light, &emitter, candidates);
     macro_rules! by_quadrature {
         ($sampler:expr) => {
             measure(conditions, &points, &$sampler)
         };
     }
-    Ok(vec![
-        ("mis", by_quadrature!(OneSampleMis::new(emitter.clone(), brdf))),
-        ("cosine", by_quadrature!(brdf)),
-        ("emitter", by_quadrature!(emitter)),
-        ("mis-comp", by_quadrature!(OneSampleMis::new(compensated, brdf))),
-        ("ris:4", by_draws(4)?),
-        ("ris:16", by_draws(16)?),
-        ("patches", by_quadrature!(PatchSampler::new(light.clone(), Detail::Leaves)?)),
-        ("patches:fine", by_quadrature!(PatchSampler::new(light.clone(), Detail::Twigs)?)),
-        ("head+mis", by_quadrature!(OneSampleMis::new(ProductSampler::new(light.clone(), head), brdf))),
-        ("baked 32x32", by_quadrature!(ProductSampler::new(light.clone(), baked))),
-        ("direct 8x8", by_quadrature!(direct(light, 8)?)),
-        ("direct 32x32", by_quadrature!(direct(light, 32)?)),
-        ("direct 64x64", by_quadrature!(direct(light, 64)?)),
-        ("direct 32x32 row-column", measure(conditions, &row_column_points, &direct(&row_column, 32)?)),
-        ("oracle", by_quadrature!(ProductSampler::new(light.clone(), Oracle::new(light.tail())))),
-    ])
+    wanted! { is_wanted,
+        "mis": by_quadrature!(OneSampleMis::new(emitter.clone(), brdf)),
+        "cosine": by_quadrature!(brdf),
+        "emitter": by_quadrature!(emitter),
+        "mis-comp": by_quadrature!(OneSampleMis::new(compensated, brdf)),
+        "ris:4": by_draws(4)?,
+        "ris:16": by_draws(16)?,
+        "patches": by_quadrature!(PatchSampler::new(light.clone(), Detail::Leaves)?),
+        "patches:fine": by_quadrature!(PatchSampler::new(light.clone(), Detail::Twigs)?),
+        "head+mis": by_quadrature!(OneSampleMis::new(ProductSampler::new(light.clone(), head()?), brdf)),
+        "baked 32x32": by_quadrature!(ProductSampler::new(light.clone(), baked()?)),
+        "direct 8x8": by_quadrature!(direct(light, 8)?),
+        "direct 32x32": by_quadrature!(direct(light, 32)?),
+        "direct 64x64": by_quadrature!(direct(light, 64)?),
+        "direct 32x32 row-column": measure(conditions, &row_column_points, &direct(&row_column, 32)?),
+        "oracle": by_quadrature!(ProductSampler::new(light.clone(), Oracle::new(light.tail()))),
+    }
 }
 
-fn glossy(material: Material, light: &EnvironmentLight, head: Head) -> Fallible<Qualities> {
+fn glossy(
+    material: Material,
+    light: &EnvironmentLight,
+    head: &Training,
+    is_wanted: &dyn Fn(&str) -> bool,
+) -> Fallible<Qualities> {
     let conditions = Conditions::of(material);
     let points = quadratures(conditions, light);
     let emitter = EmitterSampler::new(light.clone());
     let brdf = BrdfSampler;
     let compensated = EmitterSampler::compensated(light)?;
-    let head = ProductSampler::new(light.clone(), head);
+    let needs_head = ["head", "head+mis", "ris:4:head"].iter().any(|name| is_wanted(name));
+    let head = if needs_head { Some(ProductSampler::new(light.clone(), head()?)) } else { None };
+    let head = || head.clone().ok_or("no head was trained");
     let table = direct(light, 32)?;
     macro_rules! by_quadrature {
         ($sampler:expr) => {
             measure(conditions, &points, &$sampler)
         };
     }
-    Ok(vec![
-        ("mis", by_quadrature!(OneSampleMis::new(emitter.clone(), brdf))),
-        ("brdf", by_quadrature!(brdf)),
-        ("emitter", by_quadrature!(emitter)),
-        ("mis-comp", by_quadrature!(OneSampleMis::new(compensated, brdf))),
-        ("ris:4", resampled(conditions, light, &emitter, 4)?),
-        ("ris:16", resampled(conditions, light, &emitter, 16)?),
-        ("patches", by_quadrature!(OneSampleMis::new(PatchSampler::new(light.clone(), Detail::Leaves)?, brdf))),
-        ("patches:fine", by_quadrature!(OneSampleMis::new(PatchSampler::new(light.clone(), Detail::Twigs)?, brdf))),
-        ("head", by_quadrature!(head)),
-        ("head+mis", by_quadrature!(OneSampleMis::new(head.clone(), brdf))),
-        ("ris:4:head", resampled(conditions, light, &head, 4)?),
-        ("direct", by_quadrature!(table)),
-        ("direct+mis", by_quadrature!(OneSampleMis::new(table.clone(), brdf))),
-        ("ris:4:direct", resampled(conditions, light, &table, 4)?),
-        ("oracle", by_quadrature!(ProductSampler::new(light.clone(), Oracle::new(light.tail())))),
-    ])
+    wanted! { is_wanted,
+        "mis": by_quadrature!(OneSampleMis::new(emitter.clone(), brdf)),
+        "brdf": by_quadrature!(brdf),
+        "emitter": by_quadrature!(emitter),
+        "mis-comp": by_quadrature!(OneSampleMis::new(compensated, brdf)),
+        "ris:4": resampled(conditions, light, &emitter, 4)?,
+        "ris:16": resampled(conditions, light, &emitter, 16)?,
+        "patches": by_quadrature!(OneSampleMis::new(PatchSampler::new(light.clone(), Detail::Leaves)?, brdf)),
+        "patches:fine": by_quadrature!(OneSampleMis::new(PatchSampler::new(light.clone(), Detail::Twigs)?, brdf)),
+        "head": by_quadrature!(head()?),
+        "head+mis": by_quadrature!(OneSampleMis::new(head()?, brdf)),
+        "ris:4:head": resampled(conditions, light, &head()?, 4)?,
+        "direct": by_quadrature!(table),
+        "direct+mis": by_quadrature!(OneSampleMis::new(table.clone(), brdf)),
+        "ris:4:direct": resampled(conditions, light, &table, 4)?,
+        "oracle": by_quadrature!(ProductSampler::new(light.clone(), Oracle::new(light.tail()))),
+    }
 }
 
 /// RIS over a sampler and BRDF sampling.
