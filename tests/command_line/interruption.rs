@@ -48,6 +48,15 @@ fn wait_for_runs(results: &Path, count: usize) {
     }
 }
 
+/// Waits until the page of a comparison says something.
+fn wait_for_page(results: &Path, text: &str) {
+    let start = Instant::now();
+    while !fs::read_to_string(results.join("report.html")).is_ok_and(|page| page.contains(text)) {
+        assert!(start.elapsed() < Duration::from_secs(60), "no page says '{text}'");
+        sleep(Duration::from_millis(5));
+    }
+}
+
 const COMPARE: &str = "compare --scene sphere --env overcast --reference-spp 4 --samplers mis,ris:2";
 
 /// Asserts that no sampler is ahead of another by more than one run.
@@ -118,7 +127,8 @@ fn a_second_signal_ends_at_once_and_keeps_the_runs() {
     let results = here.path().join("results");
     let process = start(here.path(), &format!("{COMPARE} {SMALL} --spp 1,400000000 --runs 1 --out results"));
     wait_for_runs(&results, 2);
-    sleep(Duration::from_millis(500));
+    // The page comes after the runs, on a busy machine a while after.
+    wait_for_page(&results, "2 of 4 runs are done");
     signal(&process, "-INT");
     sleep(Duration::from_millis(500));
     signal(&process, "-TERM");
