@@ -159,6 +159,7 @@ fn what_needs_more_memory_than_there_is_is_refused() {
     let view = format!("--scene sphere --env overcast {large}");
     fs::write(path.join("large.hdr"), radiance_file(2048, 1536, 128, 128)).unwrap();
     succeed(path, "view --env overcast --width 32 --height 32 --out photo.exr");
+    succeed(path, "bake --direct --env overcast --normals 32x64 --cells 64x64 --out middling");
     let picture = "a picture of 16384 x 16384 pixels";
     for (arguments, what) in [
         ("fit --env overcast --material lambert --set conditions=65536 --set strata=1024 --out f".to_owned(), "conditions, strata"),
@@ -169,6 +170,8 @@ fn what_needs_more_memory_than_there_is_is_refused() {
         ("composite --photo photo.exr --camera photo.fspy --env overcast --scene sphere --width 16384 --spp 1 --out both".into(), picture),
         ("bake --direct --env overcast --normals 256x512 --cells 64x64 --out table".into(), "a table of 131072 normals, 4096 cells for each"),
         (format!("render --scene sphere --env large.hdr --sampler mis --spp 1 {SMALL} --out a.exr"), "large.hdr: pixels"),
+        // A file of a seventh of the memory that its numbers take.
+        (format!("render --scene sphere --env overcast --sampler direct:middling --spp 1 {SMALL} --out a.exr"), "middling: a table of 2048 normals"),
     ] {
         let output = command(path, &arguments).env("HEADTAIL_MEMORY", "200").output().unwrap();
         let said = text(&output.stderr);

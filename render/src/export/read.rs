@@ -130,7 +130,10 @@ impl Tensors<'_> {
         let (shape, masses) = self.take("table.masses", 4)?;
         let table = NormalGrid::new(shape[0], shape[1])
             .and_then(|normals| Ok((normals, CellGrid::new(shape[2], shape[3])?)))
-            .and_then(|(normals, cells)| BakedTable::new(normals, cells, masses));
+            .and_then(|(normals, cells)| {
+                BakedTable::require_memory(normals, cells)?;
+                BakedTable::new(normals, cells, masses)
+            });
         table.map_err(|error| error.in_file(self.path))
     }
 
