@@ -7,9 +7,11 @@
 //! estimators of the project, with `LEARNED64`, what 64 samples per pixel of the view teach, where their names say so; they are judged by their draws at
 //! the same points.
 
+#[path = "../render/benches/views/mod.rs"]
+mod views;
+
 use std::{
     error::Error,
-    path::Path,
     sync::{Arc, atomic::AtomicBool},
 };
 
@@ -28,7 +30,7 @@ use headtail_render::{
     points::{PointSet, Points},
     random::Stream,
     sampler::EnvironmentLight,
-    scene::{MaterialSpec, Scene},
+    scene::Scene,
     spec::{Place, SamplerSpec},
     tail::{TailKind, TailWarp},
     tile::{ShadingPoint, Tile},
@@ -40,6 +42,7 @@ use headtail_train::{
     validation::Validation,
 };
 use rayon::prelude::*;
+use views::{dressed, stem};
 
 type Fallible<T> = Result<T, Box<dyn Error>>;
 
@@ -84,12 +87,7 @@ fn main() -> Fallible<()> {
 
 /// The relative variance and the divergence of every sampler.
 fn measure(name: &str, environment: &Arc<Environment>, steps: usize) -> Fallible<Vec<(String, [f64; 2])>> {
-    let mut scene = Scene::open(name)?;
-    if name.contains('.') {
-        scene.add_ground();
-    }
-    let bounds = scene.bounds();
-    let scene = "lambert".parse::<MaterialSpec>()?.dress(scene, &bounds)?;
+    let scene = dressed(name, "lambert")?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let sky = PatchSampler::new(light.clone(), Detail::Leaves)?;
     let learner = LearnedVisibility::new(environment.clone(), Detail::Leaves, LearnedVisibility::MEMORY)?;
@@ -269,9 +267,4 @@ fn by_draws(estimator: &dyn Estimator, scene: &Scene, points: &[Surroundings]) -
     let variances: Vec<f64> = points.par_iter().enumerate().filter_map(one).collect();
     let count = variances.len() as f64;
     [variances.iter().sum::<f64>() / count, variances.iter().map(|variance| variance.ln_1p()).sum::<f64>() / count]
-}
-
-/// The name of a file without folders and endings.
-fn stem(name: &str) -> &str {
-    Path::new(name).file_stem().and_then(|stem| stem.to_str()).unwrap_or(name)
 }

@@ -49,6 +49,9 @@ fn main() -> Fallible<()> {
     if maps.is_empty() {
         maps = BUILT_IN_NAMES.map(str::to_owned).to_vec();
     }
+    if ablation && !only.is_empty() {
+        return Err("--only names samplers, and --ablation has none".into());
+    }
     let mut results = Vec::new();
     for map in &maps {
         let environment = Arc::new(Environment::open(map)?);

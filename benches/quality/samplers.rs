@@ -1,6 +1,7 @@
 //! The samplers that are measured, and what is trained for them.
 
 use std::{
+    cell::OnceCell,
     sync::{Arc, atomic::AtomicBool},
     time::Instant,
 };
@@ -37,19 +38,27 @@ pub fn measure_map(material: Material, environment: &Arc<Environment>, only: &[S
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let is_wanted = |name: &str| name == "mis" || only.is_empty() || only.iter().any(|only| only == name);
     let config = Preset::fast_for(material).config().for_material(material);
+    let trained = OnceCell::new();
     let head = || {
+        if let Some(head) = trained.get() {
+            return Ok(Head::clone(head));
+        }
         let (head, seconds) = train(&config, &light)?;
         println!("{}: trained for {seconds:.1} s", environment.name());
-        Ok(head)
+        Ok(trained.get_or_init(|| head).clone())
     };
-    if material == Material::Lambert {
+    let found = if material == Material::Lambert {
         diffuse(&light, &head, &is_wanted)
     } else {
         glossy(material, &light, &head, &is_wanted)
+    }?;
+    match only.iter().find(|only| found.iter().all(|(name, _)| name != only)) {
+        Some(unknown) => Err(format!("--only: no sampler is called '{unknown}'").into()),
+        None => Ok(found),
     }
 }
 
-/// What trains the head of a map.
+/// The head of a map, which is trained when it is first asked for.
 type Training<'a> = dyn Fn() -> Fallible<Head> + 'a;
 
 /// Measures the samplers whose names are wanted; the others are not made.
@@ -71,9 +80,6 @@ fn diffuse(light: &EnvironmentLight, head: &Training, is_wanted: &dyn Fn(&str) -
     let emitter = EmitterSampler::new(light.clone());
     let brdf = BrdfSampler;
     let compensated = EmitterSampler::compensated(light)?;
-    let needs_head = is_wanted("head+mis") || is_wanted("baked 32x32");
-    let head = if needs_head { Some(head()?) } else { None };
-    let head = || head.clone().ok_or("no head was trained");
     let baked = || -> Fallible<BakedTable> {
         Ok(learned_bake(&head()?, light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?)
     };
@@ -113,9 +119,7 @@ fn glossy(
     let emitter = EmitterSampler::new(light.clone());
     let brdf = BrdfSampler;
     let compensated = EmitterSampler::compensated(light)?;
-    let needs_head = ["head", "head+mis", "ris:4:head"].iter().any(|name| is_wanted(name));
-    let head = if needs_head { Some(ProductSampler::new(light.clone(), head()?)) } else { None };
-    let head = || head.clone().ok_or("no head was trained");
+    let head = || -> Fallible<_> { Ok(ProductSampler::new(light.clone(), head()?)) };
     let table = direct(light, 32)?;
     macro_rules! by_quadrature {
         ($sampler:expr) => {

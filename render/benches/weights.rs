@@ -6,7 +6,9 @@
 //! A row has the largest weight of all, the share of weights above 12, and the largest relative variance of a shading point. `MAP` in the name of a sampler is the
 //! map's name without folders and endings, as in `direct:tables/MAP.safetensors`.
 
-use std::{error::Error, path::Path, sync::Arc};
+mod views;
+
+use std::{error::Error, sync::Arc};
 
 use headtail_render::{
     color::luminance,
@@ -14,11 +16,12 @@ use headtail_render::{
     environment::Environment,
     estimator::{Contributions, Estimator},
     points::{PointSet, Points},
-    scene::{MaterialSpec, Scene},
+    scene::Scene,
     spec::{Place, SamplerSpec},
     tile::{ShadingPoint, Tile},
 };
 use rayon::prelude::*;
+use views::{dressed, stem};
 
 /// What a weight of a sampler that is used alone should not exceed.
 const BOUND: f64 = 12.0;
@@ -68,15 +71,6 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     Ok(())
-}
-
-fn dressed(name: &str, material: &str) -> Result<Scene, Box<dyn Error>> {
-    let mut scene = Scene::open(name)?;
-    if name.contains('.') {
-        scene.add_ground();
-    }
-    let bounds = scene.bounds();
-    Ok(material.parse::<MaterialSpec>()?.dress(scene, &bounds)?)
 }
 
 /// What the camera sees through a grid of rays.
@@ -144,9 +138,4 @@ impl Found {
             variance: self.variance.max(other.variance),
         }
     }
-}
-
-/// The name of a file without folders and endings.
-fn stem(name: &str) -> &str {
-    Path::new(name).file_stem().and_then(|stem| stem.to_str()).unwrap_or(name)
 }

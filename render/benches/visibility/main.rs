@@ -6,6 +6,8 @@
 //! seconds of a sample of all pixels on one thread, learning before the picture included.
 
 mod map_cache;
+#[path = "../views/mod.rs"]
+mod views;
 
 use std::{error::Error, path::Path, sync::Arc, sync::atomic::AtomicBool, time::Duration};
 
@@ -19,12 +21,13 @@ use headtail_render::{
     patches::Detail,
     points::{PointSet, Points},
     sampler::{BrdfSampler, Covering, OneSampleMis},
-    scene::{Camera, MaterialSpec, Scene},
+    scene::{Camera, Scene},
     spec::{Place, SamplerSpec},
     tail::{Tail, TailKind},
     visibility::SceneVisibility,
 };
 use map_cache::MapCache;
+use views::{dressed, stem};
 
 /// Pictures of different seeds that an error is the mean of.
 const SEEDS: u64 = 2;
@@ -56,12 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let table = folder.path().join("table");
         table_of(&environment)?.write(&table)?;
         for name in scenes.split(',') {
-            let mut scene = Scene::open(name)?;
-            if name.contains('.') {
-                scene.add_ground();
-            }
-            let bounds = scene.bounds();
-            let scene = material.parse::<MaterialSpec>()?.dress(scene, &bounds)?;
+            let scene = dressed(name, material)?;
             let camera = scene.camera();
             let environment = environment.clone();
             let bench = Bench { scene, camera, environment, size, points, memory, reference, folder: folder.path() };
@@ -173,9 +171,4 @@ fn mean(numbers: impl Iterator<Item = f64>) -> f64 {
 fn thread_time() -> Duration {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     Duration::from_nanos(text.split_whitespace().next().and_then(|number| number.parse().ok()).unwrap_or(0))
-}
-
-/// The name of a file without folders and endings.
-fn stem(name: &str) -> &str {
-    Path::new(name).file_stem().and_then(|stem| stem.to_str()).unwrap_or(name)
 }

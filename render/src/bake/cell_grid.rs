@@ -4,7 +4,7 @@ use glam::Vec2;
 
 use crate::error::{Error, Result};
 
-/// Most cells along one side of Y: the sums along a row are compared all at once.
+/// Most cells along one side of Y: the factors of so many rows have a sum that f32 holds without rounding.
 const MOST_CELLS: usize = 64;
 
 /// The cells of the intermediate square: `rows` along elevation, `columns` around the circle.

@@ -271,21 +271,17 @@ vectorized! {
         _simd, table: &'a BakedTable, count: usize, state: &'a [Lanes],
         z: [&'a [Lanes]; 2], y: [&'a mut [Lanes]; 2], q: &'a mut [Lanes],
     ) {
-        let [mut y_u, mut y_v] = y;
-        let (mut q, mut strip) = (q, 0);
-        while !q.is_empty() {
-            let strips = q.len().min(2);
-            let (own_u, rest_u) = y_u.split_at_mut(strips);
-            let (own_v, rest_v) = y_v.split_at_mut(strips);
-            let (own_q, rest_q) = q.split_at_mut(strips);
-            let (state, left) = (&state[strip * COLUMNS..][..strips * COLUMNS], count - strip * LANES);
-            let z = [&z[0][strip..][..strips], &z[1][strip..][..strips]];
+        let [y_u, y_v] = y;
+        let pairs = q.chunks_mut(2).zip(y_u.chunks_mut(2)).zip(y_v.chunks_mut(2));
+        for (pair, ((q, y_u), y_v)) in pairs.enumerate() {
+            let (first, strips) = (2 * pair, q.len());
+            let (state, left) = (&state[first * COLUMNS..][..strips * COLUMNS], count - first * LANES);
+            let z = [&z[0][first..][..strips], &z[1][first..][..strips]];
             if strips == 2 {
-                sample_strips::<{ 2 * LANES }>(table, left, state, z, [own_u, own_v], own_q);
+                sample_strips::<{ 2 * LANES }>(table, left, state, z, [y_u, y_v], q);
             } else {
-                sample_strips::<LANES>(table, left, state, z, [own_u, own_v], own_q);
+                sample_strips::<LANES>(table, left, state, z, [y_u, y_v], q);
             }
-            (y_u, y_v, q, strip) = (rest_u, rest_v, rest_q, strip + strips);
         }
     }
 }
