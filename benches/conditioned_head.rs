@@ -3,10 +3,13 @@
 //! For shading points of a view with their true visibility, the relative variance of an estimate of the light that a diffuse surface reflects, shadows
 //! included; points that see less than a twentieth of what they would reflect are left out, as a few of them would be all of the mean. The heads are trained on the product of cosine and visibility at one half of the points and judged at the other half:
 //! `head` knows the normal and nothing of visibility, `head, mean` was trained with the visibility of the scene and is not told where it is, `head,
-//! conditioned` is told the visibility that was learned for the cell of its shading point, as the means over 4 x 4 cells of Y. Beside them the
+//! conditioned` is told the visibility that was learned for the cell of its shading point, as the means over 4 x 4 cells of Y. Two more know nothing of the
+//! scene before they are told: `head, masks` was trained with random masks ([`mask`]), `head, elsewhere` with these and the other built-in scenes. Beside them the
 //! estimators of the project, with `LEARNED64`, what 64 samples per pixel of the view teach, where their names say so; they are judged by their draws at
 //! the same points.
 
+#[path = "conditioned_head/mask.rs"]
+mod mask;
 #[path = "../render/benches/views/mod.rs"]
 mod views;
 
@@ -15,10 +18,11 @@ use std::{
     sync::{Arc, atomic::AtomicBool},
 };
 
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3, Vec3A};
 use headtail_model::{Condition, burn::prelude::Device};
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
+    brdf::Lambert,
     color::luminance,
     columns::Arena,
     environment::Environment,
@@ -26,6 +30,7 @@ use headtail_render::{
     export::{ExportedSampler, Intermediate},
     head::MAX_CONDITION,
     integrator::{View, learn_visibility},
+    latlong,
     patches::{Detail, PatchSampler},
     points::{PointSet, Points},
     random::Stream,
@@ -34,13 +39,14 @@ use headtail_render::{
     spec::{Place, SamplerSpec},
     tail::{TailKind, TailWarp},
     tile::{ShadingPoint, Tile},
-    visibility::Known,
+    visibility::{Known, SceneVisibility},
 };
 use headtail_train::{
     FitConfig, Preset, Target, fit,
     integrand::{PointValues, TailMap, TailPoint},
     validation::Validation,
 };
+use mask::Mask;
 use rayon::prelude::*;
 use views::{dressed, stem};
 
@@ -62,6 +68,9 @@ const HIDDEN: f32 = 1e-30;
 const TOLD: usize = 4;
 /// The picture whose pixels are learned from.
 const SIZE: (usize, usize) = (160, 120);
+/// Random masks to train with, and built-in scenes.
+const MASKS: usize = 16384;
+const ELSEWHERE: [&str; 6] = ["temple", "dishes", "diorama", "droid", "bedroom", "cloth"];
 const ESTIMATORS: [&str; 6] =
     ["mis", "direct:TABLE", "patches", "direct+vis@LEARNED:TABLE", "patches+vis:LEARNED", "mis-comp"];
 
@@ -87,30 +96,32 @@ fn main() -> Fallible<()> {
 
 /// The relative variance and the divergence of every sampler.
 fn measure(name: &str, environment: &Arc<Environment>, steps: usize) -> Fallible<Vec<(String, [f64; 2])>> {
-    let scene = dressed(name, "lambert")?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let sky = PatchSampler::new(light.clone(), Detail::Leaves)?;
-    let learner = LearnedVisibility::new(environment.clone(), Detail::Leaves, LearnedVisibility::MEMORY)?;
-    let (width, height) = SIZE;
-    let camera = scene.camera();
-    let view = View { scene: &scene, camera: &camera, environment, width, height, unshadowed: false, depth: 1 };
-    let learned = learn_visibility(view, &learner, None, (64, 77), &AtomicBool::new(false), &|_| {});
-    let known = Known::new(&learned, &sky.division(), LearnedVisibility::MEMORY)?;
-    let shares = shares_of_cells(&light, &sky);
-    let surroundings: Vec<Surroundings> = shading_points(&scene, SHADING_POINTS)
-        .into_iter()
-        .map(|point| Surroundings { point, told: told(&known, &shares, &point) })
-        .filter(|surroundings| Occluded::of_one(&light, &scene, surroundings).seen_share() >= LEAST_SEEN)
-        .collect();
-    let (train, test): (Vec<_>, Vec<_>) = surroundings.iter().enumerate().partition(|(k, _)| k % 2 == 0);
-    let [train, test] = [train, test].map(|list| list.into_iter().map(|(_, one)| *one).collect::<Vec<_>>());
+    let map = MapOfCells::new(&light, &sky);
+    let scene = Arc::new(dressed(name, "lambert")?);
+    let (learned, own) = surroundings(&scene, &map)?;
+    let (train, test): (Vec<_>, Vec<_>) = own.iter().enumerate().partition(|(k, _)| k % 2 == 0);
+    let [train, test] = [train, test].map(|list| list.into_iter().map(|(_, one)| one.clone()).collect::<Vec<_>>());
+    let masked: Vec<Surroundings> = (0..MASKS).map(|k| map.masked(k as u64)).collect();
+    // Points know what they see, whatever scene they are of.
+    let mut elsewhere = masked.clone();
+    for other in ELSEWHERE.into_iter().filter(|other| *other != name) {
+        let scene = Arc::new(dressed(other, "lambert")?);
+        elsewhere.extend(surroundings(&scene, &map)?.1);
+    }
 
     let mut results = Vec::new();
-    let target = |points, sees, tells| Occluded { light: &light, scene: &scene, points, sees, tells };
+    let target = |points, sees, tells| Occluded { light: &light, points, sees, tells };
     let config = config(steps)?;
-    for (name, sees, tells) in [("head", false, false), ("head, mean", true, false), ("head, conditioned", true, true)]
-    {
-        let fitted = fit(&config, &target(&train[..], sees, tells), &mut |_| {}, &AtomicBool::new(false))?;
+    for (name, points, sees, tells) in [
+        ("head", &train, false, false),
+        ("head, mean", &train, true, false),
+        ("head, conditioned", &train, true, true),
+        ("head, masks", &masked, true, true),
+        ("head, elsewhere", &elsewhere, true, true),
+    ] {
+        let fitted = fit(&config, &target(&points[..], sees, tells), &mut |_| {}, &AtomicBool::new(false))?;
         let shape = config.validation_shape();
         let judged = Validation::new(&target(&test[..], true, tells), shape, config.seed)?;
         let found = judged.divergence(&fitted.head, &Device::default());
@@ -127,6 +138,7 @@ fn measure(name: &str, environment: &Arc<Environment>, steps: usize) -> Fallible
         let place = Place { scene: Some(&scene), ..Place::default() };
         let estimator = text.parse::<SamplerSpec>()?.build_in(environment, place)?;
         // What is learned is drawn with in a rendering alone.
+        let (camera, (width, height)) = (scene.camera(), SIZE);
         let setting = Setting { eye: camera.look_from(), pixel: camera.pixel_angle(height), pixels: width * height };
         let judged = match estimator.learner(setting) {
             Some(learner) => by_draws(&*learner, &scene, &test),
@@ -148,17 +160,56 @@ fn config(steps: usize) -> Fallible<FitConfig> {
     Ok(config)
 }
 
+/// What hides the sky at a point.
+#[derive(Clone)]
+enum Hidden {
+    Scene(Arc<Scene>),
+    Mask(Mask),
+}
+
 /// A shading point, and what a head is told of the visibility there.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct Surroundings {
     point: ShadingPoint,
+    hidden: Hidden,
     told: [f32; SIDE * SIDE],
+}
+
+impl Surroundings {
+    /// Whether the sky is seen in directions.
+    fn sees(&self, directions: impl Iterator<Item = Vec3A>) -> Vec<bool> {
+        match &self.hidden {
+            Hidden::Mask(mask) => directions.map(|direction| mask.is_seen(direction)).collect(),
+            Hidden::Scene(scene) => {
+                let leaving = |direction| scene.leaving(self.point.p, self.point.ng, direction);
+                let rays: Vec<_> = directions.map(leaving).collect();
+                let mut visible = vec![true; rays.len()];
+                scene.visible_batch(&rays, &mut visible);
+                visible
+            }
+        }
+    }
+}
+
+/// What the camera sees of a scene under a map, but for points that see next to nothing of the light; and what was learned of it.
+fn surroundings(scene: &Arc<Scene>, map: &MapOfCells<'_>) -> Fallible<(SceneVisibility, Vec<Surroundings>)> {
+    let environment = map.light.environment();
+    let learner = LearnedVisibility::new(environment.clone(), Detail::Leaves, LearnedVisibility::MEMORY)?;
+    let ((width, height), camera) = (SIZE, scene.camera());
+    let view = View { scene, camera: &camera, environment, width, height, unshadowed: false, depth: 1 };
+    let learned = learn_visibility(view, &learner, None, (64, 77), &AtomicBool::new(false), &|_| {});
+    let known = Known::new(&learned, &map.sky.division(), LearnedVisibility::MEMORY)?;
+    let of_point = |point: ShadingPoint| {
+        Surroundings { point, hidden: Hidden::Scene(scene.clone()), told: map.told(&known, &point) }
+    };
+    let list = shading_points(scene, SHADING_POINTS).into_iter().map(of_point);
+    let is_lit = |one: &Surroundings| Occluded::of_one(map.light, one).seen_share() >= LEAST_SEEN;
+    Ok((learned, list.filter(is_lit).collect()))
 }
 
 /// Cosine times visibility, seen through the tail.
 struct Occluded<'a> {
     light: &'a EnvironmentLight,
-    scene: &'a Scene,
     points: &'a [Surroundings],
     /// Whether what is hidden is dark.
     sees: bool,
@@ -167,8 +218,8 @@ struct Occluded<'a> {
 }
 
 impl<'a> Occluded<'a> {
-    fn of_one(light: &'a EnvironmentLight, scene: &'a Scene, point: &'a Surroundings) -> Self {
-        Self { light, scene, points: std::slice::from_ref(point), sees: true, tells: false }
+    fn of_one(light: &'a EnvironmentLight, point: &'a Surroundings) -> Self {
+        Self { light, points: std::slice::from_ref(point), sees: true, tells: false }
     }
 
     /// The share that the first point sees of the light that it would reflect.
@@ -189,7 +240,7 @@ impl Target for Occluded<'_> {
 
     fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
         let place = ((stream.uniform() * self.points.len() as f32) as usize).min(self.points.len() - 1);
-        let Surroundings { point, told } = &self.points[place];
+        let Surroundings { point, told, .. } = &self.points[place];
         condition.fill(0.0);
         condition[..PLACE].copy_from_slice(&point.ns.to_array());
         condition[PLACE] = HIDDEN * place as f32;
@@ -199,13 +250,12 @@ impl Target for Occluded<'_> {
     }
 
     fn at_points(&self, condition: &[f32], y: &[[f32; 2]]) -> Vec<PointValues> {
-        let point = &self.points[(condition[PLACE] / HIDDEN).round() as usize].point;
-        let there = TailMap::forward(&**self.light.tail(), y);
-        let rays: Vec<_> = there.iter().map(|there| self.scene.leaving(point.p, point.ng, there.direction)).collect();
-        let mut visible = vec![true; rays.len()];
-        if self.sees {
-            self.scene.visible_batch(&rays, &mut visible);
-        }
+        let surroundings = &self.points[(condition[PLACE] / HIDDEN).round() as usize];
+        let (point, there) = (&surroundings.point, TailMap::forward(&**self.light.tail(), y));
+        let visible = match self.sees {
+            true => surroundings.sees(there.iter().map(|there| there.direction)),
+            false => vec![true; y.len()],
+        };
         let value = |(there, visible): (&TailPoint, bool)| {
             let lit = visible && point.ng.dot(there.direction) > 0.0;
             let target = if lit { there.light * point.ns.dot(there.direction).max(0.0) } else { 0.0 };
@@ -215,29 +265,55 @@ impl Target for Occluded<'_> {
     }
 }
 
-/// For each cell of Y the shares of it that are of each patch of sky.
-fn shares_of_cells(light: &EnvironmentLight, sky: &PatchSampler) -> Vec<Vec<(usize, f32)>> {
-    let place = |cell: usize, k: usize| {
-        let at = |cell: usize, k: usize| (cell as f32 + (k as f32 + 0.5) / POINTS_OF_CELL as f32) / SIDE as f32;
-        Vec2::new(at(cell % SIDE, k % POINTS_OF_CELL), at(cell / SIDE, k / POINTS_OF_CELL))
-    };
-    let of_cell = |cell: usize| {
-        let y: Vec<Vec2> = (0..POINTS_OF_CELL * POINTS_OF_CELL).map(|k| place(cell, k)).collect();
-        let share = 1.0 / y.len() as f32;
-        light.tail().forward_points(&y).into_iter().map(|(x, _)| (usize::from(sky.patch_at(x)), share)).collect()
-    };
-    (0..SIDE * SIDE).map(of_cell).collect()
+/// The cells of Y of a map that heads are told of.
+struct MapOfCells<'a> {
+    light: &'a EnvironmentLight,
+    sky: &'a PatchSampler,
+    /// For each cell the shares of it that are of each patch of sky, and directions to points of it.
+    cells: Vec<(Vec<(usize, f32)>, Vec<Vec3A>)>,
 }
 
-/// The learned visibility of the cells of Y at a point; 1/2 where nothing is known.
-fn told(known: &Known, shares: &[Vec<(usize, f32)>], point: &ShadingPoint) -> [f32; SIDE * SIDE] {
-    let mut told = [0.5; SIDE * SIDE];
-    if let Some((_, _, visibility)) = known.at(point.p, point.ns) {
-        for (told, shares) in told.iter_mut().zip(shares) {
-            *told = shares.iter().map(|&(patch, share)| share * visibility[patch]).sum();
-        }
+impl<'a> MapOfCells<'a> {
+    fn new(light: &'a EnvironmentLight, sky: &'a PatchSampler) -> Self {
+        let place = |cell: usize, k: usize| {
+            let at = |cell: usize, k: usize| (cell as f32 + (k as f32 + 0.5) / POINTS_OF_CELL as f32) / SIDE as f32;
+            Vec2::new(at(cell % SIDE, k % POINTS_OF_CELL), at(cell / SIDE, k / POINTS_OF_CELL))
+        };
+        let of_cell = |cell: usize| {
+            let y: Vec<Vec2> = (0..POINTS_OF_CELL * POINTS_OF_CELL).map(|k| place(cell, k)).collect();
+            let (share, there) = (1.0 / y.len() as f32, light.tail().forward_points(&y));
+            let shares = there.iter().map(|&(x, _)| (usize::from(sky.patch_at(x)), share)).collect();
+            (shares, there.iter().map(|&(x, _)| latlong::direction(x)).collect())
+        };
+        Self { light, sky, cells: (0..SIDE * SIDE).map(of_cell).collect() }
     }
-    told
+
+    /// The learned visibility of the cells at a point; 1/2 where nothing is known.
+    fn told(&self, known: &Known, point: &ShadingPoint) -> [f32; SIDE * SIDE] {
+        let mut told = [0.5; SIDE * SIDE];
+        if let Some((_, _, visibility)) = known.at(point.p, point.ns) {
+            for (told, (shares, _)) in told.iter_mut().zip(&self.cells) {
+                *told = shares.iter().map(|&(patch, share)| share * visibility[patch]).sum();
+            }
+        }
+        told
+    }
+
+    /// A point behind a mask, of which all is known; the next one if that sees next to nothing.
+    fn masked(&self, number: u64) -> Surroundings {
+        let of_number = |number: u64| {
+            let (mask, normal) = Mask::random(number);
+            let seen = |(_, directions): &(_, Vec<Vec3A>)| {
+                directions.iter().filter(|direction| mask.is_seen(**direction)).count() as f32 / directions.len() as f32
+            };
+            let told = std::array::from_fn(|cell| seen(&self.cells[cell]));
+            let point = ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, surface: Lambert { albedo: Vec3::ONE }.into() };
+            Surroundings { point, told, hidden: Hidden::Mask(mask) }
+        };
+        let tries = (0..).map(|k| of_number(number + k * MASKS as u64));
+        let is_lit = |one: &Surroundings| Occluded::of_one(self.light, one).seen_share() >= LEAST_SEEN;
+        tries.into_iter().find(is_lit).expect("some mask lets light through")
+    }
 }
 
 /// What the camera sees through a grid of rays.

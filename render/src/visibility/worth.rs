@@ -2,18 +2,22 @@
 
 use super::{estimate::Visibility, weights::Weights};
 
-/// The least gain at which weights are drawn with. To find and to multiply them takes a tenth of a sample's time, and pictures of
-/// low-discrepancy points mostly gain less than independent samples.
-const LEAST_GAIN: f64 = 1.2;
+/// The least gain at which weights are drawn with. Priors are stronger than the few rays of a lesson: pictures gain two to three times as much as is
+/// foreseen (as logarithms), and to find and to multiply weights takes a tenth of a sample's time and more.
+const LEAST_GAIN: f64 = 1.1;
+/// The relative variance of light within a patch that is seen as a whole.
+const WITHIN: f64 = 0.02;
 /// The least share of rays that are stopped at which there may be something to learn.
 const LEAST_STOPPED: f64 = 0.02;
 
 /// What weights change for samples that are drawn in proportion to what is reflected of the sky, summed over cells by their rays.
+///
+/// Points that keep their strata have no noise from the choice of a patch. What is left is the noise within patches: of a share v of a patch that is seen,
+/// `v (1 - v)`, and a little of the light itself. Over eleven scenes under six maps the logarithm of what pictures gain correlates with this at 0.94, with the gain
+/// of independent samples at 0.72.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Worth {
-    /// The square of what is seen.
-    squared_mean: f64,
-    /// The second moment of samples without weights.
+    /// The variance of samples without weights.
     plain: f64,
     /// The same with weights.
     weighted: f64,
@@ -25,26 +29,25 @@ pub struct Worth {
 impl Worth {
     /// That of a cell: the rays to each patch, which were drawn in that proportion, say how much of the light is in the patch.
     pub fn of(rays: impl Iterator<Item = [u32; 2]>, visibility: &Visibility, weights: &Weights) -> Self {
-        let (mut all, mut stopped, mut seen, mut weight, mut squared) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        let (mut all, mut stopped, mut plain, mut weight, mut weighted) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for (patch, ([came_through, rays], &visibility)) in rays.zip(visibility.patches()).enumerate() {
             stopped += f64::from(rays) - f64::from(came_through);
             let (rays, visibility, own) = (f64::from(rays), f64::from(visibility), f64::from(weights.of_patch(patch)));
+            let noise = rays * visibility * (1.0 - visibility + WITHIN);
             all += rays;
-            seen += rays * visibility;
+            plain += noise;
             weight += rays * own;
-            squared += rays * visibility / own;
+            weighted += noise / own;
         }
-        // A patch with share e of what is reflected (the sum of shares is 1) is drawn with probability e g / sum of e g, and adds e times
-        // one over that if it is seen. So the second moment is (sum of e v / g)(sum of e g), and sum of e v without weights. Cells count by their rays.
-        let one = 1.0 / f64::max(all, 1.0);
-        Self { squared_mean: one * seen * seen, plain: seen, weighted: one * squared * weight, rays: all, stopped }
+        // A patch with share e of what is reflected (the sum of shares is 1) gets the share p = e g / sum of e g of the samples, each of which adds e / p times
+        // what is seen or not: its variance is e^2 v (1 - v) / p, and e v (1 - v) without weights. Cells count by their rays.
+        Self { plain, weighted: weighted * weight / f64::max(all, 1.0), rays: all, stopped }
     }
 
     /// That of two sets of cells.
     #[must_use]
     pub fn with(self, other: Self) -> Self {
         Self {
-            squared_mean: self.squared_mean + other.squared_mean,
             plain: self.plain + other.plain,
             weighted: self.weighted + other.weighted,
             rays: self.rays + other.rays,
@@ -54,8 +57,7 @@ impl Worth {
 
     /// The variance of samples without weights over that of samples with them; 1 where nothing is known.
     pub fn gain(&self) -> f64 {
-        let [plain, weighted] = [self.plain, self.weighted].map(|moment| moment - self.squared_mean);
-        if plain > 0.0 && weighted > 0.0 { plain / weighted } else { 1.0 }
+        if self.plain > 0.0 && self.weighted > 0.0 { self.plain / self.weighted } else { 1.0 }
     }
 
     /// Whether more rays may come to foresee a gain that pays. What few rays foresee is nothing, as priors are stronger; how many of them were
@@ -86,11 +88,15 @@ mod tests {
 
     #[test]
     fn the_gain_is_that_of_the_variance() {
-        // Seen and not seen. Without weights the mean is 1/2 and its square 1/4, the second moment 1/2. With weights 1 and 77/255, the second moment is
-        // 1/2 (1 + 77/255) / 2.
-        let expected = 0.25 / (0.25 * (1.0 + 77.0 / 255.0) - 0.25);
+        // Seen and not seen: all noise is in the first, which gets 255 of 332 samples instead of one in two.
+        let expected = 2.0 * 255.0 / 332.0;
         assert!((worth([1.0, 0.0]).gain() / expected - 1.0).abs() < 1e-6, "{}", worth([1.0, 0.0]).gain());
         assert!(worth([1.0, 0.0]).pays());
+        // A quarter of the first comes through, and nine tenths of the second. Noise is 0.25 x 0.77 and 0.9 x 0.12, weights are 77/255 and 230/255.
+        let (a, b, g, h) = (0.25 * 0.77, 0.9 * 0.12, 77.0 / 255.0, 230.0 / 255.0);
+        let expected = (a + b) / ((a / g + b / h) * (g + h) / 2.0);
+        assert!((worth([0.25, 0.9]).gain() / expected - 1.0).abs() < 1e-6, "{}", worth([0.25, 0.9]).gain());
+        assert!(!worth([0.25, 0.9]).pays());
     }
 
     #[test]
@@ -112,12 +118,12 @@ mod tests {
     }
 
     #[test]
-    fn cells_count_by_their_rays() {
-        let [occluded, open] = [worth([1.0, 0.0]), worth([1.0, 1.0])];
-        let many = (0..100).fold(occluded, |sum, _| sum.with(open));
-        // Open cells have no variance at all.
+    fn cells_count_by_their_noise() {
+        let [occluded, open, shaded, dark] = [[1.0, 0.0], [1.0, 1.0], [0.5, 0.5], [0.0, 0.0]].map(worth);
+        let with_many = |other: Worth| (0..100).fold(occluded, |sum, _| sum.with(other));
+        assert!(with_many(open).gain() < 1.01 && with_many(shaded).gain() < 1.001);
+        // Where nothing is seen there is no noise.
+        let many = with_many(dark);
         assert!((many.gain() / occluded.gain() - 1.0).abs() < 1e-9 && many.pays(), "{}", many.gain());
-        let shaded = (0..100).fold(occluded, |sum, _| sum.with(worth([0.5, 0.5])));
-        assert!(shaded.gain() < 1.01, "{}", shaded.gain());
     }
 }

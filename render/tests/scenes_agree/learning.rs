@@ -53,7 +53,7 @@ fn nothing_stays_from_one_rendering_to_the_next() {
 }
 
 /// Mean and standard error of the image's mean over renderings of different seeds.
-fn mean_of(setting: &Setting, estimator: &dyn Estimator, spp: u32, renderings: u64) -> (f64, f64) {
+pub fn mean_of(setting: &Setting, estimator: &dyn Estimator, spp: u32, renderings: u64) -> (f64, f64) {
     let means: Vec<f64> = (0..renderings)
         .into_par_iter()
         .map(|seed| {
@@ -68,6 +68,16 @@ fn mean_of(setting: &Setting, estimator: &dyn Estimator, spp: u32, renderings: u
 
 /// What is learned of a setting from so many samples per pixel.
 fn learn(setting: &Setting, samples: u32, before: Option<SceneVisibility>) -> SceneVisibility {
+    learn_with(setting, &learned(&setting.environment), samples, before)
+}
+
+/// The same by an estimator.
+pub fn learn_with(
+    setting: &Setting,
+    estimator: &LearnedVisibility,
+    samples: u32,
+    before: Option<SceneVisibility>,
+) -> SceneVisibility {
     let (scene, camera) = (&setting.scene, setting.scene.camera());
     let view = View {
         scene,
@@ -80,7 +90,7 @@ fn learn(setting: &Setting, samples: u32, before: Option<SceneVisibility>) -> Sc
     };
     // The seed of one of the renderings: points of learning are others all the same.
     let of_seed = (samples, 100);
-    learn_visibility(view, &learned(&setting.environment), before, of_seed, &AtomicBool::new(false), &|_| {})
+    learn_visibility(view, estimator, before, of_seed, &AtomicBool::new(false), &|_| {})
 }
 
 /// Compares the means of six scenes with those of `mis`, each from so many renderings of so many samples, where the standard error of a

@@ -4,6 +4,7 @@ mod budgets;
 #[path = "../layers/mod.rs"]
 mod layers;
 mod learning;
+mod learning_in_hard_scenes;
 #[path = "../networks/mod.rs"]
 mod networks;
 mod points;

@@ -1,0 +1,105 @@
+"""Tables at equal samples and at equal time from the CSV of `--bench visibility`: python3 equal_time.py FILE [BASE].
+
+The first table has, for each sampler, the mean squared error of `mis` over its own (or that of BASE): geometric means over all views at equal samples
+and after as much processor time as 16 and 64 samples of `mis` take, the least view in brackets, and the time of a sample over that of `mis`. The
+second has the best form of MIS over the sampler at equal time, by map; forms of MIS are those of as many directions as the sampler has, or fewer.
+
+A sample's time is the mean over the budgets of a view; errors between budgets, or a little beyond them, follow the power with which they fall.
+"""
+
+import collections
+import csv
+import math
+import sys
+
+from geometric_means import geometric_mean, nearest_pair
+
+FORMS_OF_MIS = ("mis", "mis2", "mis-comp")
+SPLIT_FORMS_OF_MIS = ("split:2:mis-comp", "split:4:mis-comp")
+BUDGETS_OF_MIS = (16, 64)
+
+
+def read(path):
+    """{(map, scene): {sampler: {samples: (error, seconds of a sample)}}}"""
+    views = collections.defaultdict(lambda: collections.defaultdict(dict))
+    with open(path, newline="") as file:
+        for row in csv.DictReader(file):
+            figures = float(row["mse"]), float(row["cpu_seconds_per_sample"])
+            views[row["map"], row["scene"]][row["sampler"]][int(row["spp"])] = figures
+    return views
+
+
+def seconds_of_sample(budgets):
+    """The mean time of a sample over budgets, as a logarithm's: short pictures are the noisier ones."""
+    return geometric_mean([seconds for _, seconds in budgets.values()])
+
+
+def error_after(budgets, seconds):
+    """The error of a sampler after so much time."""
+    points = sorted((math.log(samples), math.log(error)) for samples, (error, _) in budgets.items())
+    at = math.log(seconds / seconds_of_sample(budgets))
+    (x0, y0), (x1, y1) = nearest_pair(points, at)
+    slope = (y1 - y0) / (x1 - x0) if x1 > x0 else -1.0
+    return math.exp(y0 + slope * (at - x0))
+
+
+def errors_at_equal_time(view):
+    """{(samples of mis, sampler): error}"""
+    of_mis = seconds_of_sample(view["mis"])
+    return {(n, name): error_after(budgets, n * of_mis) for n in BUDGETS_OF_MIS for name, budgets in view.items()}
+
+
+def with_least(ratios):
+    return f"{geometric_mean(ratios):.2f} ({min(ratios):.2f})"
+
+
+def print_row(cells):
+    print("| " + " | ".join(cells) + " |")
+
+
+def print_head(cells):
+    print_row(cells)
+    print_row(["---"] * len(cells))
+
+
+def print_samplers(views, base):
+    samples = sorted(next(iter(views.values()))[base])
+    at_time = [(view, errors_at_equal_time(view)) for view in views.values()]
+    equal = [f"{n} samples" for n in samples]
+    print_head(["sampler", *equal, "time of a sample", *(f"equal time, {n} of mis" for n in BUDGETS_OF_MIS)])
+    for name in next(iter(views.values())):
+        cells = [with_least([view[base][n][0] / view[name][n][0] for view in views.values()]) for n in samples]
+        times = [seconds_of_sample(view[name]) / seconds_of_sample(view["mis"]) for view in views.values()]
+        cells.append(f"{geometric_mean(times):.2f}")
+        cells += [with_least([errors[n, base] / errors[n, name] for _, errors in at_time]) for n in BUDGETS_OF_MIS]
+        print_row([name, *cells])
+
+
+def print_maps(views):
+    names = [name for name in next(iter(views.values())) if name not in FORMS_OF_MIS]
+    print_head(["map", *names])
+    maps = list(dict.fromkeys(where for where, _ in views))
+    for where in [*maps, None]:
+        chosen = [errors_at_equal_time(view) for (own, _), view in views.items() if where in (None, own)]
+        cells = []
+        for name in names:
+            forms = FORMS_OF_MIS + (SPLIT_FORMS_OF_MIS if name.startswith("split:") else ())
+            ratios = [
+                [min(errors[n, form] for form in forms if (n, form) in errors) / errors[n, name] for errors in chosen]
+                for n in BUDGETS_OF_MIS
+            ]
+            least, below = min(map(min, ratios)), sum(min(pair) < 1 for pair in zip(*ratios))
+            means = " · ".join(f"{geometric_mean(own):.2f}" for own in ratios)
+            cells.append(f"{means} ({least:.2f}; {below} below 1)")
+        print_row([where or f"all {len(chosen)}", *cells])
+
+
+def main(path, base="mis"):
+    views = read(path)
+    print_samplers(views, base)
+    print()
+    print_maps(views)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
