@@ -199,8 +199,10 @@ fn surroundings(scene: &Arc<Scene>, map: &MapOfCells<'_>) -> Fallible<(SceneVisi
     let view = View { scene, camera: &camera, environment, width, height, unshadowed: false, depth: 1 };
     let learned = learn_visibility(view, &learner, None, (64, 77), &AtomicBool::new(false), &|_| {});
     let known = Known::new(&learned, &map.sky.division(), LearnedVisibility::MEMORY)?;
-    let of_point = |point: ShadingPoint| {
-        Surroundings { point, hidden: Hidden::Scene(scene.clone()), told: map.told(&known, &point) }
+    let of_point = |point: ShadingPoint| Surroundings {
+        point,
+        hidden: Hidden::Scene(scene.clone()),
+        told: map.told(&known, &point),
     };
     let list = shading_points(scene, SHADING_POINTS).into_iter().map(of_point);
     let is_lit = |one: &Surroundings| Occluded::of_one(map.light, one).seen_share() >= LEAST_SEEN;
@@ -307,7 +309,13 @@ impl<'a> MapOfCells<'a> {
                 directions.iter().filter(|direction| mask.is_seen(**direction)).count() as f32 / directions.len() as f32
             };
             let told = std::array::from_fn(|cell| seen(&self.cells[cell]));
-            let point = ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, surface: Lambert { albedo: Vec3::ONE }.into() };
+            let point = ShadingPoint {
+                p: Vec3A::ZERO,
+                ng: normal,
+                ns: normal,
+                wo: normal,
+                surface: Lambert { albedo: Vec3::ONE }.into(),
+            };
             Surroundings { point, told, hidden: Hidden::Mask(mask) }
         };
         let tries = (0..).map(|k| of_number(number + k * MASKS as u64));

