@@ -2,9 +2,9 @@
 //!
 //! For shading points of a view with their true visibility, the relative variance of an estimate of the light that a diffuse surface reflects, shadows
 //! included; points that see less than a twentieth of what they would reflect are left out, as a few of them would be all of the mean. The heads are trained on the product of cosine and visibility at one half of the points and judged at the other half:
-//! `head` knows the normal and nothing of visibility, `head, mean` was trained with the visibility of the scene and is not told where it is, `head,
-//! conditioned` is told the visibility that was learned for the cell of its shading point, as the means over 4 x 4 cells of Y. Two more know nothing of the
-//! scene before they are told: `head, masks` was trained with random masks ([`mask`]), `head, elsewhere` with these and the other built-in scenes. Beside them the
+//! `head` knows the normal and nothing of visibility, `head: mean` was trained with the visibility of the scene and is not told where it is,
+//! `head: conditioned` is told the visibility that was learned for the cell of its shading point, as the means over 4 x 4 cells of Y. Two more know nothing of the
+//! scene before they are told: `head: masks` was trained with random masks ([`mask`]), `head: elsewhere` with these and the other built-in scenes. Beside them the
 //! estimators of the project, with `LEARNED64`, what 64 samples per pixel of the view teach, where their names say so; they are judged by their draws at
 //! the same points.
 
@@ -116,10 +116,10 @@ fn measure(name: &str, environment: &Arc<Environment>, steps: usize) -> Fallible
     let config = config(steps)?;
     for (name, points, sees, tells) in [
         ("head", &train, false, false),
-        ("head, mean", &train, true, false),
-        ("head, conditioned", &train, true, true),
-        ("head, masks", &masked, true, true),
-        ("head, elsewhere", &elsewhere, true, true),
+        ("head: mean", &train, true, false),
+        ("head: conditioned", &train, true, true),
+        ("head: masks", &masked, true, true),
+        ("head: elsewhere", &elsewhere, true, true),
     ] {
         let fitted = fit(&config, &target(&points[..], sees, tells), &mut |_| {}, &AtomicBool::new(false))?;
         let shape = config.validation_shape();
