@@ -271,8 +271,15 @@ impl Target for Occluded<'_> {
 struct MapOfCells<'a> {
     light: &'a EnvironmentLight,
     sky: &'a PatchSampler,
-    /// For each cell the shares of it that are of each patch of sky, and directions to points of it.
-    cells: Vec<(Vec<(usize, f32)>, Vec<Vec3A>)>,
+    cells: Vec<CellOfY>,
+}
+
+/// What a cell of Y has of the sky.
+struct CellOfY {
+    /// The shares of it that are of patches.
+    shares: Vec<(usize, f32)>,
+    /// Directions to points of it.
+    directions: Vec<Vec3A>,
 }
 
 impl<'a> MapOfCells<'a> {
@@ -285,7 +292,7 @@ impl<'a> MapOfCells<'a> {
             let y: Vec<Vec2> = (0..POINTS_OF_CELL * POINTS_OF_CELL).map(|k| place(cell, k)).collect();
             let (share, there) = (1.0 / y.len() as f32, light.tail().forward_points(&y));
             let shares = there.iter().map(|&(x, _)| (usize::from(sky.patch_at(x)), share)).collect();
-            (shares, there.iter().map(|&(x, _)| latlong::direction(x)).collect())
+            CellOfY { shares, directions: there.iter().map(|&(x, _)| latlong::direction(x)).collect() }
         };
         Self { light, sky, cells: (0..SIDE * SIDE).map(of_cell).collect() }
     }
@@ -294,8 +301,8 @@ impl<'a> MapOfCells<'a> {
     fn told(&self, known: &Known, point: &ShadingPoint) -> [f32; SIDE * SIDE] {
         let mut told = [0.5; SIDE * SIDE];
         if let Some((_, _, visibility)) = known.at(point.p, point.ns) {
-            for (told, (shares, _)) in told.iter_mut().zip(&self.cells) {
-                *told = shares.iter().map(|&(patch, share)| share * visibility[patch]).sum();
+            for (told, cell) in told.iter_mut().zip(&self.cells) {
+                *told = cell.shares.iter().map(|&(patch, share)| share * visibility[patch]).sum();
             }
         }
         told
@@ -305,7 +312,7 @@ impl<'a> MapOfCells<'a> {
     fn masked(&self, number: u64) -> Surroundings {
         let of_number = |number: u64| {
             let (mask, normal) = Mask::random(number);
-            let seen = |(_, directions): &(_, Vec<Vec3A>)| {
+            let seen = |CellOfY { directions, .. }: &CellOfY| {
                 directions.iter().filter(|direction| mask.is_seen(**direction)).count() as f32 / directions.len() as f32
             };
             let told = std::array::from_fn(|cell| seen(&self.cells[cell]));
@@ -318,9 +325,9 @@ impl<'a> MapOfCells<'a> {
             };
             Surroundings { point, told, hidden: Hidden::Mask(mask) }
         };
-        let tries = (0..).map(|k| of_number(number + k * MASKS as u64));
+        let mut tries = (0..).map(|k| of_number(number + k * MASKS as u64));
         let is_lit = |one: &Surroundings| Occluded::of_one(self.light, one).seen_share() >= LEAST_SEEN;
-        tries.into_iter().find(is_lit).expect("some mask lets light through")
+        tries.find(is_lit).expect("some mask lets light through")
     }
 }
 

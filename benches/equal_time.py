@@ -9,12 +9,10 @@ A sample's time is the mean over the budgets of a view; errors between budgets, 
 
 import collections
 import csv
-import math
 import sys
 
-from geometric_means import geometric_mean, nearest_pair
+from geometric_means import FORMS_OF_MIS, by_power, geometric_mean
 
-FORMS_OF_MIS = ("mis", "mis2", "mis-comp")
 SPLIT_FORMS_OF_MIS = ("split:2:mis-comp", "split:4:mis-comp")
 BUDGETS_OF_MIS = (16, 64)
 
@@ -36,11 +34,8 @@ def seconds_of_sample(budgets):
 
 def error_after(budgets, seconds):
     """The error of a sampler after so much time."""
-    points = sorted((math.log(samples), math.log(error)) for samples, (error, _) in budgets.items())
-    at = math.log(seconds / seconds_of_sample(budgets))
-    (x0, y0), (x1, y1) = nearest_pair(points, at)
-    slope = (y1 - y0) / (x1 - x0) if x1 > x0 else -1.0
-    return math.exp(y0 + slope * (at - x0))
+    errors = {samples: error for samples, (error, _) in budgets.items()}
+    return by_power(errors, seconds / seconds_of_sample(budgets))
 
 
 def errors_at_equal_time(view):

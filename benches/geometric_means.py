@@ -54,7 +54,12 @@ def seconds_of_samples(folder):
 
 def at_samples(budgets, samples):
     """The error of one sampler at a number of samples, between or a little beyond those that were run."""
-    points = sorted((math.log(runs[0][0]), math.log(mean([mse for _, _, mse in runs]))) for runs in budgets.values())
+    return by_power({runs[0][0]: mean([mse for _, _, mse in runs]) for runs in budgets.values()}, samples)
+
+
+def by_power(errors, samples):
+    """The error at a number of samples of {samples: error}, by the power with which it falls from one to the next."""
+    points = sorted((math.log(samples), math.log(error)) for samples, error in errors.items())
     (x0, y0), (x1, y1) = nearest_pair(points, math.log(samples))
     slope = (y1 - y0) / (x1 - x0) if x1 > x0 else -1.0
     return math.exp(y0 + slope * (math.log(samples) - x0))

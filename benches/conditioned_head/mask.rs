@@ -3,7 +3,7 @@
 //! Half of the masks are rooms, in which one to four windows are seen and no more; half are open places, of which one to four things hide a part.
 //! Windows and things are caps of the sphere of 5 to 60 degrees, about directions from everywhere.
 
-use glam::{Vec2, Vec3A};
+use glam::Vec3A;
 use headtail_render::random::{Purpose, Stream};
 
 /// Windows or things, at most.
@@ -23,13 +23,7 @@ impl Mask {
     /// The mask of a number, and the normal of a point that has it.
     pub fn random(number: u64) -> (Self, Vec3A) {
         let mut stream = Stream::new(number, Purpose::Weights, 0);
-        let mut direction = || {
-            let u = Vec2::new(stream.uniform(), stream.uniform());
-            let (z, turn) = (1.0 - 2.0 * u.x, std::f32::consts::TAU * u.y);
-            let across = (1.0 - z * z).max(0.0).sqrt();
-            Vec3A::new(across * turn.cos(), across * turn.sin(), z)
-        };
-        let (normal, middles) = (direction(), [(); CAPS].map(|()| direction()));
+        let (normal, middles) = (stream.direction(), [(); CAPS].map(|()| stream.direction()));
         let count = 1 + (stream.uniform() * CAPS as f32) as usize;
         let [least, largest] = HALF_ANGLES;
         let mut angle = || (least * (largest / least).powf(stream.uniform())).to_radians();
