@@ -4,7 +4,7 @@ use std::{error::Error, path::Path};
 
 use headtail_render::scene::{MaterialSpec, Scene};
 
-/// A scene in a material; meshes of files stand on a plane.
+/// A scene in a material, or in the materials that it has where that is `own`; meshes of files stand on a plane.
 ///
 /// # Errors
 /// There is no such scene or material.
@@ -12,6 +12,9 @@ pub fn dressed(name: &str, material: &str) -> Result<Scene, Box<dyn Error>> {
     let mut scene = Scene::open(name)?;
     if name.contains('.') {
         scene.add_ground();
+    }
+    if material == "own" {
+        return Ok(scene);
     }
     let bounds = scene.bounds();
     Ok(material.parse::<MaterialSpec>()?.dress(scene, &bounds)?)

@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3};
 use super::{
     CLUSTERS, Level, PARTS, Patches,
     mass::{Block, Cosines, Patch, Reflection},
+    small_lights,
     tree::{Aim, Cuts, Places, Points},
 };
 use crate::{
@@ -73,7 +74,8 @@ vectorized! {
                 is_glossy |= lobes[1][k] > 0.0;
             }
             let (mut sum, mut squared) = ([0.0; LANES], [0.0; LANES]);
-            for (((patch, brightness), weights), out) in patches.clusters.iter().zip(&patches.brightness).zip(&weights).zip(&mut *sums) {
+            for (((patch, brightness), number), out) in patches.clusters.iter().zip(&patches.brightness).zip(&patches.numbers).zip(&mut *sums) {
+                let weights = &weights[*number];
                 if is_glossy {
                     // Points of a strip are neighbours: a patch is often below the horizon of all.
                     let (mut mean, mut half_width, mut bound) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
@@ -100,9 +102,6 @@ vectorized! {
                 }
                 *out = sum;
             }
-            for out in &mut sums[patches.clusters.len()..] {
-                *out = sum;
-            }
             let mut shares = [1.0; LANES];
             if is_glossy {
                 for k in 0..LANES {
@@ -110,6 +109,24 @@ vectorized! {
                 }
             }
             lobes[SHARE] = shares;
+            if patches.small > 0 {
+                let mut at_leaves = [false; LANES];
+                for k in 0..LANES {
+                    at_leaves[k] = !goes_on(patches, lobes, k);
+                }
+                let [factor, added] = small_lights::scales(&sums[patches.small - 1], &sum, &shares, at_leaves);
+                for (cluster, out) in sums[..patches.clusters.len()].iter_mut().enumerate() {
+                    for k in 0..LANES {
+                        out[k] = if cluster < patches.small { out[k] * factor[k] } else { out[k] + added[k] };
+                    }
+                }
+                for k in 0..LANES {
+                    sum[k] += added[k];
+                }
+            }
+            for out in &mut sums[patches.clusters.len()..] {
+                *out = sum;
+            }
         }
     }
 }
@@ -272,7 +289,7 @@ fn walk<S: Simd, A: Aim, W: Weighting>(
         narrow[k] = goes_on(patches, lobes, k);
         any |= narrow[k];
     }
-    let weights = |lane: usize, cluster| weighting.of_parts(lobes[WEIGHTS][lane], cluster);
+    let weights = |lane: usize, cluster: usize| weighting.of_parts(lobes[WEIGHTS][lane], patches.numbers[cluster]);
     step(simd, (patches, &patches.leaves), &[true; LANES], &points, weights, aims[1], &mut path);
     if any {
         step(simd, (patches, &patches.twigs), &narrow, &points, |_, _| [1.0; LANES], aims[2], &mut path);
@@ -371,7 +388,7 @@ vectorized! {
                 let (leaf, cluster) = (twig / PARTS, twig / (PARTS * PARTS));
                 let own = sums[cluster][k] - if cluster == 0 { 0.0 } else { sums[cluster - 1][k] };
                 let mut probability = share(own, sums[CLUSTERS - 1][k]);
-                let weights = weighting.of_parts(lobes[WEIGHTS][k], cluster);
+                let weights = weighting.of_parts(lobes[WEIGHTS][k], patches.numbers[cluster]);
                 probability *= share_of(&part_sums(simd, &patches.leaves.blocks[cluster], &point, &weights), leaf % PARTS);
                 let mut inverse_energy = patches.leaves.rectangles[leaf][4];
                 if goes_on(patches, lobes, k) {

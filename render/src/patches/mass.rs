@@ -92,13 +92,9 @@ impl Patch {
         }
     }
 
-    /// Multiplies the energies of its parts by a factor of the variance of their directions, and takes their sum for its own.
-    pub fn hold_back(&mut self, parts: &mut Block, factor: impl Fn(f32) -> f32) {
-        let [energies, .., variances] = parts;
-        for (energy, variance) in energies.iter_mut().zip(variances) {
-            *energy *= factor(*variance);
-        }
-        self.energy = energies.iter().sum();
+    /// The variance of its directions, along all axes.
+    pub fn variance(&self) -> f32 {
+        self.variance
     }
 
     /// Puts it into a lane of a block.

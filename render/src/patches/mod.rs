@@ -17,6 +17,7 @@ mod flat;
 mod lookup;
 mod mass;
 mod moments;
+mod small_lights;
 mod tree;
 mod warp;
 
@@ -80,6 +81,10 @@ pub struct Patches {
     leaves: Level,
     twigs: Level,
     forest: Forest,
+    /// How many of the clusters are small lights, which come first and get a share of samples of their own.
+    small: usize,
+    /// The number of each cluster in the order of the map, which learned visibility counts by.
+    numbers: Vec<usize>,
     /// The tree over the clusters.
     root: u32,
     /// A tree of one patch, for lanes that stay where they are.
@@ -135,44 +140,37 @@ impl Level {
     }
 }
 
-/// The variance of a leaf's directions below which it counts as a small light: some two degrees.
-const SMALL_LIGHT: f32 = 1e-3;
-/// The least variance that counts: that of some three minutes of arc.
-const LEAST_LIGHT: f32 = 1e-6;
-/// The power of that variance by which small lights are held back.
-///
-/// Samples spread over strata have no noise from the choice of a leaf; what is left is the noise within leaves, and all of a small light is seen or is
-/// not. The best exponent for pictures with shadows is between 0.1 and 0.2 under suns and lamps, at 16 and 64 samples per pixel.
-const HELD_BACK: f32 = 0.14;
-
 impl Patches {
-    /// The patches of a sampler that has no head before it. Where noise is visibility's ([`Detail::Leaves`]), small lights are drawn less often
-    /// than their light says, and the rest of the sky, of which more is in penumbra, more often.
+    /// The patches of a sampler that has no head before it. Where noise is visibility's ([`Detail::Leaves`]), small lights get a share of the samples of their own
+    /// ([`small_lights`]).
     pub fn alone(tail: &Hierarchical, detail: Detail) -> Self {
-        let mut patches = Self::new(tail, detail);
-        if detail == Detail::Leaves {
-            for (cluster, block) in patches.clusters.iter_mut().zip(&mut patches.leaves.blocks) {
-                cluster.hold_back(block, |variance| {
-                    (variance.clamp(LEAST_LIGHT, SMALL_LIGHT) / SMALL_LIGHT).powf(HELD_BACK)
-                });
-            }
-        }
-        patches
+        Self::divided(tail, detail, detail == Detail::Leaves)
     }
 
-    /// Divides the light of a quad-tree tail.
+    /// Divides the light of a quad-tree tail. All of it is drawn as its light says.
     pub fn new(tail: &Hierarchical, detail: Detail) -> Self {
+        Self::divided(tail, detail, false)
+    }
+
+    fn divided(tail: &Hierarchical, detail: Detail, by_quarters: bool) -> Self {
         let map = MomentMap::new(tail.grid());
         let choice = Choice::new(&map, tail);
-        let clusters = choice.divide(map.root(), CLUSTERS);
+        let of_map = choice.divide(map.root(), CLUSTERS);
+        let is_small = |cluster: &usize| by_quarters && small_lights::is_small(&Patch::new(&map, of_map[*cluster]));
+        let (small, rest): (Vec<usize>, Vec<usize>) = (0..of_map.len()).partition(is_small);
+        // Without a rest there is nothing to divide samples by.
+        let small_lights = if rest.is_empty() { 0 } else { small.len() };
+        let numbers = [small, rest].concat();
+        let clusters: Vec<Node> = numbers.iter().map(|&cluster| of_map[cluster]).collect();
         let numbered: Vec<(usize, Node)> = clusters.iter().copied().enumerate().collect();
         let mut forest = Forest::default();
-        let (root, rest) = (forest.plant(map.root(), &clusters), forest.plant(map.root(), &[]));
+        let (small, rest) = clusters.split_at(small_lights);
+        let (root, rest) = (forest.plant_beside(map.root(), small, rest), forest.plant(map.root(), &[]));
         let by_cosine = |node| choice.divide(node, PARTS);
         let (leaves, numbered) = Level::new((&map, tail), &numbered, &mut forest, by_cosine);
         let by_spread = |node| choice.divide_by_spread(node, PARTS);
         let (twigs, numbered) = Level::new((&map, tail), &numbered, &mut forest, by_spread);
-        let numbers: HashMap<Node, u16> = numbered.into_iter().map(|(number, node)| (node, number as u16)).collect();
+        let twig_of: HashMap<Node, u16> = numbered.into_iter().map(|(number, node)| (node, number as u16)).collect();
         Self {
             narrow: detail.narrow(),
             brightness: clusters.iter().map(|&cluster| map.moments(cluster).brightness() as f32).collect(),
@@ -180,9 +178,11 @@ impl Patches {
             leaves,
             twigs,
             forest,
+            small: small_lights,
+            numbers,
             root,
             rest,
-            lookup: Lookup::new(map.root(), &numbers),
+            lookup: Lookup::new(map.root(), &twig_of),
         }
     }
 }
@@ -237,10 +237,12 @@ impl PatchSampler {
         WeightedPatches { light: &self.light, patches: &self.patches, head: self.head.as_deref(), weighting }
     }
 
-    /// The patches that weights are given for, with what they are drawn by but for the surface: their light, less of small lights; 0 of those that there are not.
+    /// The patches that weights are given for, in the order of the map, with their shares of light; 0 of those that there are not.
     pub fn division(&self) -> Division {
-        let mut energies: Vec<f32> = self.patches.leaves.blocks.iter().flat_map(|block| block[0]).collect();
-        energies.resize(PATCHES, 0.0);
+        let mut energies = vec![0.0; PATCHES];
+        for (block, number) in self.patches.leaves.blocks.iter().zip(&self.patches.numbers) {
+            energies[number * PARTS..][..PARTS].copy_from_slice(&block[0]);
+        }
         Division::new(energies)
     }
 
@@ -252,7 +254,8 @@ impl PatchSampler {
     /// The patch of [`Self::division`] that a point of X belongs to.
     pub fn patch_at(&self, x: Vec2) -> u16 {
         let (column, row, _) = self.light.tail().light().cell(x);
-        (self.patches.lookup.patch(column as u32, row as u32) / PARTS as u32) as u16
+        let leaf = self.patches.lookup.patch(column as u32, row as u32) as usize / PARTS;
+        (self.patches.numbers[leaf / PARTS] * PARTS + leaf % PARTS) as u16
     }
 
     /// Multiplies numbers, one for a direction of each of so many rows, by the weights of the directions' patches where the rows are: `indices` are the numbers of

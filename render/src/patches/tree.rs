@@ -120,6 +120,19 @@ impl Forest {
         base as u32
     }
 
+    /// The same over two groups of patches: the first has the left part of the square, the second what is right of it.
+    pub fn plant_beside(&mut self, start: Node, first: &[Node], second: &[Node]) -> u32 {
+        if first.is_empty() || second.is_empty() {
+            return self.plant(start, if first.is_empty() { second } else { first });
+        }
+        let base = self.0.len();
+        // Its halves are known once they are there.
+        self.0.push(Split::single(0, 0));
+        let halves = [self.add(start, first, 0, base), self.add(start, second, first.len(), base)];
+        self.0[base] = Split::new(true, first.len(), halves);
+        base as u32
+    }
+
     /// Adds the tree over `patches`, the first of which has the place `first`; its number from `base` on.
     fn add(&mut self, node: Node, patches: &[Node], first: usize, base: usize) -> usize {
         let own = self.0.len() - base;
