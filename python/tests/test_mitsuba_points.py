@@ -116,11 +116,11 @@ def test_tables_draw_what_the_native_ones_draw(points, tmp_path, map):
 
 
 @pytest.mark.parametrize("glossy", [False, True])
-@pytest.mark.parametrize("fine", [False, True])
-def test_patches_draw_what_the_native_ones_draw(points, studio, fine, glossy):
+@pytest.mark.parametrize(("map", "fine"), [("studio", False), ("studio", True), ("sunset", False)])
+def test_patches_draw_what_the_native_ones_draw(points, map, fine, glossy):
     from headtail.mitsuba._patches import Patches
 
-    native = headtail.Sampler(headtail._native.Sampler.patches_alone(studio._native, fine))
+    native = headtail.Sampler(headtail._native.Sampler.patches_alone(headtail.Environment(map)._native, fine))
     patches, surface = Patches(native._native.arrays()), {"alpha": points.alpha} if glossy else {}
     at = points.point(points.alpha if glossy else None)
     draws = native.sample(points.n, points.wo, u=points.u, radiance=False, **surface)

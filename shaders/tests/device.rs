@@ -250,8 +250,17 @@ fn shaders_draw_what_the_native_samplers_draw() {
     let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical).unwrap();
     let shader = Shader::new(&flat_patches(light.tail(), Detail::Leaves).unwrap()).unwrap();
     let patches = PatchSampler::new(light.clone(), Detail::Leaves).unwrap();
-    compare("patches, diffuse", &shader, &patches, COUNT, false);
-    compare("patches, glossy", &shader, &patches, COUNT, true);
+    for (name, glossy) in [("patches, diffuse", false), ("patches, glossy", true)] {
+        let answers = compare(name, &shader, &patches, COUNT, glossy);
+        compare_shares(name, &patches, &answers, glossy);
+    }
+    let sun = EnvironmentLight::new(Arc::new(Environment::open("sunset").unwrap()), TailKind::Hierarchical).unwrap();
+    let shader = Shader::new(&flat_patches(sun.tail(), Detail::Leaves).unwrap()).unwrap();
+    let patches = PatchSampler::new(sun, Detail::Leaves).unwrap();
+    for (name, glossy) in [("patches beside a sun, diffuse", false), ("patches beside a sun, glossy", true)] {
+        let answers = compare(name, &shader, &patches, COUNT, glossy);
+        compare_shares(name, &patches, &answers, glossy);
+    }
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap()).unwrap();
     let exported = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
     let shader = Shader::new(&flat_exported(&exported, None).unwrap()).unwrap();

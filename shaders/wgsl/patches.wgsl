@@ -95,6 +95,43 @@ fn headtail_sums(start: u32, first: u32, count: u32, at: HeadtailSurface, is_lea
     return step;
 }
 
+// The running sums of the masses of the clusters, and the share of samples to draw by them, beside sampling the BSDF.
+struct HeadtailClusters { step: HeadtailStep, share: f32 }
+
+fn headtail_clusters(at: HeadtailSurface) -> HeadtailClusters {
+    var step: HeadtailStep;
+    var squared = 0.0;
+    step.total = 0.0;
+    for (var k = 0u; k < HEADTAIL_CLUSTERS; k++) {
+        let mass = headtail_mass(HEADTAIL_PATCHES_CLUSTERS, k, at, false);
+        step.total += mass;
+        squared += mass * headtail_floats[HEADTAIL_PATCHES_CLUSTERS + 16u * k + 14u];
+        step.sums[k] = step.total;
+    }
+    return HeadtailClusters(step, headtail_share_beside_bsdf(at, step.total, squared));
+}
+
+// The same with small lights, which come first, at a number of quarters of all samples: by the root of the odds of their light.
+fn headtail_by_quarters(clusters: HeadtailClusters, at: HeadtailSurface) -> HeadtailStep {
+    var step = clusters.step;
+    let small = headtail_integers[HEADTAIL_PATCHES_SMALL];
+    if (small == 0u || at.lobes.w < headtail_floats[HEADTAIL_PATCHES_NARROW]) { return step; }
+    let own = step.sums[small - 1u];
+    let rest = step.total - own;
+    if (!(own > 0.05 * step.total && rest > 0.0)) { return step; }
+    let odds = 0.75 * sqrt(own / rest);
+    var quarters = max(floor(4.0 * clusters.share * odds / (1.0 + odds) + 0.5), 1.0);
+    if (0.25 * quarters > 0.875 * clusters.share) { quarters -= 1.0; }
+    if (!(quarters > 0.0)) { return step; }
+    let share = 0.25 * quarters / clusters.share;
+    let wanted = share / (1.0 - share) * rest;
+    for (var k = 0u; k < HEADTAIL_CLUSTERS; k++) {
+        step.sums[k] = select(step.sums[k] + (wanted - own), step.sums[k] * (wanted / own), k < small);
+    }
+    step.total += wanted - own;
+    return step;
+}
+
 // What to go down the trees for: the patch that a uniform point is in, or that of a given twig.
 struct HeadtailAim { z: vec2<f32>, is_given: bool, twig: u32 }
 
@@ -135,7 +172,7 @@ struct HeadtailPatch { sides: vec4<f32>, rectangle: vec4<f32>, density: f32 }
 fn headtail_walk(at: HeadtailSurface, aim: HeadtailAim) -> HeadtailPatch {
     let roots = HEADTAIL_PATCHES_ROOTS;
     let own = vec3<u32>(aim.twig / (HEADTAIL_PARTS * HEADTAIL_PARTS), aim.twig / HEADTAIL_PARTS, aim.twig) % vec3<u32>(HEADTAIL_CLUSTERS, HEADTAIL_PARTS, HEADTAIL_PARTS);
-    var step = headtail_sums(HEADTAIL_PATCHES_CLUSTERS, 0u, HEADTAIL_CLUSTERS, at, false);
+    var step = headtail_by_quarters(headtail_clusters(at), at);
     var found = headtail_descend(headtail_integers[roots], step, aim, own.x, vec4<f32>(0.0, 1.0, 0.0, 1.0));
     var probability = headtail_part(found.mass, step.total);
     let cluster = found.place;
@@ -181,10 +218,32 @@ fn headtail_patch_of(at: HeadtailSurface, cell: vec4<f32>) -> HeadtailPatch {
     return headtail_walk(at, HeadtailAim(vec2<f32>(0.0), true, twig));
 }
 
-// The share of samples beside sampling the BSDF, by the width of lobes alone; 1 for diffuse surfaces.
-fn headtail_share_by_width(lobes: vec4<f32>) -> f32 {
+// The share of BSDF sampling for a lobe by its width alone.
+fn headtail_of_lobe(alpha: f32) -> f32 {
+    return clamp(0.5 * pow(0.05 / alpha, 1.25), 0.03, 0.9);
+}
+
+// The share of samples beside sampling the BSDF, from the share of the latter for the glossy lobe alone; 1 for diffuse surfaces.
+fn headtail_share_beside_lobe(of_lobe: f32, lobes: vec4<f32>) -> f32 {
     if (!(lobes.y > 0.0)) { return 1.0; }
-    let of_lobe = clamp(0.5 * pow(0.05 / lobes.w, 1.25), 0.03, 0.9);
     let reflected = lobes.y * max(lobes.z, 0.3);
     return 1.0 - of_lobe * reflected / (reflected + lobes.x);
+}
+
+// The same by the width of lobes alone.
+fn headtail_share_by_width(lobes: vec4<f32>) -> f32 {
+    return headtail_share_beside_lobe(headtail_of_lobe(lobes.w), lobes);
+}
+
+// The same by width and by how uneven the light is that the lobe sees: `sum` is what is reflected, `squared` the same weighted by the density of the light.
+fn headtail_share_beside_bsdf(at: HeadtailSurface, sum: f32, squared: f32) -> f32 {
+    let grazing = 1.0 - max(headtail_dot(at.n, at.wo), 0.0);
+    let fourth = (grazing * grazing) * (grazing * grazing);
+    let albedo = at.lobes.x + at.lobes.y * (at.lobes.z + (1.0 - at.lobes.z) * (fourth * grazing));
+    let all = max(sum, HEADTAIL_TINY);
+    let unevenness = clamp((albedo / all) * (squared / all), 0.1, 1e6);
+    let width = log(at.lobes.w);
+    let odds = exp(-4.35 - 2.14 * width - 1.92 * log(unevenness));
+    let least = min(0.02 * exp(3.0 * max(log(0.1) - width, 0.0)), 0.5);
+    return headtail_share_beside_lobe(max(min(odds / (1.0 + odds), headtail_of_lobe(at.lobes.w)), least), at.lobes);
 }

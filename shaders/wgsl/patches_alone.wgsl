@@ -2,7 +2,8 @@
 
 // The share of samples to draw here, beside sampling the BSDF; 1 for diffuse surfaces.
 fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
-    return headtail_share_by_width(lobes);
+    if (!(lobes.y > 0.0)) { return 1.0; }
+    return headtail_clusters(HeadtailSurface(n, wo, lobes)).share;
 }
 
 // Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.

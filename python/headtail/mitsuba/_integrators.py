@@ -9,7 +9,7 @@ from headtail import HeadtailError
 
 from ._compact import WithCompactEmitters
 from ._head import HeadOverPatches, HeadOverTail
-from ._patches import Patches, Point, shares
+from ._patches import Patches, Point
 from ._surface import Surfaces
 from ._table import Table
 from ._warp import remap
@@ -108,12 +108,13 @@ class Light:
         """One direction of patches or of the BSDF, with the mixture's pdf."""
         context, z = mi.BSDFContext(), sampler.next_2d(active)
         *lobes, can_draw = self.surfaces.lobes(bsdf, si, active)
-        share = dr.select(can_draw, shares(lobes), 0)
+        at = Point(n, wo, lobes)
+        share = dr.select(can_draw, self.product.share(at), 0)
         by_product = z.x < share
         by_bsdf = active & ~by_product
         drawn, weight = bsdf.sample(context, si, sampler.next_1d(active), sampler.next_2d(active), by_bsdf)
         z.x = dr.select(by_product, remap(z.x, 0, share), 0)
-        local, pdf = self.product.sample(Point(n, wo, lobes), z, by_bsdf, self.to_map @ si.to_world(drawn.wo), active)
+        local, pdf = self.product.sample(at, z, by_bsdf, self.to_map @ si.to_world(drawn.wo), active)
         wi = dr.select(by_bsdf, si.to_world(drawn.wo), self.to_world @ local)
         return self.mixed(si, bsdf, share, pdf, wi, by_bsdf, drawn, weight, active)
 

@@ -3,6 +3,8 @@
 Multiplications and additions are fused where they are there: masses agree to the last digits.
 """
 
+import math
+
 import drjit as dr
 import mitsuba as mi
 
@@ -12,6 +14,10 @@ CLUSTERS, PARTS = 32, 16
 LEAF_FLOOR, CLUSTER_FLOOR = 0.15, 0.045
 LEAST_VISIBLE, LEAST_TOP, LEAST_VARIANCE = 0.02, 0.2, 3e-7
 MOST_BRDF, LEAST_BRDF, LEAST_REFLECTED = 0.9, 0.03, 0.3
+ODDS_AT_ONE, ODDS_BY_WIDTH, ODDS_BY_LIGHT = -4.35, 2.14, 1.92
+LEAST_BRDF_SEEN, LEAST_BY_WIDTH, MOST_LEAST = 0.02, 3.0, 0.5
+LEAST_UNEVENNESS, MOST_UNEVENNESS, TINY = 0.1, 1e6, 1.17549435e-38
+ODDS_OF_SMALL, LEAST_SMALL, MOST_SMALL = 0.75, 0.05, 0.875
 CUTS_COLUMNS, IS_SINGLE = 1 << 7, 1 << 24
 
 
@@ -119,9 +125,49 @@ class Point:
 def shares(lobes):
     """The share of samples beside BSDF sampling, by the width of lobes alone."""
     diffuse, specular, f0, alpha = lobes
-    of_lobe = dr.clip(0.5 * dr.power(0.05 / alpha, 1.25), LEAST_BRDF, MOST_BRDF)
+    return share_beside_lobe(by_width(alpha), diffuse, specular, f0)
+
+
+def by_width(alpha):
+    """The share of BSDF sampling for a lobe by its width alone."""
+    return dr.clip(0.5 * dr.power(0.05 / alpha, 1.25), LEAST_BRDF, MOST_BRDF)
+
+
+def share_beside_lobe(of_lobe, diffuse, specular, f0):
+    """The share of samples beside BSDF sampling, from the share of the latter for the glossy lobe alone."""
     reflected = specular * dr.maximum(f0, LEAST_REFLECTED)
     return dr.select(specular > 0, 1 - of_lobe * reflected / (reflected + diffuse), 1)
+
+
+def share_beside_bsdf(at, total, squared):
+    """The share of samples beside BSDF sampling, by the width of lobes and by how uneven the light is that they see.
+
+    `total` is what is reflected, `squared` the same weighted by the density of the light.
+    """
+    if at.is_diffuse:
+        return mi.Float(1)
+    grazing = 1 - dr.maximum(dot(at.n, at.wo), 0)
+    fourth = dr.square(dr.square(grazing))
+    albedo = at.diffuse + at.specular * (at.f0 + (1 - at.f0) * (fourth * grazing))
+    total = dr.maximum(total, TINY)
+    unevenness = dr.clip((albedo / total) * (squared / total), LEAST_UNEVENNESS, MOST_UNEVENNESS)
+    width = dr.log(at.alpha)
+    odds = dr.exp(ODDS_AT_ONE - ODDS_BY_WIDTH * width - ODDS_BY_LIGHT * dr.log(unevenness))
+    least = LEAST_BRDF_SEEN * dr.exp(LEAST_BY_WIDTH * dr.maximum(math.log(0.1) - width, 0))
+    of_lobe = dr.maximum(dr.minimum(odds / (1 + odds), by_width(at.alpha)), dr.minimum(least, MOST_LEAST))
+    return share_beside_lobe(of_lobe, at.diffuse, at.specular, at.f0)
+
+
+def small_light_scales(own, total, share):
+    """What running sums are changed by, so that small lights get a number of quarters of all samples: a factor for theirs, and what is added to the others."""
+    rest = total - own
+    odds = ODDS_OF_SMALL * dr.sqrt(own / rest)
+    quarters = dr.maximum(dr.floor(4 * share * odds / (1 + odds) + 0.5), 1)
+    quarters = dr.select(0.25 * quarters > MOST_SMALL * share, quarters - 1, quarters)
+    counts = (own > LEAST_SMALL * total) & (rest > 0) & (quarters > 0)
+    wanted = 0.25 * quarters / share
+    wanted = wanted / (1 - wanted) * rest
+    return dr.select(counts, wanted / own, 1), dr.select(counts, wanted - own, 0)
 
 
 @dr.syntax
@@ -166,6 +212,7 @@ class Patches:
         self.forest, self.roots = upload(arrays["patches.forest"]), upload(arrays["patches.roots"])
         self.twig_of_cell = upload(arrays["patches.twig_of_cell"])
         self.narrow = float(arrays["patches.narrow"][0])
+        self.small = int(arrays["patches.small"][0])
 
     def sample(self, at, z, given, wi, active=True):
         """Draws directions for uniform points z, and evaluates pdfs of directions `wi` where `given`: (direction, solid-angle pdf).
@@ -217,13 +264,35 @@ class Patches:
             )
         return rectangle, cuts, probability * inverse_energy
 
+    def share(self, at):
+        """The share of samples beside BSDF sampling."""
+        sums, squared = self.cluster_masses(at)
+        return share_beside_bsdf(at, sums[-1], squared)
+
+    def cluster_masses(self, at):
+        """Running sums of the clusters' masses, and the sum of masses weighted by the density of their light."""
+        sums, squared = [], mi.Float(0)
+        for record in self.clusters:
+            mass = Patch([mi.Float(number) for number in record]).mass(at, False)
+            sums.append(sums[-1] + mass if sums else mass)
+            squared += mass * record[14]
+        return sums, squared
+
     def cluster_sums(self, at):
-        """Running sums of the clusters' masses, in local memory, and their total."""
-        sums, total = dr.alloc_local(mi.Float, CLUSTERS), mi.Float(0)
-        for k, record in enumerate(self.clusters):
-            total += Patch([mi.Float(number) for number in record]).mass(at, False)
-            sums[k] = total
-        return sums, total
+        """Running sums to cut the square by, in local memory, and their total: small lights, which come first, have quarters of all samples."""
+        sums, squared = self.cluster_masses(at)
+        total = sums[-1]
+        if self.small > 0:
+            factor, added = small_light_scales(sums[self.small - 1], total, share_beside_bsdf(at, total, squared))
+            if not at.is_diffuse:
+                at_leaves = at.alpha >= self.narrow
+                factor, added = dr.select(at_leaves, factor, 1), dr.select(at_leaves, added, 0)
+            sums = [sum * factor if k < self.small else sum + added for k, sum in enumerate(sums)]
+            total = total + added
+        local = dr.alloc_local(mi.Float, CLUSTERS)
+        for k, sum in enumerate(sums):
+            local[k] = sum
+        return local, total
 
     def level(self, name, first_root, at, parent, probability, z, cuts, own, given, active):
         """One level down: (number, probability, cuts, one over the part's energy)."""

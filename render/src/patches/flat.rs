@@ -3,16 +3,16 @@
 use super::{PARTS, Patches, mass::Block};
 use crate::{flat::FlatArray, simd::LANES};
 
-/// Numbers of a patch in a list: the 14 that its mass is computed from, in the order of [`Block`], one over its share of light, and 0.
+/// Numbers of a patch in a list: the 14 that its mass is computed from, in the order of [`Block`], one of its own, and 0.
 const NUMBERS: usize = 16;
 
-/// The patches of blocks one after the other, with one over their shares of light.
-fn records(blocks: &[Block], inverse_energy: impl Fn(usize) -> f32) -> Vec<f32> {
+/// The patches of blocks one after the other, each with a number of its own.
+fn records(blocks: &[Block], own: impl Fn(usize) -> f32) -> Vec<f32> {
     let mut records = Vec::with_capacity(blocks.len() * LANES * NUMBERS);
     for (number, block) in blocks.iter().enumerate() {
         for lane in 0..LANES {
             records.extend(block.iter().map(|column| column[lane]));
-            records.extend([inverse_energy(number * LANES + lane), 0.0]);
+            records.extend([own(number * LANES + lane), 0.0]);
         }
     }
     records
@@ -22,13 +22,14 @@ impl Patches {
     /// All that a draw and a pdf read.
     ///
     /// - `patches.clusters` `[32, 16]`, `patches.leaves` `[32 * 16, 16]`, `patches.twigs` `[512 * 16, 16]`: the energy that masses are computed from,
-    ///   of clusters and leaves less of small lights (see [`Patches::alone`]); centroid; three times the covariance xx, yy, zz, and twice that xy, xz, yz;
-    ///   reach, mahalanobis, cell, variance; one over the share of the map's light; 0. What is not there is 0.
+    ///   which is the share of the map's light; centroid; three times the covariance xx, yy, zz, and twice that xy, xz, yz; reach, mahalanobis, cell, variance;
+    ///   of leaves and twigs one over that share, of clusters the mean density of their light over solid angle; 0. What is not there is 0.
     /// - `patches.leaf_rectangles` `[512, 4]`, `patches.twig_rectangles` `[8192, 4]`: left, right, top, bottom in Y.
     /// - `patches.forest` `[splits]`: trees of splits; bits 0 to 6 are the place of the first patch of the second half, bit 7 says that columns are cut, bits
     ///   8 to 15 and 16 to 23 are the halves from the root on, bit 24 says that it is a single patch.
     /// - `patches.roots` `[1 + 32 + 512]`: where the trees over clusters, leaves and twigs begin.
     /// - `patches.twig_of_cell` `[rows, columns]`: the number of the twig of each cell of the map.
+    /// - `patches.small` `[1]`: how many of the clusters are small lights, which come first.
     /// - `patches.narrow` `[1]`: lobes narrower than this go on to twigs.
     pub fn flat(&self, columns: usize, rows: usize) -> Vec<FlatArray> {
         let mut clusters = vec![Block::default(); 2];
@@ -49,7 +50,11 @@ impl Patches {
             (0..(rows * columns) as u32).map(|k| self.lookup.patch(k % columns as u32, k / columns as u32)).collect();
         let forest = self.forest.splits();
         vec![
-            list("patches.clusters", records(&clusters, |_| 0.0), NUMBERS),
+            list(
+                "patches.clusters",
+                records(&clusters, |cluster| self.brightness.get(cluster).copied().unwrap_or(0.0)),
+                NUMBERS,
+            ),
             list("patches.leaves", leaves, NUMBERS),
             list("patches.twigs", twigs, NUMBERS),
             list("patches.leaf_rectangles", rectangles(&self.leaves), 4),
@@ -57,6 +62,7 @@ impl Patches {
             FlatArray::integers("patches.forest", vec![forest.len()], forest),
             FlatArray::integers("patches.roots", vec![roots.len()], roots),
             FlatArray::integers("patches.twig_of_cell", vec![rows, columns], cells),
+            FlatArray::integers("patches.small", vec![1], vec![self.small as u32]),
             FlatArray::floats(
                 "patches.narrow",
                 vec![1],

@@ -156,7 +156,7 @@ impl Patches {
         let map = MomentMap::new(tail.grid());
         let choice = Choice::new(&map, tail);
         let of_map = choice.divide(map.root(), CLUSTERS);
-        let is_small = |cluster: &usize| by_quarters && small_lights::is_small(&Patch::new(&map, of_map[*cluster]));
+        let is_small = |cluster: &usize| by_quarters && small_lights::is_small(&map, of_map[*cluster]);
         let (small, rest): (Vec<usize>, Vec<usize>) = (0..of_map.len()).partition(is_small);
         // Without a rest there is nothing to divide samples by.
         let small_lights = if rest.is_empty() { 0 } else { small.len() };

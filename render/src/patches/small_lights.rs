@@ -5,11 +5,17 @@
 //! is, and a share of samples that is no multiple of a quarter leaves that number to chance: of points that keep their strata just so many fall
 //! into a quarter, a half and three quarters of a dimension as there should be, from four samples on.
 
-use super::mass::Patch;
-use crate::simd::{LANES, Lanes};
+use super::{mass::Patch, moments::MomentMap};
+use crate::{
+    simd::{LANES, Lanes},
+    tail::Node,
+};
 
 /// The variance of a cluster's directions below which it is a small light: some two degrees.
 const SMALL: f32 = 1e-3;
+/// The same of one that is the glow around a smaller light, and of that: what holds half of the cluster's light.
+const SMALL_WITH_GLOW: f32 = 2e-3;
+const SMALL_CORE: f32 = 2e-4;
 /// Odds of small lights among samples over the root of their odds among what is reflected: a light of 39 % and more has half of the samples, one of 83 %
 /// and more three quarters.
 const ODDS: f32 = 0.75;
@@ -18,9 +24,23 @@ const LEAST: f32 = 0.05;
 /// The part of all samples that their sampler takes which small lights get at most.
 const MOST: f32 = 0.875;
 
-/// Whether a cluster is a small light.
-pub fn is_small(cluster: &Patch) -> bool {
-    cluster.variance() < SMALL
+/// Whether a cluster is a small light, or one with its glow.
+pub fn is_small(map: &MomentMap<'_>, cluster: Node) -> bool {
+    let variance = |node| Patch::new(map, node).variance();
+    let whole = variance(cluster);
+    whole < SMALL || (whole < SMALL_WITH_GLOW && variance(core(map, cluster)) < SMALL_CORE)
+}
+
+/// The smallest part of a cluster that has half of its light.
+fn core(map: &MomentMap<'_>, cluster: Node) -> Node {
+    let least = 0.5 * map.moments(cluster).energy;
+    let mut core = cluster;
+    while !core.is_cell()
+        && let Some(part) = core.children().into_iter().find(|&part| map.moments(part).energy > least)
+    {
+        core = part;
+    }
+    core
 }
 
 /// The share of small lights among samples of patches, where they have `own` of what is reflected and everything else `rest`: a number of quarters of all

@@ -83,7 +83,7 @@ mod tests {
     use crate::{
         brdf::{Ggx, Lambert, MetallicRoughness, Surface},
         environment::built_in,
-        patches::{Detail, PatchSampler},
+        patches::{Detail, PARTS, PatchSampler},
         random::{Purpose, Stream},
         sampler::EnvironmentLight,
         tail::TailKind,
@@ -131,6 +131,40 @@ mod tests {
                 assert!(all > 10_000 && wrong as f32 <= 2e-3 * all as f32, "{name} {detail:?}: {wrong} of {all}");
             }
         }
+    }
+
+    #[test]
+    fn a_sun_has_quarters_of_the_square() {
+        let light = EnvironmentLight::new(Arc::new(built_in("sunset").unwrap()), TailKind::Hierarchical).unwrap();
+        let sampler = PatchSampler::new(light.clone(), Detail::Leaves).unwrap();
+        assert!(
+            sampler.patches.small > 0 && PatchSampler::new(light.clone(), Detail::Twigs).unwrap().patches.small == 0
+        );
+        const SIDE: usize = 64;
+        let place = |k: usize| (k as f32 + 0.5) / SIDE as f32;
+        let z: Vec<Vec2> = (0..SIDE * SIDE).map(|k| Vec2::new(place(k % SIDE), place(k / SIDE))).collect();
+        let (mut random, mut found) = (Stream::new(6, Purpose::Test, 0), [0; 4]);
+        for _ in 0..40 {
+            let n = random.direction();
+            let surface = Lambert { albedo: Vec3::ONE }.into();
+            let point = ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface }.one();
+            let y: Vec<Vec2> = sampler.patches.warp_at(light.tail(), &point).forward(&z).iter().map(|d| d.0).collect();
+            let is_small = |(x, _): (Vec2, f32)| {
+                let (column, row, _) = light.tail().light().cell(x);
+                let twig = sampler.patches.lookup.patch(column as u32, row as u32) as usize;
+                twig / PARTS / PARTS < sampler.patches.small
+            };
+            let drawn: Vec<bool> = light.tail().forward_points(&y).into_iter().map(is_small).collect();
+            let quarters = 4 * drawn.iter().filter(|&&is_small| is_small).count() / (SIDE * SIDE);
+            // A column of the grid is the sun's or it is not.
+            let wrong = z.iter().zip(&drawn).filter(|(z, drawn)| (4.0 * z.x < quarters as f32) != **drawn).count();
+            // Where little of its light arrives, the sun has the share of its light; a point may be rounded into the neighbour.
+            if quarters > 0 {
+                assert!(wrong <= 2, "{n}: {quarters} quarters, {wrong}");
+            }
+            found[quarters] += 1;
+        }
+        assert!(found[1..].iter().sum::<i32>() > 8 && found[2..].iter().sum::<i32>() > 4, "{found:?}");
     }
 
     #[test]
