@@ -20,8 +20,8 @@ use crate::{
 const FIRST_SAMPLE: u32 = 1 << 31;
 /// The share of the points of a picture that is learned from before it, as one over this number.
 const PARTS: u32 = 64;
-/// The time of a point of a lesson, which sends eight shadow rays, over that of a point of a picture: four to six.
-const PRICE: u32 = 5;
+/// The time of a point of a lesson, which sends eight shadow rays, over that of a point of a picture: seven to ten.
+const PRICE: u32 = 8;
 /// Pixels of a block of which some are learned from where less than one sample of each pixel is: four along a side.
 const BLOCK: u32 = 16;
 
@@ -122,8 +122,8 @@ pub(super) fn learn_before(
             let sample = start.elapsed() * BLOCK / (PRICE * first.pixels.1);
             let promised = limit.as_secs_f64() / sample.max(Duration::from_nanos(1)).as_secs_f64();
             let lesson = Lesson::before(promised as u32, first.samples);
-            if lesson.pixels.1 > 1 && learner.promises() {
-                learn(view, learner, lesson, seed, stop, &show);
+            if lesson.pixels.1 > 1 {
+                lesson.in_parts(learner, |part, learner| learn(view, learner, part, seed, stop, &show));
             }
         }
     }
