@@ -22,8 +22,8 @@ const FIRST_SAMPLE: u32 = 1 << 31;
 const PARTS: u32 = 64;
 /// The time of a point of a lesson, which sends eight shadow rays, over that of a point of a picture: seven to ten.
 const PRICE: u32 = 8;
-/// Pixels of a block of which some are learned from where less than one sample of each pixel is: four along a side.
-const BLOCK: u32 = 16;
+/// Pixels of a block of which some are learned from where less than one sample of each pixel is: eight along a side.
+const BLOCK: u32 = 64;
 
 /// What estimators that learn are told of a view.
 pub(super) fn setting(view: &View<'_>, part: Part) -> Setting {
@@ -182,7 +182,7 @@ mod tests {
             assert!((0..BLOCK).all(|key| of_parts(key) == usize::from(lesson.has(key))), "{samples}: each pixel once");
             let cost = f64::from(lesson.samples * pixels) / f64::from(BLOCK) / f64::from(samples);
             // At least one pixel of a block; numbers are rounded down, to more than a half.
-            assert!(cost <= f64::max(1.0 / 64.0, 1.0 / f64::from(16 * samples)), "{samples}: {cost}");
+            assert!(cost <= f64::max(1.0 / 64.0, 1.0 / f64::from(64 * samples)), "{samples}: {cost}");
             assert!(cost > 1.0 / 129.0, "{samples}: {cost}");
         }
     }

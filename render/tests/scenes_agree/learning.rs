@@ -17,7 +17,7 @@ fn what_is_learned_depends_on_no_thread() {
             let setting = Setting { scene, environment: environment.clone(), unshadowed: false, depth, points };
             let with = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                pool.install(|| setting.render(&"patches+vis".parse().unwrap(), 20, 3))
+                pool.install(|| setting.render(&"patches+vis".parse().unwrap(), 64, 3))
             };
             let (one, three) = (with(1), with(3));
             assert_eq!(bits(&one.surfaces), bits(&three.surfaces), "{points}, depth {depth}");
