@@ -142,7 +142,7 @@ impl Level {
 
 impl Patches {
     /// The patches of a sampler that has no head before it. Where noise is visibility's ([`Detail::Leaves`]), small lights get a share of the samples of their own
-    /// ([`small_lights`]).
+    /// (`patches/small_lights.rs`).
     pub fn alone(tail: &Hierarchical, detail: Detail) -> Self {
         Self::divided(tail, detail, detail == Detail::Leaves)
     }
