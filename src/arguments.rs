@@ -59,6 +59,9 @@ pub struct ViewArguments {
     /// Most that samplers with +vis learn of a scene, in MB of 2^20 bytes; its cells grow where that is not enough.
     #[arg(long, value_name = "MB", default_value_t = VISIBILITY_MEGABYTES, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub visibility_memory: u32,
+    /// Let samplers with +vis draw with what they know of a scene even where that is foreseen to gain less than it takes.
+    #[arg(long)]
+    pub visibility_always: bool,
     /// Threads to render with. Default: all cores.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
@@ -199,6 +202,7 @@ pub struct OpenedView {
     depth: u32,
     points: PointsArgument,
     visibility_bytes: usize,
+    visibility_always: bool,
     light: LightArguments,
     part: Option<Part>,
 }
@@ -216,6 +220,7 @@ impl ViewArguments {
             depth: 1,
             points: PointsArgument::Named(PointSet::Sobol),
             visibility_memory: VISIBILITY_MEGABYTES,
+            visibility_always: false,
             threads: None,
         }
     }
@@ -249,6 +254,7 @@ impl ViewArguments {
             depth: self.depth,
             points: self.points,
             visibility_bytes: (self.visibility_memory as usize) << 20,
+            visibility_always: self.visibility_always,
             light: LightArguments::default(),
             part: None,
         })
@@ -271,7 +277,7 @@ impl OpenedView {
 
     /// The estimator of a SPEC for this map and this scene.
     pub fn estimator(&self, spec: &SamplerSpec) -> Result<Box<dyn Estimator>> {
-        let place = Place { scene: Some(&self.scene), memory: self.visibility_bytes };
+        let place = Place { scene: Some(&self.scene), memory: self.visibility_bytes, always: self.visibility_always };
         Ok(spec.build_in(&self.environment, place)?)
     }
 

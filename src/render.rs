@@ -128,9 +128,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             "visibility: {} cells, {megabytes:.1} MB, {}",
             learned.cells,
             if learned.pays {
-                format!("{unknown:.1} % of samples where nothing was known")
+                format!("foreseen to gain {:.2}, {unknown:.1} % of samples where nothing was known", learned.gain)
             } else {
-                "not drawn with: too little is in shadow for what that takes".to_owned()
+                format!("not drawn with: foreseen to gain {:.2}, less than that takes", learned.gain)
             }
         );
     }

@@ -9,7 +9,7 @@ use headtail_render::{
     image::{Image, Photograph},
     latlong,
     scene::{Camera, MaterialSpec, Scene},
-    spec::SamplerSpec,
+    spec::{Place, SamplerSpec},
 };
 
 /// A square of 1 m, 0.5 m above the origin, that faces down and up alike.
@@ -43,7 +43,9 @@ fn film_on(environment: &Arc<Environment>, sampler: &str, settings: Settings, ca
     let stage = Stage::new(object, catcher).unwrap();
     let photograph = grey(settings.width, settings.height, 1.0);
     let backdrop = Backdrop::new(&stage, environment, &photograph, camera, Vec3A::ONE);
-    let estimator = sampler.parse::<SamplerSpec>().unwrap().build(environment).unwrap();
+    // What is learned is drawn with whatever it gains.
+    let place = Place { always: true, ..Place::default() };
+    let estimator = sampler.parse::<SamplerSpec>().unwrap().build_in(environment, place).unwrap();
     let composition = Composition { stage: &stage, backdrop: &backdrop, camera: &camera, estimator: &*estimator };
     compose(composition, settings, &AtomicBool::new(false), &|_| {})
 }

@@ -98,7 +98,8 @@ fn every_sampler_renders_the_same_picture_of_every_fabric() {
                 depth: 1,
             };
             let sampler: SamplerSpec = sampler.parse().unwrap();
-            let estimator = sampler.build(&environment).unwrap();
+            let place = Place { always: true, ..Place::default() };
+            let estimator = sampler.build_in(&environment, place).unwrap();
             let points = Points::new(PointSet::Sobol, 10 + k as u64);
             let stop = AtomicBool::new(false);
             (sampler.to_string(), render(view, &*estimator, Budget::Spp(64), points, &stop, &|_| {}).surfaces)

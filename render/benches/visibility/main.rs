@@ -2,7 +2,7 @@
 //! the first five but the material with commas between; MEGABYTES bound what is learned, the reference has two halves of REFERENCE samples.
 //!
 //! In the names of samplers, `TABLE` is a direct bake of the map and `LEARNEDn` what n samples per pixel of the view teach, for example
-//! `direct:TABLE,direct+vis@LEARNED64:TABLE`; `mis` comes first. `cache:N[:ROWS[:DEGREES[:FLOOR]]]` is a cache of N maps of visibility over X (`map_cache.rs`). Rows have the mean square error, the reference's own noise taken off, that of `mis` over it, and the processor
+//! `direct:TABLE,direct+vis@LEARNED64:TABLE`; after `always:` it is drawn with even where that does not pay; `mis` comes first. `cache:N[:ROWS[:DEGREES[:FLOOR]]]` is a cache of N maps of visibility over X (`map_cache.rs`). Rows have the mean square error, the reference's own noise taken off, that of `mis` over it, and the processor
 //! seconds of a sample of all pixels on one thread, learning before the picture included.
 
 mod map_cache;
@@ -141,7 +141,8 @@ impl Bench<'_> {
             self.learn(digits.parse()?)?.write(&file)?;
             name = name.replace(&format!("LEARNED{digits}"), &file.display().to_string());
         }
-        let place = Place { scene: Some(&self.scene), memory: self.memory };
+        let (always, name) = name.strip_prefix("always:").map_or((false, &*name), |name| (true, name));
+        let place = Place { scene: Some(&self.scene), memory: self.memory, always };
         Ok(name.parse::<SamplerSpec>()?.build_in(&self.environment, place)?)
     }
 }

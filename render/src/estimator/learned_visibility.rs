@@ -42,6 +42,7 @@ pub struct LearnedVisibility {
     environment: Arc<Environment>,
     memory: usize,
     known: Option<Arc<Known>>,
+    always: bool,
 }
 
 /// How directions are drawn.
@@ -129,7 +130,7 @@ impl LearnedVisibility {
         memory: usize,
     ) -> Self {
         let (technique, division) = (Arc::new(technique), Arc::new(division));
-        Self { technique, directions: 1, sky, division, environment, memory, known: None }
+        Self { technique, directions: 1, sky, division, environment, memory, known: None, always: false }
     }
 
     /// The same with the mean of so many directions from each surface point. Resampling draws one all the same.
@@ -140,7 +141,13 @@ impl LearnedVisibility {
         Ok(Self { directions: check_directions(directions)?, ..self })
     }
 
-    /// The same with what was learned beforehand: it draws with that from the first sample on, and learns where nothing is known. The points of a
+    /// The same that draws with what it knows even where that is foreseen to gain less than it takes: where a ray is dear, or to measure it.
+    #[must_use]
+    pub fn always(self) -> Self {
+        Self { always: true, ..self }
+    }
+
+    /// The same with what was learned beforehand: if that gains more than it takes it draws with it from the first sample on, and it learns where nothing is known. The points of a
     /// rendering must be independent of those that it was learned with, as those of [`learn_visibility`](crate::integrator::learn_visibility) are.
     ///
     /// # Errors
@@ -158,6 +165,7 @@ impl LearnedVisibility {
         let cells = Cells::new(setting.eye, CELL_PIXELS * shortage * setting.pixel);
         let cache = VisibilityCache::new(cells, self.division.clone(), self.memory);
         let cache = if let Some(known) = &self.known { cache.knowing(known.clone()) } else { cache };
+        let cache = if self.always { cache.always() } else { cache };
         LearningSession { estimator: self, cache, explores: false }
     }
 

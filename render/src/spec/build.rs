@@ -23,12 +23,14 @@ pub struct Place<'a> {
     pub scene: Option<&'a Scene>,
     /// Most bytes that are learned of the scene.
     pub memory: usize,
+    /// Whether what is learned is drawn with even where that gains less than it takes.
+    pub always: bool,
 }
 
 impl Default for Place<'_> {
-    /// In no scene in particular; 64 MiB.
+    /// In no scene in particular; 64 MiB, drawn with where that pays.
     fn default() -> Self {
-        Self { scene: None, memory: LearnedVisibility::MEMORY }
+        Self { scene: None, memory: LearnedVisibility::MEMORY, always: false }
     }
 }
 
@@ -56,7 +58,8 @@ impl SamplerSpec {
             Self::Ris(candidates, source) => Box::new(resampling(source, *candidates, environment, place)?),
             Self::Learning { source, drawn, grid, known } => {
                 let estimator = learning(source, (*drawn, *grid), environment, place)?;
-                Box::new(knowing(estimator, known.as_deref(), environment, place)?)
+                let estimator = knowing(estimator, known.as_deref(), environment, place)?;
+                Box::new(if place.always { estimator.always() } else { estimator })
             }
         })
     }

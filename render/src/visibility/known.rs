@@ -12,6 +12,7 @@ use super::{
     layout::PATCHES,
     places::Places,
     weights::Weights,
+    worth::Worth,
 };
 use crate::{
     environment::Environment,
@@ -66,6 +67,7 @@ pub struct Known {
     cells: Cells,
     places: Places,
     found: Vec<(Visibility, Weights)>,
+    worth: Worth,
     cell_bytes: usize,
 }
 
@@ -83,11 +85,20 @@ impl Known {
             return Err(Error::argument("visibility", format!("takes {needed} MB, and {allowed} MB are allowed")));
         }
         let counts = &visibility.counts;
-        let found = estimate::estimate(counts, |_| None, |_, own| (own.weights(division), own));
+        let found = estimate::estimate(
+            counts,
+            |_| None,
+            |cell, visibility| {
+                let weights = visibility.weights(division);
+                (Worth::of(counts.rays(cell), &visibility, &weights), (visibility, weights))
+            },
+        );
+        let (worths, found): (Vec<_>, Vec<_>) = found.into_iter().unzip();
         Ok(Self {
             cells: visibility.cells,
             places: (0..cells).map(|cell| (counts.key(cell), cell as u32)).collect(),
-            found: found.into_iter().map(|(weights, own)| (own, weights)).collect(),
+            found,
+            worth: worths.into_iter().fold(Worth::default(), Worth::with),
             cell_bytes,
         })
     }
@@ -100,6 +111,11 @@ impl Known {
     /// Bytes that it takes.
     pub fn bytes(&self) -> usize {
         self.found.len() * self.cell_bytes
+    }
+
+    /// What drawing with it would gain.
+    pub(super) fn worth(&self) -> Worth {
+        self.worth
     }
 
     /// How many cells.

@@ -63,6 +63,11 @@ impl Worth {
         if self.plain > 0.0 && self.weighted > 0.0 { self.plain / self.weighted } else { 1.0 }
     }
 
+    /// How many rays say so.
+    pub fn rays(&self) -> f64 {
+        self.rays
+    }
+
     /// Whether more rays, some four times as many, may come to foresee a gain that pays.
     pub fn promises(&self) -> bool {
         self.stopped > LEAST_STOPPED * self.rays && self.gain() >= LEAST_PROMISE

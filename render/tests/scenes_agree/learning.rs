@@ -1,6 +1,6 @@
 //! Estimators that learn visibility before they render: the mean stays, whatever they have learned.
 
-use headtail_render::{integrator::learn_visibility, patches::Detail, spec::Place, visibility::SceneVisibility};
+use headtail_render::{integrator::learn_visibility, patches::Detail, visibility::SceneVisibility};
 
 use super::*;
 
@@ -15,9 +15,10 @@ fn what_is_learned_depends_on_no_thread() {
         for depth in [1, 3] {
             let scene = Scene::built_in("bedroom").unwrap();
             let setting = Setting { scene, environment: environment.clone(), unshadowed: false, depth, points };
+            let estimator = learned(&environment).always();
             let with = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                pool.install(|| setting.render(&"patches+vis".parse().unwrap(), 64, 3))
+                pool.install(|| setting.estimate_until(&estimator, 20, 3, &AtomicBool::new(false), &|_| {}))
             };
             let (one, three) = (with(1), with(3));
             assert_eq!(bits(&one.surfaces), bits(&three.surfaces), "{points}, depth {depth}");
@@ -36,9 +37,30 @@ fn where_nothing_is_in_shadow_pictures_are_those_without_learning() {
     let environment = Arc::new(built_in("window").unwrap());
     let scene = Scene::built_in("plane").unwrap();
     let setting = Setting { scene, environment, unshadowed: false, depth: 1, points: PointSet::Sobol };
-    let [plain, learning] = ["patches", "patches+vis"].map(|spec| setting.render(&spec.parse().unwrap(), 16, 3));
+    let plain = setting.render(&SamplerSpec::patches(), 16, 3);
+    let learning = setting.estimate_until(&learned(&setting.environment), 16, 3, &AtomicBool::new(false), &|_| {});
     assert!(bits(&plain.surfaces) == bits(&learning.surfaces));
     assert!(learning.learned.is_some_and(|size| size.cells > 10 && !size.pays), "{:?}", learning.learned);
+}
+
+#[test]
+fn a_file_is_drawn_with_where_that_pays_and_where_one_asks_for_it() {
+    let environment = Arc::new(built_in("window").unwrap());
+    for (scene, pays) in [("plane", false), ("bedroom", true)] {
+        let scene = Scene::built_in(scene).unwrap();
+        let setting =
+            Setting { scene, environment: environment.clone(), unshadowed: false, depth: 1, points: PointSet::Sobol };
+        let knowing = learned(&environment).knowing(&learn(&setting, 16, None)).unwrap();
+        let render =
+            |estimator: &dyn Estimator| setting.estimate_until(estimator, 16, 3, &AtomicBool::new(false), &|_| {});
+        let (plain, knowing, always) =
+            (setting.render(&SamplerSpec::patches(), 16, 3), render(&knowing), render(&knowing.clone().always()));
+        assert_eq!(bits(&plain.surfaces) == bits(&knowing.surfaces), !pays);
+        assert_eq!(bits(&knowing.surfaces) == bits(&always.surfaces), pays);
+        let [foreseen, asked] = [knowing, always].map(|rendering| rendering.learned.unwrap());
+        assert!(foreseen.pays == pays && asked.pays, "{foreseen:?}, {asked:?}");
+        assert!((foreseen.gain > 1.2) == pays && (foreseen.gain >= 1.0), "{foreseen:?}");
+    }
 }
 
 #[test]
@@ -105,9 +127,10 @@ fn means_agree_with_mis(scenes: &[&str], renderings: u64, spp: u32, sharpness: f
         let setting = Setting { scene, environment, unshadowed: false, depth: 1, points: PointSet::Sobol };
         let mis = SamplerSpec::mis().build(&setting.environment).unwrap();
         let (truth, error) = mean_of(&setting, &*mis, 8 * spp, renderings);
-        let plain = learned(&setting.environment);
-        let knowing = learned(&setting.environment).knowing(&learn(&setting, 16, None)).unwrap();
-        let spec = |text: &str| text.parse::<SamplerSpec>().unwrap().build(&setting.environment).unwrap();
+        let plain = learned(&setting.environment).always();
+        let knowing = plain.clone().knowing(&learn(&setting, 16, None)).unwrap();
+        let place = Place { always: true, ..Place::default() };
+        let spec = |text: &str| text.parse::<SamplerSpec>().unwrap().build_in(&setting.environment, place).unwrap();
         let kinds: [(Box<dyn Estimator>, &str); 4] = [
             (Box::new(plain), "learning"),
             (Box::new(knowing), "knowing"),
@@ -147,7 +170,7 @@ fn one_file_serves_tables_and_resampling() {
     let (folder, table) = table_of(&setting.environment);
     let learned = folder.path().join("bedroom.visibility");
     learn(&setting, 16, None).write(&learned).unwrap();
-    let (learned, place) = (learned.display(), Place { scene: Some(&setting.scene), ..Place::default() });
+    let (learned, place) = (learned.display(), Place { scene: Some(&setting.scene), always: true, ..Place::default() });
     let error = |spec: String| {
         mean_square_error(
             &setting,

@@ -82,7 +82,7 @@ fn what_is_learned_stays_within_its_memory_and_the_mean_stays() {
         let (truth, error) = learning::mean_of(&setting, &*mis, 256, 6);
         let mut cells = Vec::new();
         for memory in MEMORIES {
-            let plain = LearnedVisibility::new(setting.environment.clone(), Detail::Leaves, memory).unwrap();
+            let plain = LearnedVisibility::new(setting.environment.clone(), Detail::Leaves, memory).unwrap().always();
             let learned = learning::learn_with(&setting, &plain, 8, None);
             let (mean, own) = learning::mean_of(&setting, &plain, 64, 6);
             let rendering = setting.estimate_until(&plain, 64, 5, &AtomicBool::new(false), &|_| {});
@@ -95,7 +95,7 @@ fn what_is_learned_stays_within_its_memory_and_the_mean_stays() {
             assert!(size.bytes <= memory && size.cells > 0, "{name}: {size:?}, allowed {memory}");
             assert!((mean - truth).abs() < 4.1 * error.hypot(own), "{name}: {mean} {truth} +- {}", error.hypot(own));
             assert!(error.hypot(own) < 5e-3 * truth, "{name}: the test is not sharp");
-            // What was learned beforehand is drawn with whatever it gains, within the same memory.
+            // What was learned beforehand is drawn with within the same memory.
             let knowing = plain.knowing(&learned).unwrap();
             let (mean, own) = learning::mean_of(&setting, &knowing, 64, 6);
             let size = setting.estimate_until(&knowing, 64, 5, &AtomicBool::new(false), &|_| {}).learned.unwrap();

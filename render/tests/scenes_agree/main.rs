@@ -32,7 +32,7 @@ use headtail_render::{
     random::{Purpose, Stream},
     sampler::EnvironmentLight,
     scene::{Material, MaterialSpec, Ray, Scene, TexturedMetallicRoughness, built_in_names},
-    spec::{Drawn, FileKind, SamplerSpec, Source},
+    spec::{Drawn, FileKind, Place, SamplerSpec, Source},
     statistics::{Moments, TTest, compare_images, sidak},
     tail::{Tail, TailKind},
 };
@@ -64,7 +64,9 @@ impl Setting {
         stop: &AtomicBool,
         progress: &dyn Fn(f64),
     ) -> Rendering {
-        self.estimate_until(&*sampler.build(&self.environment).unwrap(), spp, seed, stop, progress)
+        // What is learned is drawn with whatever it gains: it is the mean that is held to here.
+        let place = Place { always: true, ..Place::default() };
+        self.estimate_until(&*sampler.build_in(&self.environment, place).unwrap(), spp, seed, stop, progress)
     }
 
     fn estimate_until(
