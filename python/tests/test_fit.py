@@ -60,9 +60,12 @@ def test_a_run_that_was_interrupted_ends_with_the_same_weights(studio, tmp_path)
 
 
 def test_ctrl_c_ends_training(studio):
+    # A process that was started in the background ignores the signal, unless it says otherwise.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
         headtail.fit(studio, steps=1_000_000)
+    signal.signal(signal.SIGINT, before)
 
 
 def test_settings_are_those_of_the_program(studio):
