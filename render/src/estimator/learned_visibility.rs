@@ -262,6 +262,10 @@ impl Learner for LearningSession<'_> {
         self.cache.observe(at, rays.map(|((&place, patch), &visible)| (place, patch, visible)));
     }
 
+    fn settle(&mut self) {
+        self.cache.settle();
+    }
+
     fn learn(&mut self) {
         self.cache.learn();
     }

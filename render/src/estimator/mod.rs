@@ -47,6 +47,9 @@ pub trait Learner: Estimator {
     /// Tells which of the contributions that were proposed for these rows are visible.
     fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]);
 
+    /// Takes in what was observed, so that it needs less memory.
+    fn settle(&mut self);
+
     /// Lets what was observed be used from now on.
     fn learn(&mut self);
 

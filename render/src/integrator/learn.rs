@@ -90,12 +90,12 @@ impl Lesson {
             observe(&*learner, points, FIRST_SAMPLE + self.first + sample);
             let count = sample + 1;
             let is_last = count == self.samples || stop.load(Ordering::Relaxed);
-            // What was learned helps to learn on, as long as there is much to come.
-            if is_last || count.is_power_of_two() && count.ilog2().is_multiple_of(2) {
-                learner.learn();
-            }
             if is_last {
+                learner.learn();
                 break;
+            }
+            if count.is_power_of_two() {
+                learner.settle();
             }
         }
         learner.explore(false);

@@ -63,10 +63,15 @@ impl Counts {
 
     /// Rays of each patch: those that came through, and all.
     pub fn rays(&self, cell: usize) -> impl Iterator<Item = [u32; 2]> {
-        self.rays[cell * PATCHES..][..PATCHES].iter().map(|rays| {
+        self.packed(cell).iter().map(|rays| {
             let rays = rays.load(Relaxed);
             [(rays >> 32) as u32, rays as u32]
         })
+    }
+
+    /// The same for each patch in one number: those that came through in the upper half, all in the lower.
+    pub fn packed(&self, cell: usize) -> &[AtomicU64] {
+        &self.rays[cell * PATCHES..][..PATCHES]
     }
 
     /// Counts rays.

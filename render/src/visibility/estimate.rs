@@ -1,5 +1,7 @@
 //! From counted rays to weights.
 
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
 use rayon::prelude::*;
 
 use super::{
@@ -9,7 +11,7 @@ use super::{
     layout::{CLUSTERS, PATCHES},
     weights::Weights,
 };
-use crate::simd::LANES;
+use crate::{columns::vectorized, simd::LANES};
 
 /// What visibility is taken for where nothing is known.
 const UNKNOWN: f32 = 0.7;
@@ -46,33 +48,24 @@ impl Visibility {
     }
 
     /// The visibility that rays speak for, after that of a larger cell.
-    fn of(rays: &[[f32; 2]], above: &Self) -> Self {
+    fn of(rays: &Rays, above: &Self) -> Self {
         let mut own = above.clone();
-        for (cluster, rays) in rays.chunks_exact(LANES).enumerate() {
-            let [seen, all] = rays.iter().fold([0.0, 0.0], |sum, rays| [sum[0] + rays[0], sum[1] + rays[1]]);
-            let before = above.clusters[cluster];
-            let mean = (seen + STRENGTH * before) / (all + STRENGTH);
-            own.clusters[cluster] = mean;
-            let patches = &mut own.patches[cluster * LANES..][..LANES];
-            for (patch, [seen, all]) in patches.iter_mut().zip(rays) {
-                // What the cluster has learned goes for all of its patches.
-                let prior = (*patch + mean - before).clamp(0.0, 1.0);
-                *patch = (seen + STRENGTH * prior) / (all + STRENGTH);
-            }
-        }
+        update(rays, above, &mut own);
         own
+    }
+
+    /// What each patch of a division is to be weighed with, `[PATCHES]`, and the least of what may be.
+    pub fn weigh(&self, division: &Division) -> (Vec<f32>, f32) {
+        let (mut weights, mut least) = (vec![0.0; PATCHES], 0.0);
+        weigh(&self.patches, division.energies(), &mut weights, &mut least);
+        (weights, least)
     }
 
     /// What samplers weigh the patches of a division with, and the cells of its grid.
     pub fn weights(&self, division: &Division) -> Weights {
-        let (energies, root) = (division.energies(), |visibility: f32| (visibility / SEEN).min(1.0).sqrt());
-        let (mut sum, mut all) = (0.0, f32::MIN_POSITIVE);
-        for (&visibility, energy) in self.patches.iter().zip(energies) {
-            sum += energy * root(visibility);
-            all += energy;
-        }
-        let weight = |visibility: f32| root(visibility).max(LEAST * sum / all);
-        let weights = Weights::new(|patch| weight(self.patches[patch]), energies);
+        let (of_patches, least) = self.weigh(division);
+        let weights = Weights::new(|patch| of_patches[patch], division.energies());
+        let weight = |visibility: f32| root(visibility).max(least);
         match division.grid() {
             Some(grid) => {
                 let of_part = |&(patch, share): &(u16, f32)| share * self.patches[usize::from(patch)];
@@ -84,12 +77,54 @@ impl Visibility {
     }
 }
 
-/// What `of` makes of each cell's number and visibility. The latter is that of the larger one that the cell lies in until it has rays of its own; where `known` has something
+#[inline(always)]
+fn root(visibility: f32) -> f32 {
+    (visibility / SEEN).min(1.0).sqrt()
+}
+
+vectorized! {
+    /// [`Visibility::of`], compiled for every instruction set.
+    fn update['a](_simd, rays: &'a Rays, above: &'a Visibility, own: &'a mut Visibility) {
+        let lists = rays.seen.chunks_exact(LANES).zip(rays.all.chunks_exact(LANES));
+        for (cluster, ((seen, all), patches)) in lists.zip(own.patches.chunks_exact_mut(LANES)).enumerate() {
+            let before = above.clusters[cluster];
+            let mean = (seen.iter().sum::<f32>() + STRENGTH * before) / (all.iter().sum::<f32>() + STRENGTH);
+            own.clusters[cluster] = mean;
+            for ((patch, seen), all) in patches.iter_mut().zip(seen).zip(all) {
+                // What the cluster has learned goes for all of its patches.
+                let prior = (*patch + mean - before).clamp(0.0, 1.0);
+                *patch = (seen + STRENGTH * prior) / (all + STRENGTH);
+            }
+        }
+    }
+}
+
+vectorized! {
+    /// [`Visibility::weigh`], compiled for every instruction set.
+    fn weigh['a](_simd, visibility: &'a [f32], energies: &'a [f32], weights: &'a mut [f32], least: &'a mut f32) {
+        let (mut sum, mut all) = ([0.0; LANES], [0.0; LANES]);
+        let lists = visibility.chunks_exact(LANES).zip(energies.chunks_exact(LANES));
+        for ((visibility, energies), weights) in lists.zip(weights.chunks_exact_mut(LANES)) {
+            for k in 0..LANES {
+                weights[k] = root(visibility[k]);
+                sum[k] += energies[k] * weights[k];
+                all[k] += energies[k];
+            }
+        }
+        let bound = LEAST * sum.iter().sum::<f32>() / all.iter().sum::<f32>().max(f32::MIN_POSITIVE);
+        for weight in weights {
+            *weight = weight.max(bound);
+        }
+        *least = bound;
+    }
+}
+
+/// What `of` makes of the rays of each cell, those of smaller ones that lie in it aside, and of its visibility. The latter is that of the larger one that the cell lies in until it has rays of its own; where `known` has something
 /// of the cell, that takes the larger one's place.
 pub fn estimate<'a, T: Send>(
     counts: &Counts,
     known: impl Fn(CellKey) -> Option<&'a Visibility> + Sync,
-    of: impl Fn(usize, Visibility) -> T + Sync,
+    of: impl Fn(&Rays, Visibility) -> T + Sync,
 ) -> Vec<T> {
     let by_size = counts.by_size();
     let mut inside = vec![Vec::new(); counts.cells()];
@@ -102,11 +137,11 @@ pub fn estimate<'a, T: Send>(
     let mut rays: Vec<Option<Rays>> = vec![None; counts.cells()];
     for cells in &by_size {
         let sums = cells.par_iter().filter(|&&cell| !inside[cell].is_empty()).map(|&cell| {
-            let mut sum = rays_of(counts, cell);
+            let mut sum = Rays::of(counts, cell);
             for &part in &inside[cell] {
                 match &rays[part] {
-                    Some(rays) => add(&mut sum, rays),
-                    None => add(&mut sum, &rays_of(counts, part)),
+                    Some(rays) => sum.add(rays),
+                    None => add_counts(counts.packed(part), &mut sum),
                 }
             }
             (cell, sum)
@@ -118,7 +153,7 @@ pub fn estimate<'a, T: Send>(
     // Their visibility: larger ones first.
     let unknown = Visibility::unknown();
     let mut found: Vec<Option<Visibility>> = vec![None; counts.cells()];
-    let before = |found: &[Option<Visibility>], cell: usize, rays: &[[f32; 2]]| {
+    let before = |found: &[Option<Visibility>], cell: usize, rays: &Rays| {
         let above = counts.parent(cell).and_then(|parent| found[parent as usize].as_ref());
         Visibility::of(rays, known(counts.key(cell)).or(above).unwrap_or(&unknown))
     };
@@ -128,21 +163,52 @@ pub fn estimate<'a, T: Send>(
             found[cell] = Some(visibility);
         }
     }
-    let of_cell =
-        |cell: usize| of(cell, found[cell].clone().unwrap_or_else(|| before(&found, cell, &rays_of(counts, cell))));
+    let of_cell = |cell: usize| {
+        let rays = Rays::of(counts, cell);
+        of(&rays, found[cell].clone().unwrap_or_else(|| before(&found, cell, &rays)))
+    };
     (0..counts.cells()).into_par_iter().map(of_cell).collect()
 }
 
-/// Rays of each patch: those that came through, and all.
-type Rays = Vec<[f32; 2]>;
-
-fn rays_of(counts: &Counts, cell: usize) -> Rays {
-    counts.rays(cell).map(|rays| rays.map(|rays| rays as f32)).collect()
+/// Rays of each patch, `[PATCHES]`: those that came through, and all.
+#[derive(Clone)]
+pub struct Rays {
+    pub seen: Vec<f32>,
+    pub all: Vec<f32>,
 }
 
-fn add(sum: &mut [[f32; 2]], rays: &[[f32; 2]]) {
-    for (sum, rays) in sum.iter_mut().zip(rays) {
-        *sum = [sum[0] + rays[0], sum[1] + rays[1]];
+impl Rays {
+    /// Those of a cell, without the cells that lie in it.
+    fn of(counts: &Counts, cell: usize) -> Self {
+        let mut rays = Self { seen: vec![0.0; PATCHES], all: vec![0.0; PATCHES] };
+        add_counts(counts.packed(cell), &mut rays);
+        rays
+    }
+
+    fn add(&mut self, rays: &Self) {
+        for (sum, rays) in [(&mut self.seen, &rays.seen), (&mut self.all, &rays.all)] {
+            for (sum, rays) in sum.iter_mut().zip(rays) {
+                *sum += rays;
+            }
+        }
+    }
+}
+
+vectorized! {
+    /// Adds the rays of a cell.
+    fn add_counts['a](_simd, counts: &'a [AtomicU64], sum: &'a mut Rays) {
+        let lists = sum.seen.chunks_exact_mut(LANES).zip(sum.all.chunks_exact_mut(LANES));
+        for (counts, (seen, all)) in counts.chunks_exact(LANES).zip(lists) {
+            let mut packed = [0; LANES];
+            for (packed, count) in packed.iter_mut().zip(counts) {
+                *packed = count.load(Relaxed);
+            }
+            for k in 0..LANES {
+                // As signed numbers, which every processor turns at once.
+                seen[k] += (packed[k] >> 32) as i32 as f32;
+                all[k] += packed[k] as i32 as f32;
+            }
+        }
     }
 }
 

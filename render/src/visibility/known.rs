@@ -88,9 +88,9 @@ impl Known {
         let found = estimate::estimate(
             counts,
             |_| None,
-            |cell, visibility| {
-                let weights = visibility.weights(division);
-                (Worth::of(counts.rays(cell), &visibility, &weights), (visibility, weights))
+            |rays, visibility| {
+                let (worth, weights) = (Worth::of(rays, &visibility, division), visibility.weights(division));
+                (worth, (visibility, weights))
             },
         );
         let (worths, found): (Vec<_>, Vec<_>) = found.into_iter().unzip();

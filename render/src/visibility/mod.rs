@@ -168,22 +168,28 @@ impl VisibilityCache {
         self.observed.fetch_add(observed, Relaxed);
     }
 
-    /// Turns what was observed into weights.
-    pub fn learn(&mut self) {
+    /// Counts what was observed in cells.
+    pub fn settle(&mut self) {
         self.counts.settle(self.most_cells);
+    }
+
+    /// Turns what was observed into weights, if they gain more than they take.
+    pub fn learn(&mut self) {
+        self.settle();
         self.estimate();
         self.asked = Default::default();
     }
 
     fn estimate(&mut self) {
+        let (counts, division) = (&self.counts, &self.division);
         let known = |key| self.known.as_ref().and_then(|known| known.visibility(key));
-        let found = estimate::estimate(&self.counts, known, |cell, visibility| {
-            let weights = visibility.weights(&self.division);
-            (Worth::of(self.counts.rays(cell), &visibility, &weights), weights)
-        });
-        self.worth = found.iter().map(|(own, _)| *own).fold(Worth::default(), Worth::with);
-        self.weights =
-            std::iter::once(Weights::unknown()).chain(found.into_iter().map(|(_, weights)| weights)).collect();
+        let worths = estimate::estimate(counts, known, |rays, visibility| Worth::of(rays, &visibility, division));
+        self.worth = worths.into_iter().fold(Worth::default(), Worth::with);
+        self.weights = vec![Weights::unknown()];
+        if self.pays() {
+            let weights = estimate::estimate(counts, known, |_, visibility| visibility.weights(division));
+            self.weights.extend(weights);
+        }
     }
 
     /// The number of the weights at a key: those of the finest cell that is known.

@@ -1,6 +1,10 @@
 //! Whether what was learned is worth its price.
 
-use super::{estimate::Visibility, weights::Weights};
+use super::{
+    division::Division,
+    estimate::{Rays, Visibility},
+};
+use crate::{columns::vectorized, simd::LANES};
 
 /// The least gain at which weights are drawn with. Priors are stronger than the few rays of a lesson: pictures gain 1.4 to 3 times as much as is
 /// foreseen (as logarithms), and to find and to multiply weights takes a fifth of a sample's time.
@@ -9,7 +13,7 @@ const LEAST_GAIN: f64 = 1.15;
 /// [`LEAST_GAIN`] have 1.038 and more, in pictures of 1200 pixels 1.02, and all in which it foresees less than 1.05 at most 1.036.
 const LEAST_PROMISE: f64 = 1.02;
 /// The relative variance of light within a patch that is seen as a whole.
-const WITHIN: f64 = 0.02;
+const WITHIN: f32 = 0.02;
 /// The least share of rays that are stopped at which there may be something to learn.
 const LEAST_STOPPED: f64 = 0.02;
 
@@ -31,23 +35,20 @@ pub struct Worth {
 
 impl Worth {
     /// That of a cell: the rays to each patch, which were drawn in that proportion, say how much of the light is in the patch.
-    pub fn of(rays: impl Iterator<Item = [u32; 2]>, visibility: &Visibility, weights: &Weights) -> Self {
-        let (mut all, mut stopped, mut plain, mut weight, mut weighted) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for (patch, ([came_through, rays], &visibility)) in rays.zip(visibility.patches()).enumerate() {
-            stopped += f64::from(rays) - f64::from(came_through);
-            let (rays, visibility, own) = (f64::from(rays), f64::from(visibility), f64::from(weights.of_patch(patch)));
-            let noise = rays * visibility * (1.0 - visibility + WITHIN);
-            all += rays;
-            plain += noise;
-            weight += rays * own;
-            weighted += noise / own;
-        }
+    pub fn of(rays: &Rays, visibility: &Visibility, division: &Division) -> Self {
+        Self::of_weights(rays, visibility, &visibility.weigh(division).0)
+    }
+
+    fn of_weights(rays: &Rays, visibility: &Visibility, weights: &[f32]) -> Self {
+        let mut sums = [0.0; 5];
+        sum_noise(rays, visibility.patches(), weights, &mut sums);
+        let [all, stopped, plain, weight, weighted] = sums;
         // A patch with share e of what is reflected (the sum of shares is 1) gets the share p = e g / sum of e g of the samples, each of which adds e / p times
         // what is seen or not: its variance is e^2 v (1 - v) / p, and e v (1 - v) without weights. Cells count by their rays.
         Self { plain, weighted: weighted * weight / f64::max(all, 1.0), rays: all, stopped }
     }
 
-    /// That of two sets of cells.
+    /// That of two sets of cells, added.
     #[must_use]
     pub fn with(self, other: Self) -> Self {
         Self {
@@ -79,6 +80,24 @@ impl Worth {
     }
 }
 
+vectorized! {
+    /// Sums over patches: rays, those that were stopped, noise without weights, rays times weights, and noise over weights.
+    fn sum_noise['a](_simd, rays: &'a Rays, visibility: &'a [f32], weights: &'a [f32], out: &'a mut [f64; 5]) {
+        let mut sums = [[0.0; LANES]; 5];
+        let lists = rays.all.chunks_exact(LANES).zip(rays.seen.chunks_exact(LANES));
+        for ((all, seen), (visibility, weights)) in lists.zip(visibility.chunks_exact(LANES).zip(weights.chunks_exact(LANES))) {
+            for k in 0..LANES {
+                let noise = all[k] * visibility[k] * (1.0 - visibility[k] + WITHIN);
+                let own = [all[k], all[k] - seen[k], noise, all[k] * weights[k], noise / weights[k]];
+                for (sums, own) in sums.iter_mut().zip(own) {
+                    sums[k] += own;
+                }
+            }
+        }
+        *out = sums.map(|lanes| lanes.iter().map(|&lane| f64::from(lane)).sum());
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,21 +105,22 @@ mod tests {
 
     /// Rays to two patches, as many to each, with what is seen of them.
     fn worth(seen: [f32; 2]) -> Worth {
-        let rays = (0..PATCHES).map(|patch| [0, if patch < 2 { 100 } else { 0 }]);
+        let mut rays = Rays { seen: vec![0.0; PATCHES], all: vec![0.0; PATCHES] };
+        rays.all[..2].fill(100.0);
         let mut visibility = Visibility::unknown();
         visibility.set(&seen);
-        let weights = Weights::new(|patch| seen.get(patch).map_or(1.0, |seen| seen.max(0.3)), &[1.0; PATCHES]);
-        Worth::of(rays, &visibility, &weights)
+        let weights: Vec<f32> = (0..PATCHES).map(|patch| seen.get(patch).map_or(1.0, |seen| seen.max(0.3))).collect();
+        Worth::of_weights(&rays, &visibility, &weights)
     }
 
     #[test]
     fn the_gain_is_that_of_the_variance() {
-        // Seen and not seen: all noise is in the first, which gets 255 of 332 samples instead of one in two.
-        let expected = 2.0 * 255.0 / 332.0;
+        // Seen and not seen: all noise is in the first, which gets 10 of 13 samples instead of one in two.
+        let expected = 2.0 * 10.0 / 13.0;
         assert!((worth([1.0, 0.0]).gain() / expected - 1.0).abs() < 1e-6, "{}", worth([1.0, 0.0]).gain());
         assert!(worth([1.0, 0.0]).pays());
-        // A quarter of the first comes through, and nine tenths of the second. Noise is 0.25 x 0.77 and 0.9 x 0.12, weights are 77/255 and 230/255.
-        let (a, b, g, h) = (0.25 * 0.77, 0.9 * 0.12, 77.0 / 255.0, 230.0 / 255.0);
+        // A quarter of the first comes through, and nine tenths of the second. Noise is 0.25 x 0.77 and 0.9 x 0.12, weights are 0.3 and 0.9.
+        let (a, b, g, h) = (0.25 * 0.77, 0.9 * 0.12, 0.3, 0.9);
         let expected = (a + b) / ((a / g + b / h) * (g + h) / 2.0);
         assert!((worth([0.25, 0.9]).gain() / expected - 1.0).abs() < 1e-6, "{}", worth([0.25, 0.9]).gain());
         assert!(!worth([0.25, 0.9]).pays());
@@ -116,13 +136,14 @@ mod tests {
 
     #[test]
     fn where_no_ray_is_stopped_there_is_nothing_to_learn() {
-        let of = |came_through: u32| {
-            let rays = (0..PATCHES).map(|patch| if patch == 0 { [came_through, 100] } else { [0, 0] });
-            Worth::of(rays, &Visibility::unknown(), &Weights::unknown())
+        let of = |came_through: f32| {
+            let mut rays = Rays { seen: vec![0.0; PATCHES], all: vec![0.0; PATCHES] };
+            (rays.seen[0], rays.all[0]) = (came_through, 100.0);
+            Worth::of_weights(&rays, &Visibility::unknown(), &[1.0; PATCHES])
         };
-        assert!(!Worth::default().promises() && !of(100).promises() && !of(99).promises());
+        assert!(!Worth::default().promises() && !of(100.0).promises() && !of(99.0).promises());
         // What is stopped alike is nothing to learn either.
-        assert!(!of(90).promises() && !worth([0.5, 0.5]).promises() && worth([1.0, 0.0]).promises());
+        assert!(!of(90.0).promises() && !worth([0.5, 0.5]).promises() && worth([1.0, 0.0]).promises());
     }
 
     #[test]
