@@ -111,7 +111,9 @@ vectorized! {
                 all[k] += energies[k];
             }
         }
-        let bound = LEAST * sum.iter().sum::<f32>() / all.iter().sum::<f32>().max(f32::MIN_POSITIVE);
+        // Above 0 even where nothing is seen at all.
+        let mean = sum.iter().sum::<f32>() / all.iter().sum::<f32>().max(f32::MIN_POSITIVE);
+        let bound = (LEAST * mean).max(f32::MIN_POSITIVE);
         for weight in weights {
             *weight = weight.max(bound);
         }
@@ -217,6 +219,14 @@ mod tests {
     use super::*;
     use crate::visibility::cells::Cells;
     use glam::Vec3A;
+
+    #[test]
+    fn where_nothing_is_seen_weights_are_above_0() {
+        let mut dark = Visibility::unknown();
+        dark.set(&[0.0; PATCHES]);
+        let (weights, least) = dark.weigh(&Division::new(vec![1.0; PATCHES]));
+        assert!(least > 0.0 && weights.iter().all(|&weight| weight >= least), "{least}");
+    }
 
     #[test]
     fn what_many_rays_say_is_believed_and_what_none_say_is_taken_from_around() {
