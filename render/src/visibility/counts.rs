@@ -13,8 +13,8 @@ use super::{
     places::Places,
 };
 
-/// Observations that make a cell.
-const LEAST_RAYS: usize = 8;
+/// Observations that make a cell: half of what its larger one counts as. Fewer say little, and take time and memory.
+const LEAST_RAYS: usize = 32;
 
 /// A shadow ray from a cell that is not there yet: its patch, and in the lowest bit whether it came through.
 type Ray = (CellKey, u16);
