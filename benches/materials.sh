@@ -4,7 +4,7 @@
 #     bash benches/materials.sh DATA OUT
 #     SETS=temple MAPS=lebombo_1k SAMPLES=4,16 RUNS=1 bash benches/materials.sh DATA OUT
 #
-# The sets are `welt` (in the bedroom), `satin` and `velvet` (on the cloth), and `temple` (eight measured materials from mirror-like to matte). Times mean
+# With COMPARE=no it trains alone, which may be done beside other work. The sets are `welt` (in the bedroom), `satin` and `velvet` (on the cloth), and `temple` (eight measured materials from mirror-like to matte). Times mean
 # something on an otherwise idle machine only. What is there already is not made again. DATA holds envmaps/*.hdr and nbrdf/nbrdf_all.f32.
 set -euo pipefail
 data="$1" out="$2"
@@ -39,6 +39,7 @@ for set in ${SETS:-welt satin velvet temple}; do
             [ "$over" == tail ] || also=(--over patches)
             [ -f "$head/sampler.safetensors" ] || $headtail fit --env "$env" --material "$material" "${train[@]}" "${also[@]}" --out "$head" --force
         done
+        [ "${COMPARE:-yes}" == yes ] || continue
         list="mis,mis2,mis-comp,cosine,brdf,emitter,ris:4,patches,patches+vis"
         list+=",neusample+emitter:$out/$set-flow.safetensors,reparam+emitter:$out/$set-reparam.safetensors"
         list+=",head+mis:$out/$set-$map-over-tail/sampler.safetensors,head+patches:$out/$set-$map-over-patches/sampler.safetensors"
