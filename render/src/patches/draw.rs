@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 
 use super::{
     CLUSTERS, Level, PARTS, Patches,
-    mass::{Block, Cosines, Patch, Reflection},
+    mass::{Block, LEAST_COS_O, Patch, Reflection, highest, masses},
     small_lights,
     tree::{Aim, Cuts, Places, Points},
 };
@@ -48,16 +48,41 @@ pub(super) const SHARE: usize = WEIGHTS + 1;
 /// Where running sums begin.
 const SUMS: usize = SHARE + 1;
 
-/// One lane of what shading points reflect.
-#[inline(always)]
-fn reflection(n: &[Lanes; 3], wo: &[Lanes; 3], lobes: &[Lanes], lane: usize) -> Reflection {
-    Reflection {
-        n: Vec3::new(n[0][lane], n[1][lane], n[2][lane]),
-        wo: Vec3::new(wo[0][lane], wo[1][lane], wo[2][lane]),
-        diffuse: lobes[0][lane],
-        specular: lobes[1][lane],
-        f0: lobes[2][lane],
-        alpha: lobes[3][lane],
+/// What the shading points of a strip reflect.
+struct Reflections<'a> {
+    n: [Lanes; 3],
+    wo: [Lanes; 3],
+    cos_o: Lanes,
+    lobes: &'a [Lanes],
+}
+
+impl<'a> Reflections<'a> {
+    #[inline(always)]
+    fn new(at: &Rows<'_>, strip: usize, lobes: &'a [Lanes]) -> Self {
+        let (n, wo, mut cos_o) = (at.normals(strip), at.views(strip), [0.0; LANES]);
+        for k in 0..LANES {
+            let cos = n[0][k] * wo[0][k] + (n[1][k] * wo[1][k] + n[2][k] * wo[2][k]);
+            cos_o[k] = if cos > LEAST_COS_O { cos } else { LEAST_COS_O };
+        }
+        Self { n, wo, cos_o, lobes }
+    }
+
+    #[inline(always)]
+    fn normal(&self, lane: usize) -> Vec3 {
+        Vec3::new(self.n[0][lane], self.n[1][lane], self.n[2][lane])
+    }
+
+    #[inline(always)]
+    fn lane(&self, lane: usize) -> Reflection {
+        Reflection {
+            n: self.normal(lane),
+            wo: Vec3::new(self.wo[0][lane], self.wo[1][lane], self.wo[2][lane]),
+            cos_o: self.cos_o[lane],
+            diffuse: self.lobes[0][lane],
+            specular: self.lobes[1][lane],
+            f0: self.lobes[2][lane],
+            alpha: self.lobes[3][lane],
+        }
     }
 }
 
@@ -65,39 +90,28 @@ vectorized! {
     /// The running sums of the clusters' masses, and the shares beside BRDF sampling; the lobes are there.
     pub(super) fn prepare['a, W: Weighting](simd, patches: &'a Patches, weighting: &'a W, at: &'a Rows<'a>, state: &'a mut [Lanes]) {
         for (strip, state) in state.chunks_exact_mut(COLUMNS).enumerate() {
-            let (n, wo) = (at.normals(strip), at.views(strip));
             let (lobes, sums) = state.split_at_mut(SUMS);
             let mut weights = [[1.0; LANES]; CLUSTERS];
             weighting.of_clusters(&lobes[WEIGHTS], &mut weights);
-            let mut is_glossy = false;
-            for k in 0..LANES {
-                is_glossy |= lobes[1][k] > 0.0;
-            }
+            let points = Reflections::new(at, strip, lobes);
+            let [is_diffuse, is_glossy] = [0, 1].map(|lobe| highest(&lobes[lobe]) > 0.0);
             let (mut sum, mut squared) = ([0.0; LANES], [0.0; LANES]);
             for (((patch, brightness), number), out) in patches.clusters.iter().zip(&patches.brightness).zip(&patches.numbers).zip(&mut *sums) {
                 let weights = &weights[*number];
                 if is_glossy {
-                    // Points of a strip are neighbours: a patch is often below the horizon of all.
-                    let (mut mean, mut half_width, mut bound) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+                    let masses = if is_diffuse {
+                        masses::<_, false, true>(simd, |_| *patch, |k| points.lane(k))
+                    } else {
+                        masses::<_, false, false>(simd, |_| *patch, |k| points.lane(k))
+                    };
                     for k in 0..LANES {
-                        let cosines = patch.cosines(simd, Vec3::new(n[0][k], n[1][k], n[2][k]));
-                        (mean[k], half_width[k], bound[k]) = (cosines.mean, cosines.half_width, cosines.bound);
-                    }
-                    let mut highest = bound[0];
-                    for k in 1..LANES {
-                        highest = if bound[k] > highest { bound[k] } else { highest };
-                    }
-                    if highest > 0.0 {
-                        for k in 0..LANES {
-                            let cosines = Cosines { mean: mean[k], half_width: half_width[k], bound: bound[k] };
-                            let mass = weights[k] * patch.mass_of::<_, false>(simd, &reflection(&n, &wo, lobes, k), &cosines);
-                            sum[k] += mass;
-                            squared[k] += mass * brightness;
-                        }
+                        let mass = weights[k] * masses[k];
+                        sum[k] += mass;
+                        squared[k] += mass * brightness;
                     }
                 } else {
                     for k in 0..LANES {
-                        sum[k] += weights[k] * patch.diffuse_mass::<_, false>(simd, Vec3::new(n[0][k], n[1][k], n[2][k]));
+                        sum[k] += weights[k] * patch.diffuse_mass::<_, false>(simd, points.normal(k));
                     }
                 }
                 *out = sum;
@@ -105,7 +119,7 @@ vectorized! {
             let mut shares = [1.0; LANES];
             if is_glossy {
                 for k in 0..LANES {
-                    shares[k] = share_beside_brdf(&reflection(&n, &wo, lobes, k), sum[k], squared[k]);
+                    shares[k] = share_beside_brdf(&points.lane(k), sum[k], squared[k]);
                 }
             }
             lobes[SHARE] = shares;
@@ -134,16 +148,18 @@ vectorized! {
 /// The running sums of the weighted masses of the parts of a patch for one shading point.
 #[inline(always)]
 fn part_sums<S: Simd>(simd: S, block: &Block, at: &Reflection, weights: &Lanes) -> Lanes {
-    let mut masses = [0.0; LANES];
-    if at.specular > 0.0 {
-        for k in 0..LANES {
-            masses[k] = Patch::load(block, k).mass::<_, true>(simd, at);
-        }
+    let patch = |k| Patch::load(block, k);
+    let mut masses = if at.specular > 0.0 && at.diffuse > 0.0 {
+        masses::<_, true, true>(simd, patch, |_| *at)
+    } else if at.specular > 0.0 {
+        masses::<_, true, false>(simd, patch, |_| *at)
     } else {
+        let mut masses = [0.0; LANES];
         for k in 0..LANES {
-            masses[k] = Patch::load(block, k).diffuse_mass::<_, true>(simd, at.n);
+            masses[k] = patch(k).diffuse_mass::<_, true>(simd, at.n);
         }
-    }
+        masses
+    };
     let mut sum = 0.0;
     for k in 0..LANES {
         sum += weights[k] * masses[k];
@@ -212,8 +228,7 @@ fn by_width(alpha: f32) -> f32 {
 /// relative to each view and in absolute terms alike: pictures are judged by the latter, in which views that see a lamp count.
 #[inline(always)]
 fn share_beside_brdf(at: &Reflection, sum: f32, squared: f32) -> f32 {
-    let cos_o = at.n.dot(at.wo);
-    let grazing = 1.0 - if cos_o > 0.0 { cos_o } else { 0.0 };
+    let grazing = 1.0 - at.cos_o;
     let fourth = (grazing * grazing) * (grazing * grazing);
     let albedo = at.diffuse + at.specular * (at.f0 + (1.0 - at.f0) * (fourth * grazing));
     let sum = if sum > f32::MIN_POSITIVE { sum } else { f32::MIN_POSITIVE };
@@ -274,18 +289,18 @@ fn walk<S: Simd, A: Aim, W: Weighting>(
     state: &[Lanes],
     aims: [&A; 3],
 ) -> (Path, [bool; LANES]) {
-    let (n, wo) = (at.normals(strip), at.views(strip));
     let (lobes, sums) = state[strip * COLUMNS..][..COLUMNS].split_at(SUMS);
+    let reflections = Reflections::new(at, strip, lobes);
     let total = sums[CLUSTERS - 1];
     let root = [patches.root; LANES];
     let sums = (sums.as_flattened(), total);
     let (found, cuts) = patches.forest.descend::<LANES, 1>(&root, aims[0], sums, Cuts::SQUARE);
     let mut path = Path { number: found.place, probability: [0.0; LANES], cuts };
-    let mut points = [reflection(&n, &wo, lobes, 0); LANES];
+    let mut points = [reflections.lane(0); LANES];
     let (mut narrow, mut any) = ([false; LANES], false);
     for k in 0..LANES {
         path.probability[k] = share(found.mass[k], total[k]);
-        points[k] = reflection(&n, &wo, lobes, k);
+        points[k] = reflections.lane(k);
         narrow[k] = goes_on(patches, lobes, k);
         any |= narrow[k];
     }
@@ -375,15 +390,15 @@ vectorized! {
         x: [&'a [Lanes]; 2], q: &'a mut [Lanes],
     ) {
         for strip in 0..q.len() {
-            let (n, wo) = (at.normals(strip), at.views(strip));
             let (lobes, sums) = state[strip * COLUMNS..][..COLUMNS].split_at(SUMS);
+            let points = Reflections::new(at, strip, lobes);
             let (mut columns, mut rows) = ([0; LANES], [0; LANES]);
             for k in 0..LANES {
                 let (column, row, _) = grid.cell(Vec2::new(x[0][strip][k], x[1][strip][k]));
                 (columns[k], rows[k]) = (column as u32, row as u32);
             }
             for k in 0..LANES {
-                let point = reflection(&n, &wo, lobes, k);
+                let point = points.lane(k);
                 let twig = patches.lookup.patch(columns[k], rows[k]) as usize;
                 let (leaf, cluster) = (twig / PARTS, twig / (PARTS * PARTS));
                 let own = sums[cluster][k] - if cluster == 0 { 0.0 } else { sums[cluster - 1][k] };

@@ -6,7 +6,7 @@ use glam::{DMat3, Vec3};
 
 use super::moments::MomentMap;
 use crate::{
-    simd::{Lanes, Simd, fused},
+    simd::{LANES, Lanes, Simd, fused},
     tail::Node,
 };
 
@@ -39,6 +39,8 @@ pub struct Reflection {
     pub n: Vec3,
     /// Direction to the viewer.
     pub wo: Vec3,
+    /// The cosine between the two, at least [`LEAST_COS_O`].
+    pub cos_o: f32,
     /// Luminance of the diffuse reflectance.
     pub diffuse: f32,
     /// Weight of the Trowbridge-Reitz lobe.
@@ -49,6 +51,8 @@ pub struct Reflection {
     pub alpha: f32,
 }
 
+/// What counts as the cosine to a viewer along the surface.
+pub const LEAST_COS_O: f32 = 1e-4;
 /// The least share of the upper bound of the cosine that a patch has: it bounds weights.
 const LEAF_FLOOR: f32 = 0.15;
 /// The same of a cluster.
@@ -147,37 +151,25 @@ impl Patch {
         self.energy * self.cosines(simd, n).clamped::<LEAF>()
     }
 
-    /// The mass for any surface; that of a surface without a lobe is [`Self::diffuse_mass`].
+    /// The direction to the middle of the part of the patch that is above the horizon.
     #[inline(always)]
-    pub fn mass<S: Simd, const LEAF: bool>(&self, simd: S, at: &Reflection) -> f32 {
-        self.mass_of::<S, LEAF>(simd, at, &self.cosines(simd, at.n))
-    }
-
-    /// [`Self::mass`] with the cosines to the normal.
-    #[inline(always)]
-    pub fn mass_of<S: Simd, const LEAF: bool>(&self, simd: S, at: &Reflection, cosines: &Cosines) -> f32 {
-        let diffuse = cosines.clamped::<LEAF>();
-        let glossy = self.glossy::<S, LEAF>(simd, at, cosines);
-        let glossy = if cosines.bound > 0.0 { glossy } else { 0.0 };
-        let both = fused(simd, at.specular, glossy, at.diffuse * FRAC_1_PI * diffuse);
-        self.energy * if at.specular > 0.0 { both } else { diffuse }
-    }
-
-    /// The Trowbridge-Reitz lobe times cosine in the middle of the part of the patch that is above the horizon, widened by the spread
-    /// of half vectors over the patch.
-    #[inline(always)]
-    fn glossy<S: Simd, const LEAF: bool>(&self, simd: S, at: &Reflection, cosines: &Cosines) -> f32 {
+    fn middle<S: Simd>(&self, simd: S, n: Vec3, cosines: &Cosines) -> Middle {
         let (visible, cos_i) = cosines.visible();
         let raised = cos_i - cosines.mean;
         let w = Vec3::new(
-            fused(simd, at.n.x, raised, self.centroid.x),
-            fused(simd, at.n.y, raised, self.centroid.y),
-            fused(simd, at.n.z, raised, self.centroid.z),
+            fused(simd, n.x, raised, self.centroid.x),
+            fused(simd, n.y, raised, self.centroid.y),
+            fused(simd, n.z, raised, self.centroid.z),
         );
         let scale = 1.0 / larger(dot(simd, w, w), 1e-6).sqrt();
-        let w = w * scale;
-        let cos_o = larger(dot(simd, at.n, at.wo), 1e-4);
-        let cos_i = smaller(larger(cos_i * scale, 1e-4), 1.0);
+        Middle { w: w * scale, cos_i: smaller(larger(cos_i * scale, 1e-4), 1.0), visible }
+    }
+
+    /// Half vectors between the viewer and the patch: their middle, and their spread added to a lobe's width.
+    #[inline(always)]
+    fn half_vectors<S: Simd>(&self, simd: S, at: &Reflection, middle: &Middle) -> HalfVectors {
+        let Middle { w, cos_i, .. } = *middle;
+        let cos_o = at.cos_o;
         let cos = smaller(dot(simd, at.wo, w), 1.0 - 1e-6);
         // The squared cosine of half of the angle between both directions; one over it, and over the squared sine of the whole.
         let squared_half = larger(fused(simd, 0.5, cos, 0.5), 1e-3);
@@ -194,25 +186,137 @@ impl Patch {
         let variance_across = self.spread(simd, across) * (1.0 / 3.0) * per_squared_sine;
         let variance_along = larger(self.variance - variance_across, 0.0);
         let own = at.alpha * at.alpha;
-        let along = smaller(fused(simd, 0.5, variance_along, own), 1.0);
-        let over = smaller(fused(simd, 0.5 * variance_across, per_half, own), 1.0);
         let tilt_across = dot(simd, at.n, across);
-        let tilt_across = tilt_across * tilt_across * per_squared_sine;
-        let tilt_along = larger(1.0 - squared_cos_h - tilt_across, 0.0);
-        // D = 1 / (pi a b (cos^2 + x^2 / a^2 + y^2 / b^2)^2), with along = a^2 and over = b^2, over a common denominator.
-        let product = along * over;
-        let scaled = fused(simd, squared_cos_h, product, fused(simd, tilt_along, over, tilt_across * along));
-        // Smith's shadowing as Hammon (2017) has it without roots: G2 / (4 n.wi n.wo) = 1 / (2 mix(2 n.wi n.wo, n.wi + n.wo, alpha)).
-        let (smooth, rough) = (2.0 * cos_i * cos_o, cos_i + cos_o);
-        let shadowing = 2.0 * fused(simd, at.alpha, rough - smooth, smooth);
-        // (1 - cos)^5 is near to (1 - cos^2)^12.
-        let x = 1.0 - squared_half;
-        let fourth = (x * x) * (x * x);
-        let fresnel = fused(simd, 1.0 - at.f0, fourth * fourth * fourth, at.f0);
-        let share = if LEAF { visible.sqrt() } else { visible };
-        let lobe = FRAC_1_PI * product * product.sqrt() * cos_i / (scaled * scaled * shadowing);
-        share * fresnel * lobe
+        HalfVectors {
+            squared_half,
+            squared_cos_h,
+            tilt_across: tilt_across * tilt_across * per_squared_sine,
+            along: smaller(fused(simd, 0.5, variance_along, own), 1.0),
+            over: smaller(fused(simd, 0.5 * variance_across, per_half, own), 1.0),
+        }
     }
+}
+
+/// Where the part of a patch is that is above the horizon.
+#[derive(Clone, Copy)]
+struct Middle {
+    /// The direction to it.
+    w: Vec3,
+    /// Its cosine to the normal.
+    cos_i: f32,
+    /// How much of the patch it is.
+    visible: f32,
+}
+
+/// Half vectors between the viewer and a patch.
+#[derive(Clone, Copy)]
+struct HalfVectors {
+    /// The squared cosine between the middle one and either direction.
+    squared_half: f32,
+    /// The same to the normal.
+    squared_cos_h: f32,
+    /// The squared tilt of the middle one out of the plane of incidence.
+    tilt_across: f32,
+    /// The lobe's squared widths in that plane and across it, with the spread of half vectors.
+    along: f32,
+    over: f32,
+}
+
+/// The Trowbridge-Reitz lobe times cosine in the middle of the part of a patch that is above the horizon, widened by the spread of half vectors over
+/// the patch.
+#[inline(always)]
+fn lobe<S: Simd, const LEAF: bool>(simd: S, at: &Reflection, middle: &Middle, half: &HalfVectors) -> f32 {
+    let (cos_i, cos_o) = (middle.cos_i, at.cos_o);
+    let HalfVectors { squared_half, squared_cos_h, tilt_across, along, over } = *half;
+    let tilt_along = larger(1.0 - squared_cos_h - tilt_across, 0.0);
+    // D = 1 / (pi a b (cos^2 + x^2 / a^2 + y^2 / b^2)^2), with along = a^2 and over = b^2, over a common denominator.
+    let product = along * over;
+    let scaled = fused(simd, squared_cos_h, product, fused(simd, tilt_along, over, tilt_across * along));
+    // Smith's shadowing as Hammon (2017) has it without roots: G2 / (4 n.wi n.wo) = 1 / (2 mix(2 n.wi n.wo, n.wi + n.wo, alpha)).
+    let (smooth, rough) = (2.0 * cos_i * cos_o, cos_i + cos_o);
+    let shadowing = 2.0 * fused(simd, at.alpha, rough - smooth, smooth);
+    // (1 - cos)^5 is near to (1 - cos^2)^12.
+    let x = 1.0 - squared_half;
+    let fourth = (x * x) * (x * x);
+    let fresnel = fused(simd, 1.0 - at.f0, fourth * fourth * fourth, at.f0);
+    let share = if LEAF { middle.visible.sqrt() } else { middle.visible };
+    let lobe = FRAC_1_PI * product * product.sqrt() * cos_i / (scaled * scaled * shadowing);
+    share * fresnel * lobe
+}
+
+/// The masses of patches for shading points, one of either or as many as there are lanes; that of a surface without a lobe is [`Patch::diffuse_mass`]. Surfaces
+/// that reflect nothing diffusely may do without `DIFFUSE`, for the same masses.
+///
+/// In three loops, since each step waits for roots and divisions of the one before: a processor sees all lanes of one at once.
+#[inline(always)]
+pub fn masses<S: Simd, const LEAF: bool, const DIFFUSE: bool>(
+    simd: S,
+    patch: impl Fn(usize) -> Patch,
+    at: impl Fn(usize) -> Reflection,
+) -> Lanes {
+    let cosines = for_lanes(|k| {
+        let Cosines { mean, half_width, bound } = patch(k).cosines(simd, at(k).n);
+        [mean, half_width, bound]
+    });
+    if highest(&cosines[2]) <= 0.0 {
+        return [0.0; LANES];
+    }
+    let cosines_at = |k: usize| Cosines { mean: cosines[0][k], half_width: cosines[1][k], bound: cosines[2][k] };
+    let middles = for_lanes(|k| {
+        let Middle { w, cos_i, visible } = patch(k).middle(simd, at(k).n, &cosines_at(k));
+        [w.x, w.y, w.z, cos_i, visible]
+    });
+    let middle_at = |k: usize| {
+        let [x, y, z, cos_i, visible] = lane(&middles, k);
+        Middle { w: Vec3::new(x, y, z), cos_i, visible }
+    };
+    let halves = for_lanes(|k| {
+        let half = patch(k).half_vectors(simd, &at(k), &middle_at(k));
+        [half.squared_half, half.squared_cos_h, half.tilt_across, half.along, half.over]
+    });
+    let [masses] = for_lanes(|k| {
+        let (at, cosines, middle) = (at(k), cosines_at(k), middle_at(k));
+        let [squared_half, squared_cos_h, tilt_across, along, over] = lane(&halves, k);
+        let half = HalfVectors { squared_half, squared_cos_h, tilt_across, along, over };
+        let diffuse = if DIFFUSE { cosines.clamped::<LEAF>() } else { 0.0 };
+        let glossy = lobe::<S, LEAF>(simd, &at, &middle, &half);
+        let glossy = if cosines.bound > 0.0 { glossy } else { 0.0 };
+        let both = fused(simd, at.specular, glossy, at.diffuse * FRAC_1_PI * diffuse);
+        [patch(k).energy * if at.specular > 0.0 { both } else { diffuse }]
+    });
+    masses
+}
+
+/// Numbers for each lane, as columns.
+#[inline(always)]
+fn for_lanes<const N: usize>(numbers: impl Fn(usize) -> [f32; N]) -> [Lanes; N] {
+    let mut columns = [[0.0; LANES]; N];
+    for k in 0..LANES {
+        let numbers = numbers(k);
+        for i in 0..N {
+            columns[i][k] = numbers[i];
+        }
+    }
+    columns
+}
+
+/// One lane of columns.
+#[inline(always)]
+fn lane<const N: usize>(columns: &[Lanes; N], k: usize) -> [f32; N] {
+    columns.each_ref().map(|column| column[k])
+}
+
+/// The largest of numbers: by halves, so that no chain of comparisons is waited for.
+#[inline(always)]
+pub fn highest(numbers: &Lanes) -> f32 {
+    let (mut largest, mut count) = (*numbers, LANES / 2);
+    while count > 0 {
+        for k in 0..count {
+            largest[k] = larger(largest[k + count], largest[k]);
+        }
+        count /= 2;
+    }
+    largest[0]
 }
 
 /// Cosines over a patch.
@@ -328,9 +432,9 @@ mod tests {
                 if n.dot(w) < 0.3 || n.dot(wo) < 0.3 {
                     continue;
                 }
-                let at = Reflection { n, wo, diffuse: 0.0, specular: 1.0, f0: 1.0, alpha: 0.7 };
+                let at = Reflection { n, wo, cos_o: n.dot(wo), diffuse: 0.0, specular: 1.0, f0: 1.0, alpha: 0.7 };
                 let expected = crate::brdf::Ggx::new(0.7, Vec3::ONE).lobe_cosine(n, wo, w);
-                let ratio = patch.mass::<_, true>(Scalar, &at) / patch.energy / expected;
+                let ratio = masses::<_, true, false>(Scalar, |_| patch, |_| at)[3] / patch.energy / expected;
                 // Shadowing is Hammon's, within 10 %; widening by the cell's spread some 5 %.
                 assert!((0.8..1.25).contains(&ratio), "{node:?} {n} {wo}: {ratio}");
             }

@@ -13,7 +13,8 @@ use crate::{
 /// that of the mixture, so it is a sampler like any other. One shadow ray per sample.
 ///
 /// Rows are divided by where they draw from before anything is prepared, so that nothing that was prepared is moved; unless the share follows from
-/// the state of `first`, which is then prepared for all rows.
+/// the state of `first`, which is then prepared for all rows. Where few of these draw from `second`, `first` draws for all of them in their place, and what it
+/// drew for the few is written over: that costs less than moving rows and their state.
 #[derive(Clone, Debug)]
 pub struct OneSampleMis<A, B> {
     first: A,
@@ -47,8 +48,12 @@ impl<A: Sampler, B: Sampler> Sampler for OneSampleMis<A, B> {
             if u < share { &mut of_first } else { &mut of_second }.push(place as u16);
         }
         let (first, second) = (self.first_with(state), Source { sampler: &self.second, state: None });
-        let part = Part { own: first, other: second, places: &of_first, from: |_| 0.0, to: |share| share };
-        part.sample(at, shares, u, &mut out, arena);
+        if self.first.has_share_in_state() && MANY * of_second.len() < at.len() {
+            self.sample_first_in_place(at, state, shares, u, &mut out, arena);
+        } else {
+            let part = Part { own: first, other: second, places: &of_first, from: |_| 0.0, to: |share| share };
+            part.sample(at, shares, u, &mut out, arena);
+        }
         let part = Part { own: second, other: first, places: &of_second, from: |share| share, to: |_| 1.0 };
         part.sample(at, shares, u, &mut out, arena);
     }
@@ -83,9 +88,48 @@ impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
         }
     }
 
+    /// Draws from `first` for all rows; for those that draw from `second`, anything.
+    fn sample_first_in_place(
+        &self,
+        at: &Rows<'_>,
+        state: &[Lanes],
+        shares: &[f32],
+        u: [&[Lanes]; 2],
+        out: &mut Draws<'_>,
+        arena: &Arena,
+    ) {
+        let mut columns = arena.columns::<2>(at.strips());
+        let [numbers, of_second] = columns.get_mut();
+        for ((number, &u), &share) in numbers.as_flattened_mut().iter_mut().zip(u[0].as_flattened()).zip(shares) {
+            *number = remap(if u < share { u } else { 0.0 }, 0.0, share);
+        }
+        let [x, y, z] = &mut out.wi;
+        self.first.sample(at, state, [numbers, u[1]], Draws { wi: [&mut *x, y, z], pdf: out.pdf }, arena);
+        let is_alone = shares[..at.len()].iter().all(|&share| share == 1.0);
+        if is_alone {
+            of_second.as_flattened_mut().fill(0.0);
+        } else {
+            timed(Stage::Pdf, || {
+                prepared(&self.second, at, arena, |state| self.second.pdf(at, state, [x, y, z], of_second, arena));
+            });
+        }
+        let both = shares.iter().zip(of_second.as_flattened());
+        for (pdf, (share, second)) in out.pdf.as_flattened_mut().iter_mut().zip(both) {
+            *pdf = of_mixture(*pdf, *second, *share);
+        }
+    }
+
     fn first_with<'a>(&'a self, state: &'a [Lanes]) -> Source<'a> {
         Source { sampler: &self.first, state: self.first.has_share_in_state().then_some(state) }
     }
+}
+
+/// All rows are many where they are more than so many times those that draw from the second sampler.
+const MANY: usize = 4;
+
+/// The pdf of a mixture at what one of its samplers has drawn with a share: no sample of one is no sample of the mixture.
+fn of_mixture(own: f32, other: f32, share: f32) -> f32 {
+    if own > 0.0 { share * own + (1.0 - share) * other } else { 0.0 }
 }
 
 /// A sampler, and its state where all rows are prepared.
@@ -172,8 +216,7 @@ impl Part<'_> {
         for ((pdf, other), &place) in all {
             let share = shares[place as usize];
             let own = (self.to)(share) - (self.from)(share);
-            // No sample of one is no sample of the mixture.
-            *pdf = if *pdf > 0.0 { own * *pdf + (1.0 - own) * other } else { 0.0 };
+            *pdf = of_mixture(*pdf, *other, own);
         }
         let [x, y, z, pdf, _] = drawn.get();
         for (from, to) in [x, y, z].into_iter().zip(&mut out.wi) {
