@@ -29,7 +29,7 @@ pub struct Arguments {
     /// The material.
     #[arg(long, value_name = "FILE")]
     material: PathBuf,
-    /// What it was fitted to: welt, satin, velvet, lacquer or anodized.
+    /// What it was fitted to: welt, satin, velvet, jersey, lacquer or anodized.
     #[arg(long, value_name = "NAME")]
     source: SourceKind,
     /// Light paths for each pixel and light, and twice as many for each of the questions.

@@ -137,12 +137,20 @@ fn glossy(
         "patches:fine": by_quadrature!(OneSampleMis::new(PatchSampler::new(light.clone(), Detail::Twigs)?, brdf)),
         "head": by_quadrature!(head()?),
         "head+mis": by_quadrature!(OneSampleMis::new(head()?, brdf)),
+        "head+patches": by_quadrature!(OneSampleMis::new(over_patches(material, light)?, brdf)),
         "ris:4:head": resampled(conditions, light, &head()?, 4)?,
         "direct": by_quadrature!(table),
         "direct+mis": by_quadrature!(OneSampleMis::new(table.clone(), brdf)),
         "ris:4:direct": resampled(conditions, light, &table, 4)?,
         "oracle": by_quadrature!(ProductSampler::new(light.clone(), Oracle::new(light.tail()))),
     }
+}
+
+/// A small head over patches of sky, trained for the map.
+fn over_patches(material: Material, light: &EnvironmentLight) -> Fallible<PatchSampler> {
+    let (head, seconds) = train(&Preset::OverPatches.config().for_material(material), light)?;
+    println!("{}: trained over patches for {seconds:.1} s", light.environment().name());
+    Ok(PatchSampler::with_head(light.clone(), Detail::Leaves, head)?)
 }
 
 /// RIS over a sampler and BRDF sampling.

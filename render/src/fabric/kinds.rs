@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use glam::{Vec2, Vec3, Vec3A};
 
-use super::{Fabric, Layered, Source, pile, weave, yarn::Strands};
+use super::{Fabric, Layered, Source, knit, pile, weave, yarn::Strands};
 use crate::{
     error::{Error, Result},
     scene::{Material, Mesh, TexturedMetallicRoughness},
@@ -19,6 +19,8 @@ pub enum SourceKind {
     Satin,
     /// A velvet whose pile was pressed down, glossy.
     Velvet,
+    /// A plain knit of wool.
+    Jersey,
     /// A clear coat of changing roughness over a diffuse pattern.
     Lacquer,
     /// A tinted rough coat over brushed metal.
@@ -27,7 +29,7 @@ pub enum SourceKind {
 
 impl SourceKind {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Welt, Self::Satin, Self::Velvet, Self::Lacquer, Self::Anodized];
+    pub const ALL: [Self; 6] = [Self::Welt, Self::Satin, Self::Velvet, Self::Jersey, Self::Lacquer, Self::Anodized];
 
     /// Its name.
     pub fn name(self) -> &'static str {
@@ -35,6 +37,7 @@ impl SourceKind {
             Self::Welt => "welt",
             Self::Satin => "satin",
             Self::Velvet => "velvet",
+            Self::Jersey => "jersey",
             Self::Lacquer => "lacquer",
             Self::Anodized => "anodized",
         }
@@ -46,7 +49,7 @@ impl SourceKind {
     /// When the geometry cannot be built.
     pub fn build(self) -> Result<Box<dyn Source>> {
         Ok(match self {
-            Self::Welt | Self::Satin | Self::Velvet => Box::new(self.fabric()?),
+            Self::Welt | Self::Satin | Self::Velvet | Self::Jersey => Box::new(self.fabric()?),
             Self::Lacquer => Box::new(Layered::lacquer()),
             Self::Anodized => Box::new(Layered::anodized()),
         })
@@ -58,6 +61,7 @@ impl SourceKind {
         match self {
             Self::Welt => weave::welt().build(&mut strands),
             Self::Satin => weave::satin().build(&mut strands),
+            Self::Jersey => knit::jersey().build(&mut strands[0]),
             _ => pile::velvet(&mut strands[0]),
         }
         let mut meshes = Vec::new();
@@ -81,6 +85,7 @@ impl SourceKind {
                 fibre([0.78, 0.28, 0.16], 0.6, 0.46),
                 lining([0.12, 0.04, 0.03]),
             ],
+            Self::Jersey => vec![fibre([0.52, 0.16, 0.13], 0.0, 0.8), lining([0.12, 0.04, 0.03])],
             _ => vec![fibre([0.20, 0.42, 0.38], 0.85, 0.33), lining([0.02, 0.05, 0.05])],
         }
     }

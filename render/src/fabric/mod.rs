@@ -5,6 +5,7 @@
 //! function: the mean over a Gaussian footprint on the reference plane of `f_r cos`, as path tracing through the yarns finds it.
 
 mod kinds;
+mod knit;
 mod layered;
 mod pile;
 mod reflect;
