@@ -29,10 +29,12 @@ use crate::{Error, FitConfig, Progress, Result, Run, checkpoint::SavedRun, state
 const VALIDATION_STRATA: usize = 96;
 /// How often in a run its divergence is measured.
 const VALIDATIONS: usize = 20;
+/// Cells along a side of the table of a flow that was interrupted: nobody will use it, and a large flow's own takes minutes.
+const INTERRUPTED_CELLS: usize = 4;
 
 /// A fitted flow tail.
 pub struct FittedFlow {
-    /// The tabulated tail.
+    /// The tabulated tail; of a run that was interrupted, a coarse one.
     pub tail: Tail,
     /// The flow itself.
     pub flow: Flow,
@@ -122,7 +124,8 @@ pub fn fit_flow(config: &FitConfig, exact: &Tail, run: Run<'_>) -> Result<Fitted
         return Err(Error::Diverged { step: state.step, skipped: state.skipped });
     }
     let flow = blank.with_flat_weights(&state.weights, &device);
-    let (map, repair) = tabulate(&flow, config.flow.cells)?;
+    let cells = if interrupt.load(Ordering::Relaxed) { INTERRUPTED_CELLS } else { config.flow.cells };
+    let (map, repair) = tabulate(&flow, cells)?;
     let table_kl = validation.table_kl(|x| map.inverse(x).1);
     let tail = Tail::Flow(headtail_render::tail::FlowTail::new(map, exact.light().clone()));
     let (steps, skipped) = (state.step, state.skipped);
