@@ -3,7 +3,7 @@
 //! Samplers work on tiles of 256 shading points, as the integrator calls them; each point has a normal of its own, so preparation is part of
 //! the time. `coherent` normals lie within six degrees of each other, as those of neighbouring pixels do; `scattered` normals are
 //! uniform over the sphere. The map is the file named by the environment variable HEADTAIL_MAP, else the built-in `studio`;
-//! `compact+head` is of the built-in `sunset`, whose sun is a compact emitter. Weights of heads are the initial ones; they do not change
+//! `patches-ggx` and `mis-ggx` are of a surface of alpha = 0.4 that is seen from all sides, `compact+head` is of the built-in `sunset`, whose sun is a compact emitter. Weights of heads are the initial ones; they do not change
 //! the time.
 
 use std::{
@@ -16,11 +16,12 @@ use glam::{Vec3, Vec3A};
 use headtail_model::{HeadConfig, burn::prelude::Device};
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
-    brdf::Lambert,
+    brdf::{Ggx, Lambert, Surface},
     columns::Arena,
     environment::{Environment, built_in, without_compact_emitters},
     estimator::{Contributions, Estimator, Ris},
     head::Head,
+    patches::{Detail, PatchSampler},
     points::{Dimension, PointSet, Points},
     random::{Purpose, Stream},
     sampler::{
@@ -52,7 +53,13 @@ enum Normals {
 
 const NORMALS: [Normals; 2] = [Normals::Coherent, Normals::Scattered];
 
+/// Diffuse points, seen along their normals.
 fn tiles(normals: Normals) -> Vec<Tile> {
+    tiles_of(normals, Lambert { albedo: Vec3::ONE }.into(), 0.0)
+}
+
+/// Points of a surface, seen from directions that differ from their normals by so much.
+fn tiles_of(normals: Normals, surface: Surface, tilt: f32) -> Vec<Tile> {
     let mut random = Stream::new(1, Purpose::Test, 0);
     let around = random.direction();
     let mut point = || {
@@ -60,17 +67,26 @@ fn tiles(normals: Normals) -> Vec<Tile> {
             Normals::Coherent => (around + 0.1 * random.direction()).normalize(),
             Normals::Scattered => random.direction(),
         };
-        let surface = Lambert { albedo: Vec3::ONE }.into();
-        ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, surface }
+        let wo = (normal + tilt * random.direction()).normalize();
+        ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo, surface }
     };
     (0..TILES).map(|_| Tile::of(&(0..TILE).map(|_| point()).collect::<Vec<_>>())).collect()
 }
 
 /// One sample of each point.
 fn bench(bencher: Bencher, normals: Normals, sampler: &dyn Sampler) {
-    let (tiles, arena) = (tiles(normals), Arena::default());
+    bench_tiles(bencher, &tiles(normals), sampler);
+}
+
+/// The same on a glossy surface.
+fn bench_glossy(bencher: Bencher, normals: Normals, sampler: &dyn Sampler) {
+    bench_tiles(bencher, &tiles_of(normals, Ggx::new(0.4, Vec3::ONE).into(), 0.8), sampler);
+}
+
+fn bench_tiles(bencher: Bencher, tiles: &[Tile], sampler: &dyn Sampler) {
+    let arena = Arena::default();
     bencher.counter(ItemsCount::new(TILES * TILE)).bench_local(|| {
-        for tile in black_box(&tiles) {
+        for tile in black_box(tiles) {
             let rows = tile.rows();
             let mut columns = arena.columns::<6>(rows.strips());
             let [u, v, x, y, z, pdf] = columns.get_mut();
@@ -108,6 +124,25 @@ fn emitter(bencher: Bencher, normals: Normals) {
 #[divan::bench(args = NORMALS)]
 fn mis(bencher: Bencher, normals: Normals) {
     bench(bencher, normals, &OneSampleMis::new(EmitterSampler::new(LIGHT.clone()), BrdfSampler));
+}
+
+fn patches() -> PatchSampler {
+    PatchSampler::new(LIGHT.clone(), Detail::Leaves).expect("a quad-tree tail")
+}
+
+#[divan::bench(name = "patches", args = NORMALS)]
+fn patches_on_diffuse(bencher: Bencher, normals: Normals) {
+    bench(bencher, normals, &patches());
+}
+
+#[divan::bench(name = "mis-ggx", args = NORMALS)]
+fn mis_on_glossy(bencher: Bencher, normals: Normals) {
+    bench_glossy(bencher, normals, &OneSampleMis::new(EmitterSampler::new(LIGHT.clone()), BrdfSampler));
+}
+
+#[divan::bench(name = "patches-ggx", args = NORMALS)]
+fn patches_on_glossy(bencher: Bencher, normals: Normals) {
+    bench_glossy(bencher, normals, &OneSampleMis::new(patches(), BrdfSampler));
 }
 
 #[divan::bench(args = NORMALS, consts = [8, 32, 64])]

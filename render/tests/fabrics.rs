@@ -40,7 +40,7 @@ fn dressed(scene: &str, name: &str, settings: &str) -> headtail_render::Result<S
 
 #[test]
 fn shipped_materials_say_what_they_are() {
-    for name in ["welt", "satin", "velvet"] {
+    for name in ["welt", "satin", "velvet", "jersey"] {
         let MaterialSpec::Neural(spec) = spec(name, "") else { panic!("{name}") };
         let material = NeuralTexture::read(&spec.file).unwrap();
         assert_eq!((material.description().name.as_str(), material.pyramid().side()), (name, 64));
