@@ -27,7 +27,7 @@ measure() {
 if [[ "$charts" == *,memory,* ]]; then
     for megabytes in 1 2 4 64; do
         measure patches,always:patches+vis "$megabytes" | sed "s/^/$megabytes,/;1s/^[^,]*/megabytes/"
-    done >"$out/memory.csv"
+    done | awk 'NR == 1 || !/^megabytes,/' >"$out/memory.csv"
 fi
 [[ "$charts" != *,cache,* ]] ||
     measure mis,cache:2000,cache:500,cache:8000:8,cache:500:32,cache:2000:16:15,cache:2000:16:45,cache:2000:16:25:0.03,cache:2000:16:25:0.3 64 >"$out/cache.csv"
