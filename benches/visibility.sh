@@ -25,7 +25,7 @@ measure() {
 [[ "$charts" != *,cells,* ]] ||
     measure direct:TABLE,always:direct+vis8@LEARNED16:TABLE,always:direct+vis@LEARNED16:TABLE,always:direct+vis32@LEARNED16:TABLE 64 >"$out/cells.csv"
 if [[ "$charts" == *,memory,* ]]; then
-    for megabytes in 1 2 4 64; do
+    for megabytes in 0.0625 0.25 1 64; do
         measure patches,always:patches+vis "$megabytes" | sed "s/^/$megabytes,/;1s/^[^,]*/megabytes/"
     done | awk 'NR == 1 || !/^megabytes,/' >"$out/memory.csv"
 fi

@@ -62,6 +62,7 @@ def main():
         ticks = sorted({x for line in gains(panel, folder / f"{panel}.csv").values() for x in line})
         axis.set_xscale("log", base=2)
         axis.set_xticks(ticks, [f"{x:g}" for x in ticks])
+        axis.tick_params(axis="x", labelsize=7)
         axis.minorticks_off()
         axis.set_xlabel(PANELS[panel][0])
         axis.axhline(1, color="0.6", linewidth=0.8)
