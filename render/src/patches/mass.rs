@@ -247,7 +247,7 @@ fn lobe<S: Simd, const LEAF: bool>(simd: S, at: &Reflection, middle: &Middle, ha
 /// The masses of patches for shading points, one of either or as many as there are lanes; that of a surface without a lobe is [`Patch::diffuse_mass`]. Surfaces
 /// that reflect nothing diffusely may do without `DIFFUSE`, for the same masses.
 ///
-/// In three loops, since each step waits for roots and divisions of the one before: a processor sees all lanes of one at once.
+/// In four loops, since each step waits for roots and divisions of the one before: a processor sees all lanes of one at once.
 #[inline(always)]
 pub fn masses<S: Simd, const LEAF: bool, const DIFFUSE: bool>(
     simd: S,
