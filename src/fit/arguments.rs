@@ -55,7 +55,7 @@ pub struct Arguments {
     /// (--sampler head+patches:FILE).
     #[arg(long)]
     over: Option<OverArgument>,
-    /// The size of a flow tail, small, medium or paper: takes the place of all keys flow.*.
+    /// The size of a flow tail, small, medium or paper: takes the place of all keys flow.* of presets and files. --set goes over it.
     #[arg(long, value_name = "SIZE")]
     flow: Option<FlowSize>,
     /// Sample a sun or small lamps on their own, and train the head for the rest of the light. Off by default: it gains under suns, but not
@@ -232,6 +232,9 @@ impl Arguments {
         };
         let mut builder = ConfigBuilder::new(preset);
         described.lay_over(&mut builder)?;
+        if let Some(size) = self.flow {
+            builder.flow(size);
+        }
         for assignment in &self.set {
             builder.assignment(assignment)?;
         }
@@ -245,12 +248,11 @@ impl Arguments {
         if let Some(steps) = self.steps {
             config.steps = usize::try_from(steps).context("--steps")?;
         }
-        let FitConfig { tail, flow, points, naive, compact_emitters, backend, seed, learning_rate, loss, .. } = config;
+        let FitConfig { tail, points, naive, compact_emitters, backend, seed, learning_rate, loss, .. } = config;
         let config = FitConfig {
             tail: self.tail.map_or(tail, Into::into),
             points: self.target.map_or(points, Into::into),
             naive: naive || self.naive,
-            flow: self.flow.map_or(flow, FlowSize::settings),
             compact_emitters: compact_emitters || self.compact_emitters,
             backend: self.backend.map_or(backend, Into::into),
             seed: self.seed.unwrap_or(seed),

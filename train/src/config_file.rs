@@ -4,7 +4,7 @@ use std::{path::Path, sync::OnceLock};
 
 use toml::{Table, Value};
 
-use crate::{Error, FitConfig, Material, Preset, Result, config::name_of};
+use crate::{Error, FitConfig, Material, Preset, Result, config::name_of, flow::FlowSize};
 
 /// A configuration that is put together: a preset, over which files and values are laid.
 #[derive(Clone, Debug)]
@@ -43,6 +43,12 @@ impl ConfigBuilder {
         };
         let as_text = format!("{key} = {}", Value::String(value.trim().to_owned()));
         if text.parse::<Table>().is_ok() { self.overlay(&name, text) } else { self.overlay(&name, &as_text) }
+    }
+
+    /// Lays all settings of a flow tail of a size over what is there.
+    pub fn flow(&mut self, size: FlowSize) {
+        let of_size = table_of(&FitConfig { flow: size.settings(), ..Preset::FastCosine.config() });
+        self.table.extend(of_size.into_iter().filter(|(key, _)| key == "flow"));
     }
 
     /// The configuration so far.
@@ -171,7 +177,7 @@ mod tests {
     use headtail_model::{Condition, EncoderConfig};
 
     use super::*;
-    use crate::Loss;
+    use crate::{Loss, flow::FlowSettings};
 
     fn built(preset: Preset, assignments: &[&str]) -> FitConfig {
         let mut builder = ConfigBuilder::new(preset);
@@ -188,6 +194,16 @@ mod tests {
             builder.overlay("file", &text).unwrap();
             assert_eq!(builder.build().unwrap(), preset.config(), "{text}");
         }
+    }
+
+    #[test]
+    fn single_values_are_laid_over_the_size_of_a_flow() {
+        let mut builder = ConfigBuilder::new(Preset::FastGgx);
+        builder.assignment("flow.cells=64").unwrap();
+        builder.flow(FlowSize::Paper);
+        builder.assignment("flow.steps=7").unwrap();
+        let flow = FlowSettings { steps: 7, ..FlowSize::Paper.settings() };
+        assert_eq!(builder.build().unwrap(), FitConfig { flow, ..Preset::FastGgx.config() });
     }
 
     #[test]

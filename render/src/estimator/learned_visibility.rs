@@ -270,7 +270,7 @@ impl Learner for LearningSession<'_> {
         self.cache.learn();
     }
 
-    fn promises(&self) -> bool {
+    fn promises(&mut self) -> bool {
         self.cache.promises()
     }
 

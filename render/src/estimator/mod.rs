@@ -53,8 +53,8 @@ pub trait Learner: Estimator {
     /// Lets what was observed be used from now on.
     fn learn(&mut self);
 
-    /// Whether there may be something to gain from learning on.
-    fn promises(&self) -> bool;
+    /// Whether there may be something to gain from learning as much again and more; it is told by what was gained since it was last asked.
+    fn promises(&mut self) -> bool;
 
     /// Whether what it proposes is for learning alone from now on: what such contributions add to an estimate is of no account.
     fn explore(&mut self, explores: bool);

@@ -52,7 +52,7 @@ impl Lesson {
         Self { first, samples: (samples / PARTS).max(1), pixels: (0, pixels) }
     }
 
-    /// Lets it be given in two parts, if it has as many pixels: a learner to whom a quarter of it promises nothing is spared the rest.
+    /// Lets it be given in three parts, if it has as many pixels: a learner to whom a quarter of it promises nothing, or half of it too little, is spared the rest.
     pub(crate) fn in_parts(self, learner: &mut dyn Learner, mut give: impl FnMut(Self, &mut dyn Learner)) {
         for part in self.parts() {
             give(part, learner);
@@ -64,8 +64,8 @@ impl Lesson {
 
     fn parts(self) -> impl Iterator<Item = Self> {
         let (first, end) = self.pixels;
-        let quarter = first + (end - first) / 4;
-        let parts = [(first, quarter), (quarter, end)].into_iter().filter(|(first, end)| first < end);
+        let [quarter, half] = [4, 2].map(|part| first + (end - first) / part);
+        let parts = [(first, quarter), (quarter, half), (half, end)].into_iter().filter(|(first, end)| first < end);
         parts.map(move |pixels| Self { pixels, ..self })
     }
 

@@ -48,6 +48,8 @@ pub struct VisibilityCache {
     weights: Vec<Weights>,
     /// What weights would gain.
     worth: Worth,
+    /// The same when it was last asked whether to learn on.
+    promised: Option<Worth>,
     /// What was learned before. Nothing is counted in its cells.
     known: Option<Arc<Known>>,
     /// Whether it is drawn with whatever that gains.
@@ -95,6 +97,7 @@ impl VisibilityCache {
             counts,
             weights,
             worth: Worth::default(),
+            promised: None,
             known: None,
             always: false,
             division,
@@ -206,10 +209,12 @@ impl VisibilityCache {
         self.always || self.worth_of_all().pays()
     }
 
-    /// Whether it may come to gain so much if it learns on: if it knew something before, where that has no cells.
-    pub fn promises(&self) -> bool {
+    /// Whether it may come to gain so much if it learns as much again and more: if it knew something before, where that has no cells. What it says depends on what it
+    /// had learned when it was last asked.
+    pub fn promises(&mut self) -> bool {
+        let before = self.promised.replace(self.worth);
         let is_new = self.known.is_none() || self.worth.rays() >= LEAST_NEW * self.observed.load(Relaxed) as f64;
-        is_new && (self.always || self.worth.promises())
+        is_new && (self.always || self.worth.promises(before.as_ref()))
     }
 
     /// What weights would gain, those that were known before and those that were learned.
