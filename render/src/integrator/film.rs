@@ -1,6 +1,6 @@
 //! The sums of all pixels, and passes over them, tiles in parallel.
 
-use std::cell::RefCell;
+use std::{cell::RefCell, ops::Range};
 
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
@@ -57,12 +57,12 @@ impl Film {
                 let before = film.places.len();
                 let (right, bottom) =
                     ((left + TILE).min(part.left + part.width), (top + TILE).min(part.top + part.height));
-                for (y, x) in squares(top..bottom, left..right) {
+                for_squares(top..bottom, left..right, |x, y| {
                     let place = (x as u16, y as u16);
                     if has(morton(place.0, place.1)) {
                         film.places.push(place);
                     }
-                }
+                });
                 film.tiles.push(film.places.len() - before);
             }
         }
@@ -121,12 +121,15 @@ impl Film {
     }
 }
 
-/// Row and column of the pixels of a tile, square by square.
-fn squares(rows: std::ops::Range<usize>, columns: std::ops::Range<usize>) -> impl Iterator<Item = (usize, usize)> {
-    let tops = rows.clone().step_by(BLOCK);
-    let corners = tops.flat_map(move |top| columns.clone().step_by(BLOCK).map(move |left| (top, left, columns.end)));
-    corners.flat_map(move |(top, left, right)| {
-        let (bottom, right) = ((top + BLOCK).min(rows.end), (left + BLOCK).min(right));
-        (top..bottom).flat_map(move |y| (left..right).map(move |x| (y, x)))
-    })
+/// Visits column and row of the pixels of a tile, square by square.
+fn for_squares(rows: Range<usize>, columns: Range<usize>, mut visit: impl FnMut(usize, usize)) {
+    for top in rows.clone().step_by(BLOCK) {
+        for left in columns.clone().step_by(BLOCK) {
+            for y in top..(top + BLOCK).min(rows.end) {
+                for x in left..(left + BLOCK).min(columns.end) {
+                    visit(x, y);
+                }
+            }
+        }
+    }
 }

@@ -193,7 +193,7 @@ fn means_agree_with_mis_where_most_and_where_little_is_occluded() {
     means_agree_with_mis(&["bedroom", "droid"], 12, 64, 2e-3);
 }
 
-/// Six scenes, as sharp as it takes to see a bias of 5e-5: each takes a quarter of an hour of one core, the diorama one and a half.
+/// Six scenes, as sharp as it takes to see a bias of 5e-5: each takes ten to thirty minutes of one core, the diorama three quarters of an hour.
 macro_rules! means_agree_with_mis_sharply {
     ($($scene:ident: $renderings:literal of $spp:literal,)*) => {
         mod sharply {
