@@ -230,6 +230,12 @@ impl<'a> Rows<'a> {
         self.strip(&self.tile.vectors[NS], strip)
     }
 
+    /// One strip of geometric normals.
+    #[inline(always)]
+    pub fn geometric_normals(&self, strip: usize) -> [Lanes; 3] {
+        self.strip(&self.tile.vectors[NG], strip)
+    }
+
     /// One strip of directions to the viewer.
     #[inline(always)]
     pub fn views(&self, strip: usize) -> [Lanes; 3] {
@@ -399,7 +405,7 @@ vectorized! {
     fn above_ground['a](_simd, rows: &'a Rows<'a>, wi: [&'a [Lanes]; 3], values: [&'a mut [Lanes]; 3]) {
         let [red, green, blue] = values;
         for strip in 0..rows.strips() {
-            let ng = rows.strip(&rows.tile.vectors[NG], strip);
+            let ng = rows.geometric_normals(strip);
             let mut cosine = [0.0; LANES];
             for lane in 0..LANES {
                 let [x, y, z] = [wi[0][strip][lane], wi[1][strip][lane], wi[2][strip][lane]];

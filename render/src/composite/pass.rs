@@ -79,6 +79,7 @@ fn learn<'a>(composition: Composition<'a>, settings: Settings, stop: &AtomicBool
             run.add(&mut tiles, points, sample..sample + 1);
         });
     });
+    learner.finish();
     Some(learner)
 }
 

@@ -12,7 +12,7 @@ use crate::{
     columns::Arena,
     environment::Environment,
     error::Result,
-    patches::{Detail, PatchSampler},
+    patches::{Detail, PatchSampler, SkyRays},
     points::Points,
     sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis, ProductSampler, Sampler},
     simd::Lanes,
@@ -37,7 +37,7 @@ pub struct LearnedVisibility {
     /// From each surface point.
     directions: u32,
     /// The patches of sky that rays are counted by.
-    sky: PatchSampler,
+    sky: Arc<SkyRays>,
     division: Arc<Division>,
     environment: Arc<Environment>,
     memory: usize,
@@ -129,7 +129,7 @@ impl LearnedVisibility {
         environment: Arc<Environment>,
         memory: usize,
     ) -> Self {
-        let (technique, division) = (Arc::new(technique), Arc::new(division));
+        let (technique, sky, division) = (Arc::new(technique), Arc::new(SkyRays::new(sky)), Arc::new(division));
         Self { technique, directions: 1, sky, division, environment, memory, known: None, always: false }
     }
 
@@ -200,7 +200,7 @@ impl LearnedVisibility {
                 let mut indices = arena.columns::<1>(at.strips());
                 weighting.indices(at, indices.get_mut()[0]);
                 let weigh = |wi: [&[Lanes]; 3], target: &mut [Lanes]| {
-                    self.sky.weigh(weighting, (at.len(), indices.get()[0]), wi, target);
+                    self.sky.sampler().weigh(weighting, (at.len(), indices.get()[0]), wi, target);
                 };
                 ris.propose_weighted(at, points, &weigh, out, arena);
             }
@@ -257,9 +257,8 @@ impl Estimator for LearningSession<'_> {
 
 impl Learner for LearningSession<'_> {
     fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]) {
-        let patches = self.estimator.sky.patches_of(contributions.wi());
-        let rays = contributions.places().iter().zip(patches).zip(visible);
-        self.cache.observe(at, rays.map(|((&place, patch), &visible)| (place, patch, visible)));
+        let rays = contributions.places().iter().zip(&contributions.patches).zip(visible);
+        self.cache.observe(at, rays.map(|((&place, &patch), &visible)| (place, patch, visible)));
     }
 
     fn settle(&mut self) {
@@ -268,6 +267,10 @@ impl Learner for LearningSession<'_> {
 
     fn learn(&mut self) {
         self.cache.learn();
+    }
+
+    fn finish(&mut self) {
+        self.cache.finish();
     }
 
     fn promises(&mut self) -> bool {

@@ -44,14 +44,17 @@ pub struct Setting {
 
 /// An estimator that learns from shadow rays.
 pub trait Learner: Estimator {
-    /// Tells which of the contributions that were proposed for these rows are visible.
+    /// Tells which of the contributions that were proposed for these rows while it [explored](Self::explore) are visible.
     fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]);
 
     /// Takes in what was observed, so that it needs less memory.
     fn settle(&mut self);
 
-    /// Lets what was observed be used from now on.
+    /// Takes in what was observed, and finds out what it is worth.
     fn learn(&mut self);
+
+    /// Lets what was learned be drawn with from now on.
+    fn finish(&mut self);
 
     /// Whether there may be something to gain from learning as much again and more; it is told by what was gained since it was last asked.
     fn promises(&mut self) -> bool;
@@ -63,12 +66,14 @@ pub trait Learner: Estimator {
     fn size(&self) -> CacheSize;
 }
 
-/// Directions and what they add to an estimate if the environment is seen along them. None of them is black.
+/// Directions and what they add to an estimate if the environment is seen along them. None of them is black, but those that are sent to learn from.
 #[derive(Clone, Debug, Default)]
 pub struct Contributions {
     places: Vec<u16>,
     wi: Vec<Vec3A>,
     radiance: Vec<Vec3A>,
+    /// The patches of sky that they are in, of those that are sent to learn from.
+    patches: Vec<u16>,
 }
 
 impl Contributions {
@@ -77,6 +82,7 @@ impl Contributions {
         self.places.clear();
         self.wi.clear();
         self.radiance.clear();
+        self.patches.clear();
     }
 
     /// Adds a contribution of the point at a place among the rows.
@@ -84,6 +90,12 @@ impl Contributions {
         self.places.push(place as u16);
         self.wi.push(wi);
         self.radiance.push(radiance);
+    }
+
+    /// Adds a direction that is sent to learn from, in a patch of sky.
+    pub(crate) fn push_ray(&mut self, place: usize, wi: Vec3A, patch: u16) {
+        self.push(place, wi, Vec3A::ZERO);
+        self.patches.push(patch);
     }
 
     /// Places of the shading points among the rows that were proposed for.

@@ -127,6 +127,7 @@ pub(super) fn learn_before(
             }
         }
     }
+    learner.finish();
 }
 
 fn learn(

@@ -148,7 +148,8 @@ impl Workspace {
             });
         }
         if let Some(learner) = estimate.learner {
-            timed(Stage::Learning, || learner.observe(&tile.rows(), contributions, visible));
+            // What is sent to learn from adds nothing.
+            return timed(Stage::Learning, || learner.observe(&tile.rows(), contributions, visible));
         }
         let all = contributions.places().iter().zip(contributions.radiance()).zip(&*visible);
         for ((&place, &radiance), &visible) in all {

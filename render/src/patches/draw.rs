@@ -169,11 +169,11 @@ fn part_sums<S: Simd>(simd: S, block: &Block, at: &Reflection, weights: &Lanes) 
 }
 
 /// Where lanes are on their way down.
-struct Path {
+pub(super) struct Path {
     /// The number of the patch in its level.
-    number: [u32; LANES],
-    probability: Lanes,
-    cuts: Cuts,
+    pub number: [u32; LANES],
+    pub probability: Lanes,
+    pub cuts: Cuts,
 }
 
 /// Whether lanes go on to twigs.
@@ -281,7 +281,7 @@ fn share(mass: f32, all: f32) -> f32 {
 
 /// Goes down the levels to what `aims` at them say, with the state of one strip.
 #[inline(always)]
-fn walk<S: Simd, A: Aim, W: Weighting>(
+pub(super) fn walk<S: Simd, A: Aim, W: Weighting>(
     simd: S,
     patches: &Patches,
     weighting: &W,
@@ -314,7 +314,7 @@ fn walk<S: Simd, A: Aim, W: Weighting>(
 
 /// The rectangles of Y that lanes have come to: left, right, top, bottom, and one over their energy.
 #[inline(always)]
-fn rectangles(patches: &Patches, path: &Path, narrow: &[bool; LANES]) -> [Lanes; 5] {
+pub(super) fn rectangles(patches: &Patches, path: &Path, narrow: &[bool; LANES]) -> [Lanes; 5] {
     let mut rectangles = [[0.0; LANES]; 5];
     for k in 0..LANES {
         let level = if narrow[k] { &patches.twigs } else { &patches.leaves };
@@ -378,7 +378,7 @@ vectorized! {
 
 /// A place in the interval from `from` to `to`, and never `to` itself, which belongs to the next patch.
 #[inline(always)]
-fn within(from: f32, to: f32, inside: f32) -> f32 {
+pub(super) fn within(from: f32, to: f32, inside: f32) -> f32 {
     let place = from + (to - from) * inside;
     if place < to { place } else { f32::from_bits(to.to_bits().wrapping_sub(1)) }
 }

@@ -17,10 +17,12 @@ mod flat;
 mod lookup;
 mod mass;
 mod moments;
+mod rays;
 mod small_lights;
 mod tree;
 mod warp;
 
+pub use rays::SkyRays;
 pub use warp::PatchWarp;
 
 use std::{collections::HashMap, sync::Arc};

@@ -5,12 +5,10 @@ use std::sync::{
     atomic::{AtomicU64, Ordering::Relaxed},
 };
 
-use rayon::prelude::*;
-
 use super::{
     cells::{CellKey, LEVELS},
     layout::PATCHES,
-    places::Places,
+    places::{ByKey, Places},
 };
 
 /// Observations that make a cell: half of what its larger one counts as. Fewer say little, and take time and memory.
@@ -90,6 +88,8 @@ impl Counts {
             }
         }
         if !fresh.is_empty() {
+            // By whoever adds them, and not all at once: those of a cell become neighbours.
+            fresh.sort_unstable();
             self.fresh.lock().unwrap_or_else(PoisonError::into_inner).append(&mut fresh);
         }
     }
@@ -98,14 +98,14 @@ impl Counts {
     pub fn settle(&mut self, most: usize) {
         let mut rays = std::mem::take(self.fresh.get_mut().unwrap_or_else(PoisonError::into_inner));
         for level in 0..LEVELS {
-            rays.par_sort_unstable();
-            let groups: Vec<&[Ray]> = rays.chunk_by(|a, b| a.0 == b.0).collect();
-            let mut new: Vec<(usize, CellKey)> = groups
-                .iter()
-                .filter(|group| group.len() >= LEAST_RAYS || level + 1 == LEVELS)
-                .map(|group| (group.len(), group[0].0))
-                .filter(|&(_, key)| self.places.get(key).is_none())
-                .collect();
+            let groups = || rays.chunk_by(|a, b| a.0 == b.0);
+            let mut missing: ByKey<usize> = ByKey::default();
+            for group in groups().filter(|group| self.places.get(group[0].0).is_none()) {
+                *missing.entry(group[0].0).or_default() += group.len();
+            }
+            let makes_cell = |&(_, count): &(CellKey, usize)| count >= LEAST_RAYS || level + 1 == LEVELS;
+            let mut new: Vec<(usize, CellKey)> =
+                missing.into_iter().filter(makes_cell).map(|(key, count)| (count, key)).collect();
             // Where memory is short, the cells that are seen most.
             new.sort_unstable_by_key(|&(count, key)| (std::cmp::Reverse(count), key));
             for (_, key) in new {
@@ -114,7 +114,7 @@ impl Counts {
                 }
             }
             let mut left = Vec::new();
-            for group in groups {
+            for group in groups() {
                 match self.places.get(group[0].0) {
                     Some(place) => {
                         for (_, ray) in group {

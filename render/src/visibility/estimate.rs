@@ -121,11 +121,12 @@ vectorized! {
     }
 }
 
-/// What `of` makes of the rays of each cell, those of smaller ones that lie in it aside, and of its visibility. The latter is that of the larger one that the cell lies in until it has rays of its own; where `known` has something
-/// of the cell, that takes the larger one's place.
+/// What `of` makes of the rays of each of the `asked` cells, those of smaller ones that lie in it aside, and of its visibility. The latter is that of the larger one that the cell lies in until it has rays of its own; where
+/// `known` has something of the cell, that takes the larger one's place.
 pub fn estimate<'a, T: Send>(
     counts: &Counts,
     known: impl Fn(CellKey) -> Option<&'a Visibility> + Sync,
+    asked: impl IntoParallelIterator<Item = usize, Iter: IndexedParallelIterator>,
     of: impl Fn(&Rays, Visibility) -> T + Sync,
 ) -> Vec<T> {
     let by_size = counts.by_size();
@@ -169,7 +170,7 @@ pub fn estimate<'a, T: Send>(
         let rays = Rays::of(counts, cell);
         of(&rays, found[cell].clone().unwrap_or_else(|| before(&found, cell, &rays)))
     };
-    (0..counts.cells()).into_par_iter().map(of_cell).collect()
+    asked.into_par_iter().map(of_cell).collect()
 }
 
 /// Rays of each patch, `[PATCHES]`: those that came through, and all.
@@ -238,7 +239,7 @@ mod tests {
         counts.add(rays.chain((0..40).map(|_| (key(0.13), 3, false))));
         counts.settle(1000);
         let division = Division::new(vec![1.0; PATCHES]);
-        let weights = estimate(&counts, |_| None, |_, visibility| visibility.weights(&division));
+        let weights = estimate(&counts, |_| None, 0..counts.cells(), |_, visibility| visibility.weights(&division));
         let at = |x: f32, patch| weights[counts.find(key(x)).unwrap().0 as usize].of_patch(patch);
         // The root of (1/16) / 0.2, in steps of 1/255; 64 rays of the prior, which is as good as the same, change little.
         assert!((at(0.01, 3) - (0.0625_f32 / SEEN).sqrt()).abs() < 0.015, "{}", at(0.01, 3));

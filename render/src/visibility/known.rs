@@ -88,6 +88,7 @@ impl Known {
         let found = estimate::estimate(
             counts,
             |_| None,
+            0..cells,
             |rays, visibility| {
                 let (worth, weights) = (Worth::of(rays, &visibility, division), visibility.weights(division));
                 (worth, (visibility, weights))

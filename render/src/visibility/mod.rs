@@ -33,6 +33,8 @@ use std::sync::{
 
 use cells::CellKey;
 use counts::Counts;
+use estimate::{Rays, Visibility};
+use rayon::prelude::*;
 use worth::Worth;
 
 use crate::{
@@ -46,7 +48,7 @@ pub struct VisibilityCache {
     cells: Cells,
     counts: Counts,
     weights: Vec<Weights>,
-    /// What weights would gain.
+    /// What weights would gain, by some of the cells until all are [finished](Self::finish).
     worth: Worth,
     /// The same when it was last asked whether to learn on.
     promised: Option<Worth>,
@@ -79,6 +81,8 @@ pub struct CacheSize {
 
 /// The least share of rays in cells of which nothing was known before for more to be sent.
 const LEAST_NEW: f64 = 0.25;
+/// Cells, at least, that say what all are worth.
+const ENOUGH_CELLS: usize = 1024;
 /// Marks numbers of weights that were known before; the others count those of this rendering, after those of no cell.
 const IS_KNOWN: u32 = 1 << 31;
 
@@ -124,7 +128,7 @@ impl VisibilityCache {
     #[must_use]
     pub fn resuming(mut self, visibility: SceneVisibility) -> Self {
         (self.cells, self.counts) = (visibility.cells, visibility.counts);
-        self.estimate();
+        self.finish();
         self
     }
 
@@ -176,23 +180,39 @@ impl VisibilityCache {
         self.counts.settle(self.most_cells);
     }
 
-    /// Turns what was observed into weights, if they gain more than they take.
+    /// Counts what was observed, and finds out what it is worth: of many cells, by some of them.
     pub fn learn(&mut self) {
         self.settle();
-        self.estimate();
+        let cells = self.counts.cells();
+        // Cells stand by how many rays they had when they were made, so that these are of all kinds.
+        let one_in = (cells / ENOUGH_CELLS).max(1);
+        let asked = (0..cells).into_par_iter().step_by(one_in);
+        let worths = self.estimate(asked, |rays, visibility| Worth::of(rays, &visibility, &self.division));
+        self.worth = worths.into_iter().fold(Worth::default(), Worth::with).times(one_in);
+    }
+
+    /// Turns what was learned into weights, if they gain more than they take, and finds out what all of it is worth.
+    pub fn finish(&mut self) {
+        self.weights.truncate(1);
+        if self.pays() {
+            let of_cell = |rays: &_, visibility: Visibility| {
+                (Worth::of(rays, &visibility, &self.division), visibility.weights(&self.division))
+            };
+            let (worths, weights): (Vec<_>, Vec<_>) =
+                self.estimate(0..self.counts.cells(), of_cell).into_iter().unzip();
+            self.worth = worths.into_iter().fold(Worth::default(), Worth::with);
+            self.weights.extend(weights);
+        }
         self.asked = Default::default();
     }
 
-    fn estimate(&mut self) {
-        let (counts, division) = (&self.counts, &self.division);
+    fn estimate<T: Send>(
+        &self,
+        asked: impl IntoParallelIterator<Item = usize, Iter: IndexedParallelIterator>,
+        of: impl Fn(&Rays, Visibility) -> T + Sync,
+    ) -> Vec<T> {
         let known = |key| self.known.as_ref().and_then(|known| known.visibility(key));
-        let worths = estimate::estimate(counts, known, |rays, visibility| Worth::of(rays, &visibility, division));
-        self.worth = worths.into_iter().fold(Worth::default(), Worth::with);
-        self.weights = vec![Weights::unknown()];
-        if self.pays() {
-            let weights = estimate::estimate(counts, known, |_, visibility| visibility.weights(division));
-            self.weights.extend(weights);
-        }
+        estimate::estimate(&self.counts, known, asked, of)
     }
 
     /// The number of the weights at a key: those of the finest cell that is known.

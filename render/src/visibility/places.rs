@@ -28,9 +28,12 @@ impl Hasher for KeyHasher {
     }
 }
 
+/// Something for each of some cells.
+pub type ByKey<T> = HashMap<CellKey, T, BuildHasherDefault<KeyHasher>>;
+
 /// The numbers of cells by their keys.
 #[derive(Debug, Default)]
-pub struct Places(HashMap<CellKey, u32, BuildHasherDefault<KeyHasher>>);
+pub struct Places(ByKey<u32>);
 
 impl Places {
     /// The cell of exactly this key.

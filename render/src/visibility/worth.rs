@@ -62,6 +62,14 @@ impl Worth {
         }
     }
 
+    /// That of so many sets of cells like these.
+    #[must_use]
+    pub fn times(self, count: usize) -> Self {
+        let Self { plain, weighted, rays, stopped } = self;
+        let [plain, weighted, rays, stopped] = [plain, weighted, rays, stopped].map(|sum| sum * count as f64);
+        Self { plain, weighted, rays, stopped }
+    }
+
     /// The variance of samples without weights over that of samples with them; 1 where nothing is known.
     pub fn gain(&self) -> f64 {
         if self.plain > 0.0 && self.weighted > 0.0 { self.plain / self.weighted } else { 1.0 }
