@@ -20,6 +20,9 @@ pub(super) fn explore(
     out: &mut Contributions,
     arena: &Arena,
 ) {
-    let draw = |index, u: [&mut [_]; 2]| points.draw(Dimension::Candidate { technique: 0, index, of: rays }, at, u);
-    timed(Stage::Sampling, || sky.send(at, rays, draw, |place, wi, patch| out.push_ray(place, wi, patch), arena));
+    let mut columns = arena.columns::<2>(at.strips());
+    points.draw(Dimension::Light(0), at, columns.get_mut());
+    timed(Stage::Sampling, || {
+        sky.send(at, rays, columns.get(), |place, wi, patch| out.push_ray(place, wi, patch), arena);
+    });
 }

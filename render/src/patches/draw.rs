@@ -46,10 +46,10 @@ pub(super) const WEIGHTS: usize = LOBES;
 /// The column of the shares beside BRDF sampling.
 pub(super) const SHARE: usize = WEIGHTS + 1;
 /// Where running sums begin.
-const SUMS: usize = SHARE + 1;
+pub(super) const SUMS: usize = SHARE + 1;
 
 /// What the shading points of a strip reflect.
-struct Reflections<'a> {
+pub(super) struct Reflections<'a> {
     n: [Lanes; 3],
     wo: [Lanes; 3],
     cos_o: Lanes,
@@ -58,7 +58,7 @@ struct Reflections<'a> {
 
 impl<'a> Reflections<'a> {
     #[inline(always)]
-    fn new(at: &Rows<'_>, strip: usize, lobes: &'a [Lanes]) -> Self {
+    pub fn new(at: &Rows<'_>, strip: usize, lobes: &'a [Lanes]) -> Self {
         let (n, wo, mut cos_o) = (at.normals(strip), at.views(strip), [0.0; LANES]);
         for k in 0..LANES {
             let cos = n[0][k] * wo[0][k] + (n[1][k] * wo[1][k] + n[2][k] * wo[2][k]);
@@ -73,7 +73,7 @@ impl<'a> Reflections<'a> {
     }
 
     #[inline(always)]
-    fn lane(&self, lane: usize) -> Reflection {
+    pub fn lane(&self, lane: usize) -> Reflection {
         Reflection {
             n: self.normal(lane),
             wo: Vec3::new(self.wo[0][lane], self.wo[1][lane], self.wo[2][lane]),
@@ -147,7 +147,7 @@ vectorized! {
 
 /// The running sums of the weighted masses of the parts of a patch for one shading point.
 #[inline(always)]
-fn part_sums<S: Simd>(simd: S, block: &Block, at: &Reflection, weights: &Lanes) -> Lanes {
+pub(super) fn part_sums<S: Simd>(simd: S, block: &Block, at: &Reflection, weights: &Lanes) -> Lanes {
     let patch = |k| Patch::load(block, k);
     let mut masses = if at.specular > 0.0 && at.diffuse > 0.0 {
         masses::<_, true, true>(simd, patch, |_| *at)
@@ -169,11 +169,11 @@ fn part_sums<S: Simd>(simd: S, block: &Block, at: &Reflection, weights: &Lanes) 
 }
 
 /// Where lanes are on their way down.
-pub(super) struct Path {
+struct Path {
     /// The number of the patch in its level.
-    pub number: [u32; LANES],
-    pub probability: Lanes,
-    pub cuts: Cuts,
+    number: [u32; LANES],
+    probability: Lanes,
+    cuts: Cuts,
 }
 
 /// Whether lanes go on to twigs.
@@ -281,7 +281,7 @@ fn share(mass: f32, all: f32) -> f32 {
 
 /// Goes down the levels to what `aims` at them say, with the state of one strip.
 #[inline(always)]
-pub(super) fn walk<S: Simd, A: Aim, W: Weighting>(
+fn walk<S: Simd, A: Aim, W: Weighting>(
     simd: S,
     patches: &Patches,
     weighting: &W,
@@ -314,7 +314,7 @@ pub(super) fn walk<S: Simd, A: Aim, W: Weighting>(
 
 /// The rectangles of Y that lanes have come to: left, right, top, bottom, and one over their energy.
 #[inline(always)]
-pub(super) fn rectangles(patches: &Patches, path: &Path, narrow: &[bool; LANES]) -> [Lanes; 5] {
+fn rectangles(patches: &Patches, path: &Path, narrow: &[bool; LANES]) -> [Lanes; 5] {
     let mut rectangles = [[0.0; LANES]; 5];
     for k in 0..LANES {
         let level = if narrow[k] { &patches.twigs } else { &patches.leaves };

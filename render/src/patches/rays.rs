@@ -1,15 +1,14 @@
 //! Rays to the patches of a sky, sent for what they say of its visibility: which patch, and where to.
 //!
-//! They are drawn as samples are, with masses that know the surface, but without densities and to one of a few directions for each patch: that takes a fraction of a
-//! sample's time.
+//! Patches get as many as samples, by masses that know the surface, but each goes to one of a few directions of its patch, and there are no densities: that takes
+//! a fraction of a sample's time.
 
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 
 use super::{
-    PARTS, PatchSampler, Patches,
-    draw::{COLUMNS, rectangles, walk, within},
-    tree::Points,
+    CLUSTERS, PARTS, PatchSampler, Patches,
+    draw::{COLUMNS, Reflections, SUMS, part_sums, within},
 };
 use crate::{
     columns::{Arena, vectorized},
@@ -23,6 +22,8 @@ use crate::{
 const SIDE: usize = 8;
 /// Directions of a patch.
 const EACH: usize = SIDE * SIDE;
+/// From the direction of one ray to that of the next: an odd number, so that all come to pass.
+const STRIDE: usize = 27;
 /// Stands for no patch.
 const NONE: u32 = u32::MAX;
 
@@ -46,13 +47,13 @@ impl SkyRays {
         &self.sampler
     }
 
-    /// Sends `rays` rays from each row. `draw` is told the number of a ray and gives uniform points `u`, `v` of all rows; `send` is told the place of a row, the unit
-    /// direction, and the patch of [`PatchSampler::division`] that this is in. What leads below a surface is left out.
+    /// Sends `rays` rays from each row, by a uniform point `u` of `[0, 1)^2` for all of them: they divide what is reflected of the sky into equal parts. `send` is told the
+    /// place of a row, the unit direction, and the patch of [`PatchSampler::division`] that this is in. What leads below a surface is left out.
     pub fn send(
         &self,
         at: &Rows<'_>,
         rays: u32,
-        mut draw: impl FnMut(u32, [&mut [Lanes]; 2]),
+        u: [&[Lanes]; 2],
         mut send: impl FnMut(usize, Vec3A, u16),
         arena: &Arena,
     ) {
@@ -60,11 +61,11 @@ impl SkyRays {
         let mut state = arena.columns::<1>(COLUMNS * at.strips());
         let [state] = state.get_mut();
         patches.prepare(&Unoccluded, at, state, arena);
-        let mut columns = arena.columns::<6>(at.strips());
-        let [u, v, x, y, z, patch] = columns.get_mut();
+        let mut columns = arena.columns::<4>(at.strips());
+        let [x, y, z, patch] = columns.get_mut();
         for ray in 0..rays {
-            draw(ray, [&mut *u, &mut *v]);
-            aim(patches, &self.directions, at, state, [u, v], [&mut *x, &mut *y, &mut *z], patch);
+            let wi = [&mut *x, &mut *y, &mut *z];
+            aim(patches, &self.directions, at, state, (ray, rays), u, wi, patch);
             let [x, y, z, patch] = [&*x, &*y, &*z, &*patch].map(<[_]>::as_flattened);
             for place in 0..at.len() {
                 let patch = patch[place].to_bits();
@@ -92,27 +93,42 @@ fn directions(patches: &Patches, light: &EnvironmentLight) -> Vec<[f32; 3]> {
 }
 
 vectorized! {
-    /// Directions for uniform points, and the numbers of their patches as bits: [`NONE`] where they are below a surface.
+    /// Directions of one of so many rays, and the numbers of their patches as bits: [`NONE`] where they are below a surface.
     fn aim['a](
         simd, patches: &'a Patches, directions: &'a [[f32; 3]], at: &'a Rows<'a>, state: &'a [Lanes],
-        u: [&'a [Lanes]; 2], wi: [&'a mut [Lanes]; 3], out: &'a mut [Lanes],
+        rays: (u32, u32), u: [&'a [Lanes]; 2], wi: [&'a mut [Lanes]; 3], out: &'a mut [Lanes],
     ) {
         let [x, y, z] = wi;
         for strip in 0..out.len() {
-            let aim = Points([u[0][strip], u[1][strip]]);
-            let (path, narrow) = walk(simd, patches, &Unoccluded, (at, strip), state, [&aim; 3]);
-            let inside = path.cuts.inside(&aim.0[0], &aim.0[1]);
-            let [left, right, top, bottom, _] = &rectangles(patches, &path, &narrow);
+            let (lobes, sums) = state[strip * COLUMNS..][..COLUMNS].split_at(SUMS);
+            let (reflections, total) = (Reflections::new(at, strip, lobes), sums[CLUSTERS - 1]);
+            let (mut aims, mut before, mut cluster) = ([0.0; LANES], [0.0; LANES], [0_u32; LANES]);
             for k in 0..LANES {
-                let (y_u, y_v) = (within(left[k], right[k], inside[0][k]), within(top[k], bottom[k], inside[1][k]));
-                let number = path.number[k] as usize;
-                let patch = if narrow[k] { number / PARTS } else { number };
-                let [left, right, top, bottom, _] = patches.leaves.rectangles[patch];
-                let place = |y: f32, from: f32, to: f32| (((y - from) / (to - from) * SIDE as f32) as usize).min(SIDE - 1);
-                let direction = place(y_v, top, bottom) * SIDE + place(y_u, left, right);
-                [x[strip][k], y[strip][k], z[strip][k]] = directions[patch * EACH + direction];
-                let number = patches.numbers[patch / PARTS] * PARTS + patch % PARTS;
-                out[strip][k] = f32::from_bits(if path.probability[k] > 0.0 { number as u32 } else { NONE });
+                aims[k] = total[k] * ((rays.0 as f32 + u[0][strip][k]) / rays.1 as f32);
+            }
+            for sum in &sums[..CLUSTERS - 1] {
+                for k in 0..LANES {
+                    let is_past = sum[k] <= aims[k];
+                    cluster[k] += u32::from(is_past);
+                    before[k] = if is_past { sum[k] } else { before[k] };
+                }
+            }
+            for k in 0..LANES {
+                let own = cluster[k] as usize;
+                let mass = sums[own][k] - before[k];
+                let part_sums = part_sums(simd, &patches.leaves.blocks[own], &reflections.lane(k), &[1.0; LANES]);
+                let aim = part_sums[PARTS - 1] * ((aims[k] - before[k]) / mass);
+                let (mut part, mut below) = (0, 0.0);
+                for sum in &part_sums[..PARTS - 1] {
+                    part += usize::from(*sum <= aim);
+                    below = if *sum <= aim { *sum } else { below };
+                }
+                let is_lit = (mass > 0.0) & (part_sums[part] > below);
+                // Rays of a point that go to the same patch take different directions.
+                let direction = ((u[1][strip][k] * EACH as f32) as usize + rays.0 as usize * STRIDE) % EACH;
+                [x[strip][k], y[strip][k], z[strip][k]] = directions[(own * PARTS + part) * EACH + direction];
+                let number = (patches.numbers[own] * PARTS + part) as u32;
+                out[strip][k] = f32::from_bits(if is_lit { number } else { NONE });
             }
             for [nx, ny, nz] in [at.normals(strip), at.geometric_normals(strip)] {
                 for k in 0..LANES {
@@ -140,68 +156,82 @@ mod tests {
         sampler::{Draws, Sampler, prepared},
         tail::TailKind,
         tile::{ShadingPoint, Tile},
+        visibility::PATCHES,
     };
 
-    /// Rays of a sampler's patches, beside what the sampler draws from the same points: how many of them are in the same patch, in another, and how many rays are missing
-    /// of those that a sampler draws. All are in the patch that they say, and above their surface.
-    fn compare(name: &str, surface: Surface) -> [usize; 3] {
-        const RAYS: u32 = 8;
-        let light = EnvironmentLight::new(Arc::new(built_in(name).unwrap()), TailKind::Hierarchical).unwrap();
-        let sampler = PatchSampler::new(light, Detail::Leaves).unwrap();
-        let rays = SkyRays::new(sampler.clone());
+    const POINTS: usize = 4000;
+    const RAYS: u32 = 8;
+
+    fn points(surface: Surface) -> Tile {
         let mut random = Stream::new(5, Purpose::Test, 0);
         let mut tile = Tile::default();
-        for key in 0..500 {
+        for key in 0..POINTS {
             let n = random.direction();
             let wo = (n + 0.7 * n.any_orthonormal_vector()).normalize();
             let ng = (n + 0.2 * wo).normalize();
-            tile.push(&ShadingPoint { p: Vec3A::ZERO, ng, ns: n, wo, surface }, key);
+            tile.push(&ShadingPoint { p: Vec3A::ZERO, ng, ns: n, wo, surface }, key as u32);
         }
-        let (at, arena) = (tile.rows(), Arena::default());
-        let mut points: Vec<[Vec<Lanes>; 2]> = Vec::new();
-        let mut sent: Vec<(usize, Vec3A, u16)> = Vec::new();
-        let mut of_ray = Vec::new();
-        let draw = |_, [u, v]: [&mut [Lanes]; 2]| {
-            for column in [&mut *u, &mut *v] {
-                column.as_flattened_mut().fill_with(|| random.uniform());
-            }
-            points.push([u.to_vec(), v.to_vec()]);
+        tile
+    }
+
+    /// Rays that go to each patch, and samples that a sampler draws in it. All rays are in the patch that they say, and above their surface.
+    fn count(name: &str, surface: Surface) -> [Vec<f64>; 2] {
+        let light = EnvironmentLight::new(Arc::new(built_in(name).unwrap()), TailKind::Hierarchical).unwrap();
+        let sampler = PatchSampler::new(light, Detail::Leaves).unwrap();
+        let (tile, arena) = (points(surface), Arena::default());
+        let at = tile.rows();
+        let mut counts = [vec![0.0; PATCHES], vec![0.0; PATCHES]];
+        let mut random = Stream::new(6, Purpose::Test, 0);
+        let mut uniform = || {
+            let mut column = vec![[0.0; LANES]; at.strips()];
+            column.as_flattened_mut().fill_with(|| random.uniform());
+            column
         };
-        rays.send(&at, RAYS, draw, |place, wi, patch| sent.push((place, wi, patch)), &arena);
+        let is_above = |place: usize, wi: Vec3A| {
+            let point = tile.point(place);
+            wi.dot(point.ns) > 0.0 && wi.dot(point.ng) > 0.0
+        };
+        let send = |place: usize, wi: Vec3A, patch: u16| {
+            assert!(wi.is_normalized() && is_above(place, wi));
+            assert_eq!(sampler.patch_at(latlong::square(wi)), patch, "{name}: {wi}");
+            counts[0][usize::from(patch)] += 1.0;
+        };
+        SkyRays::new(sampler.clone()).send(&at, RAYS, [&uniform(), &uniform()], send, &arena);
         prepared(&sampler, &at, &arena, |state| {
-            for [u, v] in &points {
+            for _ in 0..RAYS {
                 let mut columns = arena.columns::<4>(at.strips());
                 let [x, y, z, pdf] = columns.get_mut();
-                sampler.sample(&at, state, [u, v], Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf }, &arena);
+                let out = Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf };
+                sampler.sample(&at, state, [&uniform(), &uniform()], out, &arena);
                 let [x, y, z, pdf] = [&*x, &*y, &*z, &*pdf].map(<[_]>::as_flattened);
-                let patch =
-                    |k: usize| (pdf[k] > 0.0).then(|| sampler.patch_at(latlong::square(Vec3A::new(x[k], y[k], z[k]))));
-                of_ray.push((0..at.len()).map(patch).collect::<Vec<_>>());
+                for place in 0..at.len() {
+                    let wi = Vec3A::new(x[place], y[place], z[place]);
+                    if pdf[place] > 0.0 && is_above(place, wi) {
+                        counts[1][usize::from(sampler.patch_at(latlong::square(wi)))] += 1.0;
+                    }
+                }
             }
         });
-        let mut found = [0; 3];
-        let (mut ray, mut last) = (0, None);
-        for &(place, wi, patch) in &sent {
-            // Places rise within a ray.
-            ray += usize::from(last.is_some_and(|last| place <= last));
-            last = Some(place);
-            let point = tile.point(place);
-            assert!(wi.is_normalized() && wi.dot(point.ns) > 0.0 && wi.dot(point.ng) > 0.0);
-            assert_eq!(sampler.patch_at(latlong::square(wi)), patch, "{name}: {wi}");
-            found[usize::from(of_ray[ray][place] != Some(patch))] += 1;
-        }
-        let drawn = of_ray.iter().flatten().filter(|patch| patch.is_some()).count();
-        found[2] = drawn - sent.len();
-        found
+        counts
     }
 
     #[test]
-    fn rays_go_to_the_patches_that_samples_are_in() {
+    fn as_many_rays_as_samples_go_to_each_patch() {
         for name in ["studio", "sunset"] {
-            for surface in [Lambert { albedo: Vec3::ONE }.into(), Ggx::new(0.2, Vec3::ONE).into()] {
-                let [same, other, missing] = compare(name, surface);
-                // A sample may be rounded across the edge of its patch; what is below a surface is a small part of what is drawn.
-                assert!(same > 3000 && other * 200 <= same && missing * 3 < same, "{name}: {same} {other} {missing}");
+            for surface in [Lambert { albedo: Vec3::ONE }.into(), Ggx::new(0.4, Vec3::ONE).into()] {
+                let [rays, samples] = count(name, surface);
+                let [all_rays, all_samples] = [&rays, &samples].map(|counts| counts.iter().sum::<f64>());
+                assert!(all_samples > 0.6 * f64::from(RAYS) * POINTS as f64);
+                // Both are counts of independent events or less noisy than that. What of a patch is above a surface is known to 1/64 of it.
+                let (mut sum, mut freedom) = (0.0, 0.0);
+                for (rays, samples) in rays.iter().zip(&samples).filter(|(rays, samples)| **rays + **samples > 20.0) {
+                    let difference = (rays - samples).abs() - (rays + samples) / 128.0;
+                    sum += difference.max(0.0).powi(2) / (rays + samples);
+                    freedom += 1.0;
+                }
+                // The sum is at most chi-square distributed: its mean is the degrees of freedom, its variance twice that. Five standard deviations.
+                assert!(freedom > 30.0 && sum < freedom + 5.0 * f64::sqrt(2.0 * freedom), "{name}: {sum} {freedom}");
+                assert!((all_rays / all_samples - 1.0).abs() < 0.02, "{name}: {all_rays} {all_samples}");
             }
         }
     }

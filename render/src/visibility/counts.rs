@@ -108,6 +108,9 @@ impl Counts {
                 missing.into_iter().filter(makes_cell).map(|(key, count)| (count, key)).collect();
             // Where memory is short, the cells that are seen most.
             new.sort_unstable_by_key(|&(count, key)| (std::cmp::Reverse(count), key));
+            // With those that they lie in, of which they share most.
+            let room = most.saturating_sub(self.cells()).min(new.len() + new.len() / 2);
+            self.rays.reserve(room * PATCHES);
             for (_, key) in new {
                 if self.cells() + LEVELS <= most {
                     self.insert(key, level);
