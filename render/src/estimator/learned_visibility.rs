@@ -273,8 +273,8 @@ impl Learner for LearningSession<'_> {
         self.cache.finish();
     }
 
-    fn promises(&mut self) -> bool {
-        self.cache.promises()
+    fn promises(&mut self, times: f64) -> bool {
+        self.cache.promises(times)
     }
 
     fn explore(&mut self, explores: bool) {

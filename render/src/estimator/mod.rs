@@ -56,8 +56,8 @@ pub trait Learner: Estimator {
     /// Lets what was learned be drawn with from now on.
     fn finish(&mut self);
 
-    /// Whether there may be something to gain from learning as much again and more; it is told by what was gained since it was last asked.
-    fn promises(&mut self) -> bool;
+    /// Whether there may be something to gain from learning so many times as much in all; it is told by what was gained since it was last asked, too.
+    fn promises(&mut self, times: f64) -> bool;
 
     /// Whether what it proposes is for learning alone from now on: what such contributions add to an estimate is of no account.
     fn explore(&mut self, explores: bool);

@@ -52,11 +52,13 @@ impl Lesson {
         Self { first, samples: (samples / PARTS).max(1), pixels: (0, pixels) }
     }
 
-    /// Lets it be given in three parts, if it has as many pixels: a learner to whom a quarter of it promises nothing, or half of it too little, is spared the rest.
+    /// Lets it be given in four parts, if it has as many pixels: a learner to whom an eighth or a quarter of it promises nothing, or half of it too little, is spared the rest.
     pub(crate) fn in_parts(self, learner: &mut dyn Learner, mut give: impl FnMut(Self, &mut dyn Learner)) {
+        let (first, end) = self.pixels;
         for part in self.parts() {
             give(part, learner);
-            if !learner.promises() {
+            let given = part.pixels.1 - first;
+            if part.pixels.1 == end || !learner.promises(f64::from(end - first) / f64::from(given)) {
                 break;
             }
         }
@@ -64,8 +66,10 @@ impl Lesson {
 
     fn parts(self) -> impl Iterator<Item = Self> {
         let (first, end) = self.pixels;
-        let [quarter, half] = [4, 2].map(|part| first + (end - first) / part);
-        let parts = [(first, quarter), (quarter, half), (half, end)].into_iter().filter(|(first, end)| first < end);
+        let [eighth, quarter, half] = [8, 4, 2].map(|part| first + (end - first) / part);
+        let parts = [(first, eighth), (eighth, quarter), (quarter, half), (half, end)]
+            .into_iter()
+            .filter(|(first, end)| first < end);
         parts.map(move |pixels| Self { pixels, ..self })
     }
 

@@ -229,12 +229,12 @@ impl VisibilityCache {
         self.always || self.worth_of_all().pays()
     }
 
-    /// Whether it may come to gain so much if it learns as much again and more: if it knew something before, where that has no cells. What it says depends on what it
+    /// Whether it may come to gain so much if it learns so many times as much in all: if it knew something before, where that has no cells. What it says depends on what it
     /// had learned when it was last asked.
-    pub fn promises(&mut self) -> bool {
+    pub fn promises(&mut self, times: f64) -> bool {
         let before = self.promised.replace(self.worth);
         let is_new = self.known.is_none() || self.worth.rays() >= LEAST_NEW * self.observed.load(Relaxed) as f64;
-        is_new && (self.always || self.worth.promises(before.as_ref()))
+        is_new && (self.always || self.worth.promises(times, before.as_ref()))
     }
 
     /// What weights would gain, those that were known before and those that were learned.
