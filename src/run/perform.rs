@@ -215,9 +215,13 @@ fn fit_light(
     let (light, summary) = TrainingLight::fit(&run.fit, environment, around)?;
     bar.iter().for_each(progress::Bar::finish_and_clear);
     if let Some(FlowSummary { steps, kl, table_kl, initial_kl, repair, seconds, .. }) = summary {
+        let blended = match repair.blended {
+            0.0 => String::new(),
+            share => format!(", which took {:.0} % of the identity", 100.0 * share),
+        };
         say!(
             "flow tail: KL(light || flow) {kl:.4} nats (uniform {initial_kl:.3}), its table {table_kl:.4}, {steps} steps, {seconds:.1} s; \
-             {} cells repaired",
+             {} cells repaired{blended}",
             repair.cells
         );
     }

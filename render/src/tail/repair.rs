@@ -5,8 +5,14 @@ use glam::{DVec2, Vec2};
 use super::warp_map::{WarpMap, cell_of, close};
 use crate::error::Result;
 
-/// Rounds of untangling before the whole map is blended with the identity.
+/// Rounds of untangling before what is around the cells that are left is smoothed.
 const ROUNDS: usize = 60;
+/// Rounds of smoothing before the whole map is blended with the identity.
+const SMOOTHINGS: usize = 120;
+/// Rounds of smoothing after which their reach grows by half: from one node around a cell to a hundred.
+const SMOOTHINGS_OF_A_REACH: usize = 10;
+/// Times that all nodes within reach move to the middle of their neighbours in a round.
+const SWEEPS: usize = 8;
 
 /// What [`WarpMap::repaired`] did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -15,13 +21,16 @@ pub struct Repair {
     pub cells: usize,
     /// Rounds of moving their corners.
     pub rounds: usize,
+    /// Rounds of smoothing around those that were left.
+    pub smoothings: usize,
     /// Share of the identity in the result: 0 unless that did not do.
     pub blended: f32,
 }
 
 impl WarpMap {
     /// The map with the values `nodes` (see [`WarpMap::new`]), in which the corners of cells whose images are not convex are moved
-    /// to better places, again and again. If some are left, the whole map is blended with the identity, which is convex.
+    /// to better places, again and again. Where some are left, the map is made smooth around them, the further the longer they last. If that does not help either, the
+    /// whole map is blended with the identity, which is convex.
     ///
     /// # Errors
     /// As [`WarpMap::new`], but for convexity.
@@ -38,8 +47,20 @@ impl WarpMap {
             repair.rounds += 1;
             untangle(cells, &mut nodes, &broken);
         }
+        while usable && repair.rounds == ROUNDS && repair.smoothings < SMOOTHINGS {
+            let broken = broken_cells(cells, &nodes);
+            if broken.is_empty() {
+                break;
+            }
+            if repair.smoothings == 0 {
+                nodes.clone_from(&original);
+            }
+            let reach = 1.5_f64.powi((repair.smoothings / SMOOTHINGS_OF_A_REACH) as i32);
+            repair.smoothings += 1;
+            smooth(cells, &mut nodes, &broken, reach as usize);
+        }
         let mut share = 1e-3_f32;
-        while usable && repair.rounds == ROUNDS && !broken_cells(cells, &nodes).is_empty() {
+        while usable && repair.smoothings == SMOOTHINGS && !broken_cells(cells, &nodes).is_empty() {
             repair.blended = share.min(1.0);
             nodes = blend(cells, &original, repair.blended);
             share *= 1.5;
@@ -69,6 +90,30 @@ fn untangle(cells: usize, nodes: &mut [Vec2], broken: &[usize]) {
     corners.dedup();
     for at in corners {
         nodes[at] = best_place(cells, nodes, at);
+    }
+}
+
+/// Moves the nodes within `reach` of some cells to the middle of their four neighbours, again and again; those of the first and the last row along it.
+fn smooth(cells: usize, nodes: &mut [Vec2], broken: &[usize], reach: usize) {
+    let mut within = vec![false; nodes.len()];
+    for &index in broken {
+        let (column, row) = (index % cells, index / cells);
+        for row in row.saturating_sub(reach)..=(row + 1 + reach).min(cells) {
+            for across in 0..=(2 * reach + 1).min(cells - 1) {
+                within[row * cells + (column + cells - reach % cells + across) % cells] = true;
+            }
+        }
+    }
+    for _ in 0..SWEEPS {
+        for at in (0..nodes.len()).filter(|&at| within[at]) {
+            let [[_, above, _], [left, _, right], [_, below, _]] = around(cells, nodes, at);
+            let sides = [left, right].into_iter().flatten().sum::<DVec2>();
+            nodes[at] = match (above, below) {
+                (Some(above), Some(below)) => 0.25 * (sides + above + below),
+                _ => DVec2::new(0.5 * sides.x, f64::from(nodes[at].y)),
+            }
+            .as_vec2();
+        }
     }
 }
 
