@@ -11,8 +11,6 @@ const ROUNDS: usize = 60;
 const SMOOTHINGS: usize = 120;
 /// Rounds of smoothing after which their reach grows by half: from one node around a cell to a hundred.
 const SMOOTHINGS_OF_A_REACH: usize = 10;
-/// Times that all nodes within reach move to the middle of their neighbours in a round.
-const SWEEPS: usize = 8;
 
 /// What [`WarpMap::repaired`] did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -93,7 +91,8 @@ fn untangle(cells: usize, nodes: &mut [Vec2], broken: &[usize]) {
     }
 }
 
-/// Moves the nodes within `reach` of some cells to the middle of their four neighbours, again and again; those of the first and the last row along it.
+/// Moves the nodes within `reach` of some cells half of the way to the middle of their four neighbours, those of the first and the last row along it. More at
+/// once would leave a kink at the border of what moves, where sheared cells fold anew.
 fn smooth(cells: usize, nodes: &mut [Vec2], broken: &[usize], reach: usize) {
     let mut within = vec![false; nodes.len()];
     for &index in broken {
@@ -104,16 +103,19 @@ fn smooth(cells: usize, nodes: &mut [Vec2], broken: &[usize], reach: usize) {
             }
         }
     }
-    for _ in 0..SWEEPS {
-        for at in (0..nodes.len()).filter(|&at| within[at]) {
-            let [[_, above, _], [left, _, right], [_, below, _]] = around(cells, nodes, at);
-            let sides = [left, right].into_iter().flatten().sum::<DVec2>();
-            nodes[at] = match (above, below) {
-                (Some(above), Some(below)) => 0.25 * (sides + above + below),
-                _ => DVec2::new(0.5 * sides.x, f64::from(nodes[at].y)),
-            }
-            .as_vec2();
-        }
+    let moving: Vec<usize> = (0..nodes.len()).filter(|&at| within[at]).collect();
+    let middle = |&at: &usize| {
+        let [[_, above, _], [left, _, right], [_, below, _]] = around(cells, nodes, at);
+        let sides = [left, right].into_iter().flatten().sum::<DVec2>();
+        let middle = match (above, below) {
+            (Some(above), Some(below)) => 0.25 * (sides + above + below),
+            _ => DVec2::new(0.5 * sides.x, f64::from(nodes[at].y)),
+        };
+        nodes[at].as_dvec2().lerp(middle, 0.5).as_vec2()
+    };
+    let moved: Vec<Vec2> = moving.iter().map(middle).collect();
+    for (at, place) in moving.into_iter().zip(moved) {
+        nodes[at] = place;
     }
 }
 
