@@ -2,11 +2,13 @@
 
 use glam::{DVec2, Vec2};
 
-use super::warp_map::{WarpMap, cell_of, close};
+use super::warp_map::{LEAST_CORNER, WarpMap, cell_of, close};
 use crate::error::Result;
 
 /// Rounds of untangling before what is around the cells that are left is smoothed.
 const ROUNDS: usize = 60;
+/// The least Jacobian of a cell's corners that smoothing asks for, as a share of their mean: cells that are hardly convex come of cells that are not.
+const ROOM: f64 = 0.2;
 /// Rounds of smoothing before the whole map is blended with the identity.
 const SMOOTHINGS: usize = 120;
 /// Rounds of smoothing after which their reach grows by half: from one node around a cell to a hundred.
@@ -37,7 +39,7 @@ impl WarpMap {
         let original = nodes.clone();
         let usable = nodes.len() == cells * (cells + 1) && nodes.iter().all(|node| node.is_finite());
         while usable && repair.rounds < ROUNDS {
-            let broken = broken_cells(cells, &nodes);
+            let broken = broken_cells(cells, &nodes, LEAST_CORNER);
             if broken.is_empty() {
                 break;
             }
@@ -46,19 +48,22 @@ impl WarpMap {
             untangle(cells, &mut nodes, &broken);
         }
         while usable && repair.rounds == ROUNDS && repair.smoothings < SMOOTHINGS {
-            let broken = broken_cells(cells, &nodes);
+            if repair.smoothings == 0 {
+                if broken_cells(cells, &nodes, LEAST_CORNER).is_empty() {
+                    break;
+                }
+                nodes.clone_from(&original);
+            }
+            let broken = broken_cells(cells, &nodes, ROOM);
             if broken.is_empty() {
                 break;
-            }
-            if repair.smoothings == 0 {
-                nodes.clone_from(&original);
             }
             let reach = 1.5_f64.powi((repair.smoothings / SMOOTHINGS_OF_A_REACH) as i32);
             repair.smoothings += 1;
             smooth(cells, &mut nodes, &broken, reach as usize);
         }
         let mut share = 1e-3_f32;
-        while usable && repair.smoothings == SMOOTHINGS && !broken_cells(cells, &nodes).is_empty() {
+        while usable && repair.smoothings == SMOOTHINGS && !broken_cells(cells, &nodes, LEAST_CORNER).is_empty() {
             repair.blended = share.min(1.0);
             nodes = blend(cells, &original, repair.blended);
             share *= 1.5;
@@ -67,9 +72,9 @@ impl WarpMap {
     }
 }
 
-fn broken_cells(cells: usize, nodes: &[Vec2]) -> Vec<usize> {
+fn broken_cells(cells: usize, nodes: &[Vec2], least: f64) -> Vec<usize> {
     let closed = close(cells, nodes);
-    (0..cells * cells).filter(|&index| !cell_of(cells, &closed, index).is_convex()).collect()
+    (0..cells * cells).filter(|&index| !cell_of(cells, &closed, index).has_room(least)).collect()
 }
 
 /// Moves each corner of some cells to where the smallest of the triangles at its four cells is largest as a share of its

@@ -90,9 +90,14 @@ impl Cell {
 
     /// Whether the image is convex with room to spare: the Jacobian, linear, is positive in the cell if it is at the corners.
     pub(super) fn is_convex(&self) -> bool {
+        self.has_room(LEAST_CORNER)
+    }
+
+    /// Whether the least Jacobian of its corners is this share of their mean.
+    pub(super) fn has_room(&self, least: f64) -> bool {
         let mean = self.jacobian(0.5, 0.5);
         let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
-        mean > 0.0 && corners.iter().all(|&(s, t)| self.jacobian(s, t) >= LEAST_CORNER * mean)
+        mean > 0.0 && corners.iter().all(|&(s, t)| self.jacobian(s, t) >= least * mean)
     }
 
     /// `(s, t)` of a point, and how far outside the unit square that is (0 inside).

@@ -138,8 +138,8 @@ fn means_agree_with_mis(scenes: &[&str], renderings: u64, spp: u32, sharpness: f
             (spec(&format!("ris:4+vis:direct:{table}")), "resampling"),
         ];
         for (estimator, kind) in kinds {
-            // The weights of a table are of coarser cells, and its samples noisier.
-            let spp = if kind == "table" { 2 * spp } else { spp };
+            // The weights of a table are of coarser cells, and resampling keeps no strata: their samples are noisier.
+            let spp = if ["table", "resampling"].contains(&kind) { 2 * spp } else { spp };
             let (mean, own) = mean_of(&setting, &*estimator, spp, renderings);
             let error = error.hypot(own);
             println!("{name}, {kind}: {:.1e} of the mean, error {:.1e}", (mean - truth) / truth, error / truth);
