@@ -223,7 +223,14 @@ mod tests {
         let mut pixels = vec![[0.0; 3]; 8];
         pixels[1] = [1.0; 3];
         let map = Environment::from_image("small", Image { width: 4, height: 2, pixels }).unwrap();
-        let [rays, samples] = count(map, Lambert { albedo: Vec3::ONE }.into()).map(|counts| counts.iter().sum::<f64>());
+        let surface = Lambert { albedo: Vec3::ONE }.into();
+        // The last ray of the largest number is rounded to the end of all sums.
+        let light = EnvironmentLight::new(Arc::new(map.clone()), TailKind::Hierarchical).unwrap();
+        let (sky, tile) = (SkyRays::new(PatchSampler::new(light, Detail::Leaves).unwrap()), points(surface));
+        assert!(sky.sampler.patches.clusters.len() < CLUSTERS);
+        let last = vec![[1.0_f32.next_down(); LANES]; tile.rows().strips()];
+        sky.send(&tile.rows(), RAYS, [&last, &last], |_, wi, _| assert!(wi.is_normalized()), &Arena::default());
+        let [rays, samples] = count(map, surface).map(|counts| counts.iter().sum::<f64>());
         let all = f64::from(RAYS) * POINTS as f64;
         assert!(rays > 0.3 * all && rays < 0.9 * all && (rays / samples - 1.0).abs() < 0.02, "{rays} {samples} {all}");
     }
