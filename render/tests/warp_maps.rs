@@ -165,7 +165,6 @@ fn folds_are_repaired_and_said() {
     let (map, repair) = WarpMap::repaired(64, nodes(64, fold)).unwrap();
     assert!(repair.cells > 10 && repair.rounds > 0, "{repair:?}");
     assert!(WarpMap::new(64, &map.nodes()).is_ok());
-    // What cannot be mended in place: rows in reverse.
     // A knot that no corner alone gets out of: what is far from it stays as it is.
     let knot = |y: Vec2| {
         let (from, turn) = (y - Vec2::splat(0.5), 3.0 * (1.0 - 16.0 * (y - Vec2::splat(0.5)).length()).max(0.0));
@@ -178,6 +177,7 @@ fn folds_are_repaired_and_said() {
         let y = Vec2::new((at % 64) as f32, (at / 64) as f32) / 64.0;
         assert!(map.forward(y).0.distance(*own) < 1e-6, "{y}");
     }
+    // What cannot be mended in place: rows in reverse.
     let (_, repair) = WarpMap::repaired(16, nodes(16, |y| Vec2::new(y.x, 1.0 - y.y))).unwrap();
     assert!(repair.cells > 0);
     assert_eq!(WarpMap::repaired(16, nodes(16, |y| y)).unwrap().1, Repair::default());

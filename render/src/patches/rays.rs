@@ -12,10 +12,9 @@ use super::{
 };
 use crate::{
     columns::{Arena, vectorized},
-    sampler::EnvironmentLight,
+    sampler::{EnvironmentLight, prepared},
     simd::{LANES, Lanes},
     tile::Rows,
-    visibility::Unoccluded,
 };
 
 /// Directions along a side of a patch's rectangle of Y.
@@ -57,23 +56,21 @@ impl SkyRays {
         mut send: impl FnMut(usize, Vec3A, u16),
         arena: &Arena,
     ) {
-        let patches = &*self.sampler.patches;
-        let mut state = arena.columns::<1>(COLUMNS * at.strips());
-        let [state] = state.get_mut();
-        patches.prepare(&Unoccluded, at, state, arena);
         let mut columns = arena.columns::<4>(at.strips());
         let [x, y, z, patch] = columns.get_mut();
-        for ray in 0..rays {
-            let wi = [&mut *x, &mut *y, &mut *z];
-            aim(patches, &self.directions, at, state, (ray, rays), u, wi, patch);
-            let [x, y, z, patch] = [&*x, &*y, &*z, &*patch].map(<[_]>::as_flattened);
-            for place in 0..at.len() {
-                let patch = patch[place].to_bits();
-                if patch != NONE {
-                    send(place, Vec3A::new(x[place], y[place], z[place]), patch as u16);
+        prepared(&self.sampler, at, arena, |state| {
+            for ray in 0..rays {
+                let wi = [&mut *x, &mut *y, &mut *z];
+                aim(&self.sampler.patches, &self.directions, at, state, (ray, rays), u, wi, patch);
+                let [x, y, z, patch] = [&*x, &*y, &*z, &*patch].map(<[_]>::as_flattened);
+                for place in 0..at.len() {
+                    let patch = patch[place].to_bits();
+                    if patch != NONE {
+                        send(place, Vec3A::new(x[place], y[place], z[place]), patch as u16);
+                    }
                 }
             }
-        }
+        });
     }
 }
 
@@ -155,7 +152,7 @@ mod tests {
         latlong,
         patches::Detail,
         random::{Purpose, Stream},
-        sampler::{Draws, Sampler, prepared},
+        sampler::{Draws, Sampler},
         tail::TailKind,
         tile::{ShadingPoint, Tile},
         visibility::PATCHES,

@@ -128,6 +128,7 @@ impl VisibilityCache {
     #[must_use]
     pub fn resuming(mut self, visibility: SceneVisibility) -> Self {
         (self.cells, self.counts) = (visibility.cells, visibility.counts);
+        self.learn();
         self.finish();
         self
     }
