@@ -1,8 +1,8 @@
-//! What knowing visibility gains, as CSV: `cargo bench -p headtail-render --bench visibility -- SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES [REFERENCE]]]]`,
+//! What knowing visibility gains, as CSV: `cargo bench -p headtail-render --bench visibility -- SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES [REFERENCE]]]] [--unshadowed]`,
 //! the first five but the material with commas between; MEGABYTES bound what is learned, the reference has two halves of REFERENCE samples.
 //!
-//! In the names of samplers, `TABLE` is a direct bake of the map and `LEARNEDn` what n samples per pixel of the view teach, for example
-//! `direct:TABLE,direct+vis@LEARNED64:TABLE`; after `always:` it is drawn with even where that does not pay; `mis` comes first. `cache:N[:ROWS[:DEGREES[:FLOOR]]]` is a cache of N maps of visibility over X (`map_cache.rs`). Rows have the mean square error, the reference's own noise taken off, that of `mis` over it, and the processor
+//! In the names of samplers, `TABLE` is a direct bake of the map, `MAP` the map's name without folder and ending, and `LEARNEDn` what n samples per pixel of the view teach, for example
+//! `direct:TABLE,direct+vis@LEARNED64:TABLE,head+mis:heads/MAP.safetensors`; after `always:` it is drawn with even where that does not pay; `mis` comes first. `cache:N[:ROWS[:DEGREES[:FLOOR]]]` is a cache of N maps of visibility over X (`map_cache.rs`). Rows have the mean square error, the reference's own noise taken off, that of `mis` over it, and the processor
 //! seconds of a sample of all pixels on one thread, learning before the picture included.
 
 mod map_cache;
@@ -34,12 +34,22 @@ const SEEDS: u64 = 2;
 
 fn main() -> Result<(), Box<dyn Error>> {
     // `cargo bench` adds a flag.
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
+    let (flags, arguments): (Vec<_>, Vec<_>) = std::env::args()
+        .skip(1)
+        .filter(|argument| argument != "--bench")
+        .partition(|argument| argument.starts_with("--"));
+    let unshadowed = match flags.as_slice() {
+        [] => false,
+        [flag] if flag == "--unshadowed" => true,
+        _ => return Err("--unshadowed is the only option".into()),
+    };
     let ([scenes, maps, material, samplers, budgets], size) = match arguments.as_slice() {
         [a, b, c, d, e] => ([a, b, c, d, e], "160x120"),
         [a, b, c, d, e, size, ..] => ([a, b, c, d, e], &**size),
         _ => {
-            println!("usage: SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES [REFERENCE]]]]");
+            println!(
+                "usage: SCENES MAPS MATERIAL SAMPLERS SAMPLES [WIDTHxHEIGHT [POINTS [MEGABYTES [REFERENCE]]]] [--unshadowed]"
+            );
             return Ok(());
         }
     };
@@ -61,9 +71,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         for name in scenes.split(',') {
             let scene = dressed(name, material)?;
             let camera = scene.camera();
-            let environment = environment.clone();
-            let bench = Bench { scene, camera, environment, size, points, memory, reference, folder: folder.path() };
-            pool.install(|| bench.compare((name, map), samplers, &budgets).map_err(|error| error.to_string()))?;
+            let (environment, folder) = (environment.clone(), folder.path());
+            let view = (stem(name), stem(map));
+            let bench = Bench { view, scene, camera, environment, size, points, memory, reference, unshadowed, folder };
+            pool.install(|| bench.compare(samplers, &budgets).map_err(|error| error.to_string()))?;
         }
     }
     Ok(())
@@ -77,6 +88,8 @@ fn table_of(environment: &Arc<Environment>) -> Result<ExportedSampler, Box<dyn E
 }
 
 struct Bench<'a> {
+    /// The names of scene and map.
+    view: (&'a str, &'a str),
     scene: Scene,
     environment: Arc<Environment>,
     camera: Camera,
@@ -85,17 +98,19 @@ struct Bench<'a> {
     memory: usize,
     /// Samples per pixel of either half of a reference.
     reference: u32,
+    unshadowed: bool,
     folder: &'a Path,
 }
 
 impl Bench<'_> {
-    fn compare(&self, (scene, map): (&str, &str), samplers: &str, budgets: &[u32]) -> Result<(), Box<dyn Error>> {
+    fn compare(&self, samplers: &str, budgets: &[u32]) -> Result<(), Box<dyn Error>> {
         let patches = SamplerSpec::patches().build(&self.environment)?;
         let [a, b] =
             [1001, 1002].map(|seed| self.render(&*patches, self.reference, Points::new(PointSet::Sobol, seed)).0);
         let reference: Vec<f32> = samples(&a).zip(samples(&b)).map(|(a, b)| 0.5 * (a + b)).collect();
         // The variance of the mean of two is a quarter of the square of their difference.
         let noise = mean(samples(&a).zip(samples(&b)).map(|(a, b)| f64::from(a - b).powi(2) / 4.0));
+        let (scene, map) = self.view;
         for &spp in budgets {
             let mut mis = None;
             for name in samplers.split(',') {
@@ -108,7 +123,7 @@ impl Bench<'_> {
                     seconds += time.as_secs_f64() / (SEEDS * u64::from(spp)) as f64;
                 }
                 let over_mis = *mis.get_or_insert(error) / error;
-                println!("{},{},{name},{spp},{error:.4e},{over_mis:.3},{seconds:.5}", stem(scene), stem(map));
+                println!("{scene},{map},{name},{spp},{error:.4e},{over_mis:.3},{seconds:.4e}");
             }
         }
         Ok(())
@@ -116,7 +131,7 @@ impl Bench<'_> {
 
     fn view(&self) -> View<'_> {
         let (scene, environment, (width, height)) = (&self.scene, &self.environment, self.size);
-        View { scene, camera: &self.camera, environment, width, height, unshadowed: false, depth: 1 }
+        View { scene, camera: &self.camera, environment, width, height, unshadowed: self.unshadowed, depth: 1 }
     }
 
     /// A picture, and the processor time that it took.
@@ -134,6 +149,7 @@ impl Bench<'_> {
             let sampler = Covering::new(OneSampleMis::new(cache, BrdfSampler))?;
             return Ok(Box::new(SingleSample::new(sampler, self.environment.clone())));
         }
+        let name = name.replace("MAP", self.view.1);
         let mut name = name.replace("TABLE", &self.folder.join("table").display().to_string());
         if let Some(at) = name.find("LEARNED") {
             let digits: String = name[at + 7..].chars().take_while(char::is_ascii_digit).collect();
