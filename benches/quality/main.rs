@@ -1,4 +1,4 @@
-//! Variance and KL of every sampler without shadows: `cargo bench --bench quality -- [--material MATERIAL] [--ablation] [--only NAME,...] [MAP ...]`.
+//! Variance and KL of every sampler without shadows: `cargo bench --bench quality -- [--material MATERIAL] [--ablation] [--only NAME,...] [--set KEY=VALUE] [MAP ...]`.
 //!
 //! **Lambert** (the default): for 100 random normals the relative variance of one sample is integrated over 250 x 250 jittered points of the
 //! intermediate square, where the emitter's density is constant, so that a sun costs no more points than a sky, and over 512 x 1024 points
@@ -13,7 +13,7 @@
 //! A head is trained for each map with the fast preset of the material. Prints mean relative variance of one-sample MIS over
 //! that of the sampler (at one shadow ray each; higher is better), KL(product || sampler) in nats, and the largest weight over its mean that
 //! any point of the quadratures has. With `--ablation` the
-//! samplers are variants of the model, see `ablation.rs`; with `--only` they are `mis` and those that are named. Without maps it takes the built-in environments.
+//! samplers are variants of the model, see `ablation.rs`; with `--only` they are `mis` and those that are named. `--set` goes to heads over patches, as for `fit`. Without maps it takes the built-in environments.
 
 mod ablation;
 mod measure;
@@ -22,7 +22,7 @@ mod samplers;
 use std::sync::Arc;
 
 use headtail_render::environment::{BUILT_IN_NAMES, Environment};
-use headtail_train::Material;
+use headtail_train::{ConfigBuilder, Material, Preset};
 
 use measure::Quality;
 use samplers::Qualities;
@@ -31,12 +31,14 @@ type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 
 fn main() -> Fallible<()> {
     let (mut material, mut ablation, mut maps, mut only) = (Material::Lambert, false, Vec::new(), Vec::new());
+    let mut over_patches = ConfigBuilder::new(Preset::OverPatches);
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match &*argument {
             "--material" => material = arguments.next().unwrap_or_default().parse()?,
             "--ablation" => ablation = true,
             "--only" => only = arguments.next().unwrap_or_default().split(',').map(str::to_owned).collect(),
+            "--set" => over_patches.assignment(&arguments.next().unwrap_or_default())?,
             // Cargo passes it.
             "--bench" => {}
             other if other.starts_with("--") => return Err(format!("{other} is no option").into()),
@@ -52,13 +54,15 @@ fn main() -> Fallible<()> {
     if ablation && !only.is_empty() {
         return Err("--only names samplers, and --ablation has none".into());
     }
+    let over_patches = over_patches.build()?.for_material(material);
+    over_patches.validate()?;
     let mut results = Vec::new();
     for map in &maps {
         let environment = Arc::new(Environment::open(map)?);
         let found = if ablation {
             ablation::measure_map(material, &environment)?
         } else {
-            samplers::measure_map(material, &environment, &only)?
+            samplers::measure_map(material, &over_patches, &environment, &only)?
         };
         results.push((environment.name().to_owned(), found));
     }

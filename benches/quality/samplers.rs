@@ -34,7 +34,12 @@ pub fn train(config: &FitConfig, light: &EnvironmentLight) -> Fallible<(Head, f6
 }
 
 /// The samplers of a material on one map: all, or `mis` and those that are asked for.
-pub fn measure_map(material: Material, environment: &Arc<Environment>, only: &[String]) -> Fallible<Qualities> {
+pub fn measure_map(
+    material: Material,
+    over_patches: &FitConfig,
+    environment: &Arc<Environment>,
+    only: &[String],
+) -> Fallible<Qualities> {
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let is_wanted = |name: &str| name == "mis" || only.is_empty() || only.iter().any(|only| only == name);
     let config = Preset::fast_for(material).config().for_material(material);
@@ -50,7 +55,7 @@ pub fn measure_map(material: Material, environment: &Arc<Environment>, only: &[S
     let found = if material == Material::Lambert {
         diffuse(&light, &head, &is_wanted)
     } else {
-        glossy(material, &light, &head, &is_wanted)
+        glossy((material, over_patches), &light, &head, &is_wanted)
     }?;
     match only.iter().find(|only| found.iter().all(|(name, _)| name != only)) {
         Some(unknown) => Err(format!("--only: no sampler is called '{unknown}'").into()),
@@ -109,7 +114,7 @@ fn diffuse(light: &EnvironmentLight, head: &Training, is_wanted: &dyn Fn(&str) -
 }
 
 fn glossy(
-    material: Material,
+    (material, over_patches): (Material, &FitConfig),
     light: &EnvironmentLight,
     head: &Training,
     is_wanted: &dyn Fn(&str) -> bool,
@@ -137,7 +142,7 @@ fn glossy(
         "patches:fine": by_quadrature!(OneSampleMis::new(PatchSampler::new(light.clone(), Detail::Twigs)?, brdf)),
         "head": by_quadrature!(head()?),
         "head+mis": by_quadrature!(OneSampleMis::new(head()?, brdf)),
-        "head+patches": by_quadrature!(OneSampleMis::new(over_patches(material, light)?, brdf)),
+        "head+patches": by_quadrature!(OneSampleMis::new(with_head(over_patches, light)?, brdf)),
         "ris:4:head": resampled(conditions, light, &head()?, 4)?,
         "direct": by_quadrature!(table),
         "direct+mis": by_quadrature!(OneSampleMis::new(table.clone(), brdf)),
@@ -146,9 +151,9 @@ fn glossy(
     }
 }
 
-/// A small head over patches of sky, trained for the map.
-fn over_patches(material: Material, light: &EnvironmentLight) -> Fallible<PatchSampler> {
-    let (head, seconds) = train(&Preset::OverPatches.config().for_material(material), light)?;
+/// Patches of sky behind a head that is trained for the map.
+fn with_head(config: &FitConfig, light: &EnvironmentLight) -> Fallible<PatchSampler> {
+    let (head, seconds) = train(config, light)?;
     println!("{}: trained over patches for {seconds:.1} s", light.environment().name());
     Ok(PatchSampler::with_head(light.clone(), Detail::Leaves, head)?)
 }
