@@ -3,7 +3,7 @@
 The first table has, for each sampler, the mean squared error of `mis` over its own (or that of BASE): geometric means over all views at equal samples
 and after as much processor time as 16 and 64 samples of `mis` take, the least view in brackets, and the time of a sample over that of `mis`. The
 second has the best form of MIS over the sampler at equal time, by map; forms of MIS are those of as many directions as the sampler has, or fewer. The
-third has the best of each in every view, and that of one direction at equal samples, too.
+others have the best of each in every view, by map at equal time, and that of one direction at equal samples.
 
 A sample's time is the mean over the budgets of a view; errors between budgets, or a little beyond them, follow the power with which they fall.
 """
@@ -105,24 +105,34 @@ def print_best(views):
         ("MIS with one", FORMS_OF_MIS, others),
         ("as many as each has", FORMS_OF_MIS + SPLIT_FORMS_OF_MIS, others),
     ]
-    print_head(["best over best", "equal time"])
-    at_time = [errors_at_equal_time(view) for view in views.values()]
+    maps = list(dict.fromkeys(where for where, _ in views))
+    print_head(["best over best, equal time", *maps, f"all {len(views)}"])
+    at_time = {key: errors_at_equal_time(view) for key, view in views.items()}
     for title, forms, own in rows:
 
         def least(errors, n, chosen):
             return min(errors[n, name] for name in chosen if (n, name) in errors)
 
-        ratios = [[least(errors, n, forms) / least(errors, n, own) for errors in at_time] for n in BUDGETS_OF_MIS]
-        print_row([title, in_words(ratios)])
+        cells = []
+        for where in [*maps, None]:
+            chosen = [errors for (on, _), errors in at_time.items() if where in (None, on)]
+            ratios = [[least(errors, n, forms) / least(errors, n, own) for errors in chosen] for n in BUDGETS_OF_MIS]
+            cells.append(in_words(ratios))
+        print_row([title, *cells])
 
     def least_error(view, samples, chosen):
         return min(view[name][samples][0] for name in chosen if name in view)
 
+    equal = []
     for samples in sorted(names["mis"]):
         ratios = [
             least_error(view, samples, FORMS_OF_MIS) / least_error(view, samples, with_one) for view in views.values()
         ]
-        print_row([f"one direction each, {samples} samples of either", with_least(ratios)])
+        equal.append((f"one direction each, {samples} samples of either", with_least(ratios)))
+    print()
+    print_head(["best over best, equal samples", f"all {len(views)}"])
+    for row in equal:
+        print_row(row)
 
 
 def main(path, base="mis"):
