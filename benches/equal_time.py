@@ -78,21 +78,32 @@ def print_samplers(views, base):
         print_row([name, *cells])
 
 
+def by_map(views):
+    """The errors at equal time of the views of each map, and of all: {title: [errors of a view]}"""
+    chosen = collections.defaultdict(list)
+    for (where, _), view in views.items():
+        chosen[where].append(errors_at_equal_time(view))
+    return {**chosen, f"all {len(views)}": [errors for own in chosen.values() for errors in own]}
+
+
 def print_maps(views):
     names = [name for name in next(iter(views.values())) if name not in FORMS_OF_MIS]
     print_head(["map", *names])
-    maps = list(dict.fromkeys(where for where, _ in views))
-    for where in [*maps, None]:
-        chosen = [errors_at_equal_time(view) for (own, _), view in views.items() if where in (None, own)]
+    for title, chosen in by_map(views).items():
         cells = []
         for name in names:
             forms = FORMS_OF_MIS + (SPLIT_FORMS_OF_MIS if name.startswith("split:") else ())
-            ratios = [
-                [min(errors[n, form] for form in forms if (n, form) in errors) / errors[n, name] for errors in chosen]
-                for n in BUDGETS_OF_MIS
-            ]
-            cells.append(in_words(ratios))
-        print_row([where or f"all {len(chosen)}", *cells])
+            cells.append(in_words(at_equal_time(chosen, forms, [name])))
+        print_row([title, *cells])
+
+
+def at_equal_time(chosen, forms, own):
+    """The least error of some forms over that of a sampler, or of the best of some, in each view after either time."""
+
+    def least(errors, n, names):
+        return min(errors[n, name] for name in names if (n, name) in errors)
+
+    return [[least(errors, n, forms) / least(errors, n, own) for errors in chosen] for n in BUDGETS_OF_MIS]
 
 
 def print_best(views):
@@ -105,34 +116,19 @@ def print_best(views):
         ("MIS with one", FORMS_OF_MIS, others),
         ("as many as each has", FORMS_OF_MIS + SPLIT_FORMS_OF_MIS, others),
     ]
-    maps = list(dict.fromkeys(where for where, _ in views))
-    print_head(["best over best, equal time", *maps, f"all {len(views)}"])
-    at_time = {key: errors_at_equal_time(view) for key, view in views.items()}
+    chosen = by_map(views)
+    print_head(["best over best, equal time", *chosen])
     for title, forms, own in rows:
-
-        def least(errors, n, chosen):
-            return min(errors[n, name] for name in chosen if (n, name) in errors)
-
-        cells = []
-        for where in [*maps, None]:
-            chosen = [errors for (on, _), errors in at_time.items() if where in (None, on)]
-            ratios = [[least(errors, n, forms) / least(errors, n, own) for errors in chosen] for n in BUDGETS_OF_MIS]
-            cells.append(in_words(ratios))
-        print_row([title, *cells])
-
-    def least_error(view, samples, chosen):
-        return min(view[name][samples][0] for name in chosen if name in view)
-
-    equal = []
-    for samples in sorted(names["mis"]):
-        ratios = [
-            least_error(view, samples, FORMS_OF_MIS) / least_error(view, samples, with_one) for view in views.values()
-        ]
-        equal.append((f"one direction each, {samples} samples of either", with_least(ratios)))
+        print_row([title, *(in_words(at_equal_time(errors, forms, own)) for errors in chosen.values())])
     print()
     print_head(["best over best, equal samples", f"all {len(views)}"])
-    for row in equal:
-        print_row(row)
+    for samples in sorted(names["mis"]):
+
+        def least(view, chosen, samples=samples):
+            return min(view[name][samples][0] for name in chosen if name in view)
+
+        ratios = [least(view, FORMS_OF_MIS) / least(view, with_one) for view in views.values()]
+        print_row([f"one direction each, {samples} samples of either", with_least(ratios)])
 
 
 def main(path, base="mis"):

@@ -4,7 +4,8 @@
 #     bash benches/heads.sh DATA OUT
 #     MAPS=lebombo_1k SCENES=temple,cloth SAMPLES=4,16 POINTS=independent MATERIALS=lambert:albedo=0.5 bash benches/heads.sh DATA OUT
 #
-# Some hour and a half of one core; what is there already is not made again. DATA holds envmaps/*.hdr and scenes/*.glb, OUT takes the results. FLAGS=--unshadowed leaves out shadows.
+# Some hour and a half of one core; what is there already is not made again, so other settings take another OUT. DATA holds envmaps/*.hdr and scenes/*.glb, OUT
+# takes the results. FLAGS=--unshadowed leaves out shadows, ALSO names more samplers.
 set -euo pipefail
 data="$(realpath "$1")"
 mkdir -p "$2"
@@ -21,6 +22,7 @@ train() { # NAME MATERIAL [FLAG...]
     done
 }
 
+environments="$(printf "$data/envmaps/%s.hdr," "${maps[@]}")"
 file="$out/MAP"
 for material in ${MATERIALS:-lambert:albedo=0.5 ggx:alpha=0.4 ggx:alpha=0.2..0.8}; do
     name="${material//[:=]/-}"
@@ -38,7 +40,6 @@ for material in ${MATERIALS:-lambert:albedo=0.5 ggx:alpha=0.4 ggx:alpha=0.2..0.8
         *) list+=",ris:4:direct:TABLE,head:$file-$name.safetensors" ;;
     esac
     list+="${ALSO:+,$ALSO}"
-    environments="$(printf "$data/envmaps/%s.hdr," "${maps[@]}")"
     cargo bench --quiet -p headtail-render --bench visibility -- "${scenes%,}" "${environments%,}" "$material" "$list" "${SAMPLES:-4,16,64,256}" \
         "${SIZE:-96x72}" "${POINTS:-sobol}" 64 "${REFERENCE:-1024}" ${FLAGS:-} >"$out/$name.part"
     mv "$out/$name.part" "$out/$name.csv"

@@ -31,14 +31,17 @@ type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 
 fn main() -> Fallible<()> {
     let (mut material, mut ablation, mut maps, mut only) = (Material::Lambert, false, Vec::new(), Vec::new());
-    let mut over_patches = ConfigBuilder::new(Preset::OverPatches);
+    let (mut over_patches, mut has_settings) = (ConfigBuilder::new(Preset::OverPatches), false);
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match &*argument {
             "--material" => material = arguments.next().unwrap_or_default().parse()?,
             "--ablation" => ablation = true,
             "--only" => only = arguments.next().unwrap_or_default().split(',').map(str::to_owned).collect(),
-            "--set" => over_patches.assignment(&arguments.next().unwrap_or_default())?,
+            "--set" => {
+                over_patches.assignment(&arguments.next().unwrap_or_default())?;
+                has_settings = true;
+            }
             // Cargo passes it.
             "--bench" => {}
             other if other.starts_with("--") => return Err(format!("{other} is no option").into()),
@@ -53,6 +56,11 @@ fn main() -> Fallible<()> {
     }
     if ablation && !only.is_empty() {
         return Err("--only names samplers, and --ablation has none".into());
+    }
+    if has_settings && (ablation || material == Material::Lambert) {
+        return Err(
+            "--set goes to heads over patches, which are measured on glossy surfaces and not in the ablation".into()
+        );
     }
     let over_patches = over_patches.build()?.for_material(material);
     over_patches.validate()?;

@@ -55,7 +55,7 @@ pub fn measure_map(
     let found = if material == Material::Lambert {
         diffuse(&light, &head, &is_wanted)
     } else {
-        glossy((material, over_patches), &light, &head, &is_wanted)
+        glossy(material, over_patches, &light, &head, &is_wanted)
     }?;
     match only.iter().find(|only| found.iter().all(|(name, _)| name != only)) {
         Some(unknown) => Err(format!("--only: no sampler is called '{unknown}'").into()),
@@ -114,7 +114,8 @@ fn diffuse(light: &EnvironmentLight, head: &Training, is_wanted: &dyn Fn(&str) -
 }
 
 fn glossy(
-    (material, over_patches): (Material, &FitConfig),
+    material: Material,
+    over_patches: &FitConfig,
     light: &EnvironmentLight,
     head: &Training,
     is_wanted: &dyn Fn(&str) -> bool,

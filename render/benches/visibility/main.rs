@@ -72,8 +72,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             let scene = dressed(name, material)?;
             let camera = scene.camera();
             let (environment, folder) = (environment.clone(), folder.path());
-            let view = (stem(name), stem(map));
-            let bench = Bench { view, scene, camera, environment, size, points, memory, reference, unshadowed, folder };
+            let names = (stem(name), stem(map));
+            let bench =
+                Bench { names, scene, camera, environment, size, points, memory, reference, unshadowed, folder };
             pool.install(|| bench.compare(samplers, &budgets).map_err(|error| error.to_string()))?;
         }
     }
@@ -88,8 +89,8 @@ fn table_of(environment: &Arc<Environment>) -> Result<ExportedSampler, Box<dyn E
 }
 
 struct Bench<'a> {
-    /// The names of scene and map.
-    view: (&'a str, &'a str),
+    /// Of scene and map.
+    names: (&'a str, &'a str),
     scene: Scene,
     environment: Arc<Environment>,
     camera: Camera,
@@ -110,7 +111,7 @@ impl Bench<'_> {
         let reference: Vec<f32> = samples(&a).zip(samples(&b)).map(|(a, b)| 0.5 * (a + b)).collect();
         // The variance of the mean of two is a quarter of the square of their difference.
         let noise = mean(samples(&a).zip(samples(&b)).map(|(a, b)| f64::from(a - b).powi(2) / 4.0));
-        let (scene, map) = self.view;
+        let (scene, map) = self.names;
         for &spp in budgets {
             let mut mis = None;
             for name in samplers.split(',') {
@@ -149,7 +150,7 @@ impl Bench<'_> {
             let sampler = Covering::new(OneSampleMis::new(cache, BrdfSampler))?;
             return Ok(Box::new(SingleSample::new(sampler, self.environment.clone())));
         }
-        let name = name.replace("MAP", self.view.1);
+        let name = name.replace("MAP", self.names.1);
         let mut name = name.replace("TABLE", &self.folder.join("table").display().to_string());
         if let Some(at) = name.find("LEARNED") {
             let digits: String = name[at + 7..].chars().take_while(char::is_ascii_digit).collect();
