@@ -1,23 +1,22 @@
 //! Arguments that several commands share, and what they open.
 
-use std::{str::FromStr, sync::Arc, sync::atomic::AtomicBool};
+use std::{str::FromStr, sync::Arc};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use glam::{Affine3A, Vec3A};
+use glam::Vec3A;
+use headtail_eval::{Budget, CameraSettings, OpenedView, PointChoice, ViewSettings};
 use headtail_render::{
     environment::Environment,
-    estimator::{Estimator, LearnedVisibility},
+    estimator::LearnedVisibility,
     export::{ExportedSampler, Intermediate},
     head::Condition,
-    integrator::{self, Budget, Part, Rendering, View},
-    points::{PointSet, Points},
     scene::{Camera, MaterialSpec, Scene},
-    spec::{FileKind, Place, SamplerSpec, Source},
+    spec::{FileKind, SamplerSpec, Source},
     tail::TailKind,
 };
 
-use crate::crop::{self, Crop};
+use crate::crop::Crop;
 use crate::given::given;
 use crate::light::LightArguments;
 use crate::progress;
@@ -55,7 +54,7 @@ pub struct ViewArguments {
     /// The points that samples are taken at: sobol (an Owen-scrambled sequence for each pixel), zsobol (one that neighbouring pixels share, for a
     /// finer grain; with :N in sets of N samples, else in sets that the budget fits into) or independent (random).
     #[arg(long, value_name = "POINTS", default_value = "sobol")]
-    pub points: PointsArgument,
+    pub points: PointChoice,
     /// Most that samplers with +vis learn of a scene, in MB of 2^20 bytes; its cells grow where that is not enough.
     #[arg(long, value_name = "MB", default_value_t = VISIBILITY_MEGABYTES, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub visibility_memory: u32,
@@ -93,12 +92,16 @@ impl CameraArguments {
         Self { width, height, look_from: None, look_at: None, fov: None }
     }
 
+    /// What the arguments describe.
+    pub fn settings(&self) -> CameraSettings {
+        let place = |triple: Option<Triple>| triple.map(|triple| triple.0.to_array());
+        let (look_from, look_at) = (place(self.look_from), place(self.look_at));
+        CameraSettings { width: self.width, height: self.height, look_from, look_at, fov: self.fov }
+    }
+
     /// The camera; what is not given is as in the scene's own.
     pub fn open(&self, scene: &Scene) -> Result<Camera> {
-        let own = scene.camera_for(self.width as f32 / self.height as f32);
-        let from = self.look_from.map_or(own.look_from(), |triple| triple.0);
-        let at = self.look_at.map_or(own.look_at(), |triple| triple.0);
-        Ok(Camera::new(from, at, self.fov.unwrap_or(own.vertical_fov()))?)
+        Ok(self.settings().open(scene)?)
     }
 }
 
@@ -133,41 +136,6 @@ impl FromStr for Grid {
     }
 }
 
-/// The points of renderings, as the command line names them.
-#[derive(Clone, Copy, Debug)]
-pub enum PointsArgument {
-    /// Those of one name.
-    Named(PointSet),
-    /// Sets along a curve through the pixels that a budget fits into.
-    Zsobol,
-}
-
-impl PointsArgument {
-    /// Samples in a set of `zsobol` where the budget does not say how many there will be.
-    const SET: u32 = 16;
-
-    /// The points for a budget.
-    pub fn for_budget(self, budget: Budget) -> PointSet {
-        match (self, budget) {
-            (Self::Named(set), _) => set,
-            (Self::Zsobol, Budget::Spp(spp)) => PointSet::zsobol(spp),
-            (Self::Zsobol, Budget::Time(_)) => PointSet::zsobol(Self::SET),
-        }
-    }
-}
-
-impl FromStr for PointsArgument {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match (text, text.parse()) {
-            ("zsobol", _) => Ok(Self::Zsobol),
-            (_, Ok(set)) => Ok(Self::Named(set)),
-            _ => Err("choose sobol, zsobol, zsobol:N with a power of two up to 1048576, or independent".into()),
-        }
-    }
-}
-
 /// The kind of tail warp, as the command line names it.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 pub enum TailArgument {
@@ -189,24 +157,6 @@ impl From<TailArgument> for TailKind {
     }
 }
 
-/// Scene, camera and environment, opened.
-pub struct OpenedView {
-    scene: Scene,
-    material: Option<MaterialSpec>,
-    camera: Camera,
-    /// The environment.
-    pub environment: Arc<Environment>,
-    width: usize,
-    height: usize,
-    unshadowed: bool,
-    depth: u32,
-    points: PointsArgument,
-    visibility_bytes: usize,
-    visibility_always: bool,
-    light: LightArguments,
-    part: Option<Part>,
-}
-
 impl ViewArguments {
     /// A view with the scene's own materials, shadows and light from one surface, rendered with Sobol points.
     pub fn of(scene: &str, env: &str, camera: CameraArguments) -> Self {
@@ -218,10 +168,24 @@ impl ViewArguments {
             material: None,
             unshadowed: false,
             depth: 1,
-            points: PointsArgument::Named(PointSet::Sobol),
+            points: PointChoice::default(),
             visibility_memory: VISIBILITY_MEGABYTES,
             visibility_always: false,
             threads: None,
+        }
+    }
+
+    /// What the arguments describe.
+    pub fn settings(&self) -> ViewSettings {
+        ViewSettings {
+            ground: self.ground,
+            material: self.material.clone(),
+            unshadowed: self.unshadowed,
+            depth: self.depth,
+            points: self.points,
+            visibility_bytes: (self.visibility_memory as usize) << 20,
+            visibility_always: self.visibility_always,
+            ..ViewSettings::new(&self.scene, &self.env, self.camera.settings())
         }
     }
 
@@ -231,140 +195,23 @@ impl ViewArguments {
             // A second call in one process keeps the first number; the commands call this once.
             rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
         }
-        let environment = open_environment(&self.env)?;
-        let mut scene = Scene::open(&self.scene)?;
-        // The camera frames the scene as it is, not the plane below it.
-        let camera = self.camera.open(&scene)?;
-        let bounds = scene.bounds();
-        if self.ground {
-            scene.add_ground();
+        let opened = self.settings().open_under(open_environment(&self.env)?)?;
+        if self.material.is_some() {
+            opened.scene().brdf_notes().for_each(|said| note!("material {said}"));
         }
-        if let Some(spec) = &self.material {
-            scene = spec.dress(scene, &bounds)?;
-            scene.brdf_notes().for_each(|said| note!("material {said}"));
-        }
-        Ok(OpenedView {
-            scene,
-            material: self.material.clone(),
-            camera,
-            environment,
-            width: self.camera.width as usize,
-            height: self.camera.height as usize,
-            unshadowed: self.unshadowed,
-            depth: self.depth,
-            points: self.points,
-            visibility_bytes: (self.visibility_memory as usize) << 20,
-            visibility_always: self.visibility_always,
-            light: LightArguments::default(),
-            part: None,
-        })
-    }
-}
-
-impl OpenedView {
-    /// What the integrator renders.
-    pub fn view(&self) -> View<'_> {
-        View {
-            scene: &self.scene,
-            camera: &self.camera,
-            environment: &self.environment,
-            width: self.width,
-            height: self.height,
-            unshadowed: self.unshadowed,
-            depth: self.depth,
-        }
+        Ok(opened)
     }
 
-    /// The estimator of a SPEC for this map and this scene.
-    pub fn estimator(&self, spec: &SamplerSpec) -> Result<Box<dyn Estimator>> {
-        let place = Place { scene: Some(&self.scene), memory: self.visibility_bytes, always: self.visibility_always };
-        Ok(spec.build_in(&self.environment, place)?)
-    }
-
-    /// The scene.
-    pub fn scene(&self) -> &Scene {
-        &self.scene
-    }
-
-    /// Most bytes that are learned of the scene.
-    pub fn visibility_bytes(&self) -> usize {
-        self.visibility_bytes
-    }
-
-    /// Changes the light, and chooses a part of the picture. Scene and camera are turned against the map, which stays as it is, and factors are
-    /// multiplied to what is rendered: samplers that were made for the map stay right.
+    /// [`Self::open`] with changed light and a part of the picture.
     ///
     /// # Errors
-    /// If the part is not in the picture, the angle is none, or surfaces have a width that varies over space, which would not turn with them.
-    pub fn choose(&mut self, light: LightArguments, crop: Option<Crop>) -> Result<()> {
-        light.check()?;
-        self.part = crop.map(|crop| crop.of(&self.view())).transpose()?;
-        self.light = light;
-        if light.env_rotate == 0.0 {
-            return Ok(());
-        }
-        let is_field = matches!(self.material, Some(MaterialSpec::Ggx { alpha, .. }) if alpha.fixed().is_none());
-        ensure!(!is_field, "--env-rotate: a width that varies over the scene would not turn with it; give one width");
-        let turn = Affine3A::from_rotation_y(-light.env_rotate.to_radians());
-        self.scene = self.scene.moved(&turn)?;
-        self.camera = self.camera.moved(&turn);
-        Ok(())
-    }
-
-    /// The light of the picture.
-    pub fn light(&self) -> &LightArguments {
-        &self.light
-    }
-
-    /// The part of the picture that is rendered.
-    pub fn part(&self) -> Part {
-        self.part.unwrap_or(self.view().whole())
-    }
-
-    /// Renders the part of the picture under its light; see [`integrator::render`].
-    pub fn render(
-        &self,
-        estimator: &dyn Estimator,
-        budget: Budget,
-        points: Points,
-        stop: &AtomicBool,
-        progress: &dyn Fn(f64),
-    ) -> Rendering {
-        let rendering = integrator::render_part(self.view(), self.part(), estimator, budget, points, stop, progress);
-        // Not even a factor of one for what is not asked for: it would be another picture where a value is not finite.
-        if self.light.env_scale.0 == Vec3A::ONE { rendering } else { rendering.lit_by(self.light.env_scale.0) }
-    }
-
-    /// The camera in the coordinates of the scene, before it was turned.
-    pub fn own_camera(&self) -> Camera {
-        self.camera.moved(&Affine3A::from_rotation_y(self.light.env_rotate.to_radians()))
-    }
-
-    /// The points of a rendering with a budget.
-    pub fn points(&self, budget: Budget, seed: u64) -> Points {
-        Points::new(self.points.for_budget(budget), seed)
-    }
-
-    /// The scene's name, with the material that it was given, and whether it is without shadows.
-    pub fn scene_name(&self) -> String {
-        let name = self.scene.name();
-        let name = self.material.as_ref().map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"));
-        let name = match (self.unshadowed, self.depth) {
-            (true, _) => name + ", unshadowed",
-            (false, 1) => name,
-            (false, depth) => format!("{name}, depth {depth}"),
-        };
-        self.part.map_or(name.clone(), |part| format!("{name}, pixels {}", crop::text(part)))
-    }
-
-    /// The map's name, with what was changed of its light.
-    pub fn light_name(&self) -> String {
-        self.environment.name().to_owned() + &self.light.words()
-    }
-
-    /// Whether all surfaces reflect like Lambert's BRDF.
-    pub fn is_diffuse(&self) -> bool {
-        self.scene.is_diffuse()
+    /// Also if the part is not in the picture, or the light cannot be turned.
+    pub fn open_part(&self, light: LightArguments, crop: Option<Crop>) -> Result<OpenedView> {
+        let mut opened = self.open()?;
+        let part = crop.map(|crop| crop.of(&opened.view())).transpose()?;
+        part.into_iter().for_each(|part| opened.set_part(part));
+        opened.set_light(light.env_rotate, light.env_scale.0)?;
+        Ok(opened)
     }
 }
 
@@ -415,11 +262,11 @@ pub fn budget(spp: Option<u32>, seconds: Option<f64>) -> Result<Budget> {
     match (spp, seconds) {
         (Some(spp), None) => {
             ensure!(spp > 0, "--spp: at least 1 sample per pixel is needed");
-            Ok(Budget::Spp(spp))
+            Ok(Budget::Samples(spp))
         }
         (None, Some(seconds)) => {
             ensure!(seconds > 0.0 && seconds <= 1e6, "--seconds: {seconds} is not between 0 and 1e6");
-            Ok(Budget::Time(std::time::Duration::from_secs_f64(seconds)))
+            Ok(Budget::Seconds(seconds))
         }
         _ => bail!("give one of --spp and --seconds"),
     }

@@ -1,32 +1,31 @@
 //! `headtail compare`: samplers side by side, at equal samples or equal time.
 
-mod noise;
-mod reference;
 mod samplers;
 mod work;
 
-use std::{fs, path::PathBuf, sync::atomic::Ordering, time::Instant};
+use std::{
+    path::PathBuf,
+    sync::atomic::{AtomicBool, Ordering},
+    time::Instant,
+};
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
+use headtail_eval::{Budget, Entry, OpenedView, Plan, Reference, ReferencePolicy, machine};
 use headtail_render::{
-    bake::direct_bake_watched,
-    estimator::Estimator,
     export::{ExportedSampler, Intermediate},
-    integrator::Budget,
+    image::write_exr,
     memory,
     rival::RivalFile,
-    spec::{FileKind, SamplerSpec, Source},
+    spec::{SamplerSpec, Source},
     visibility::SceneVisibility,
 };
-pub use noise::select;
-pub use reference::Reference;
 use samplers::SamplerList;
 use work::Work;
 
 use crate::terminal::{self, say};
 use crate::{
-    arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
+    arguments::{ViewArguments, budget, note_surfaces, note_use},
     crop::Crop,
     given::given,
     light::LightArguments,
@@ -67,11 +66,11 @@ pub struct Arguments {
     /// Seed of the first run; run k has seed + k.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// OpenEXR image to measure errors against. Default: render one with the direct bake (glossy
-    /// scenes: RIS over it and the BRDF) and --reference-spp.
+    /// OpenEXR image to measure errors against. Default: render one with `patches` and --reference-spp.
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
-    /// Samples per pixel of the reference that is rendered.
+    /// Samples per pixel that the rendered reference has at least; up to four times as many are taken until its noise is below a twentieth of the smallest
+    /// error.
     #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..))]
     reference_spp: u32,
     /// Folder in which rendered references are kept and looked for, by a hash of all that they depend on.
@@ -112,15 +111,6 @@ impl Arguments {
     }
 }
 
-/// A sampler ready to render.
-struct Entry {
-    label: String,
-    /// The file that it is read from.
-    file: Option<PathBuf>,
-    estimator: Box<dyn Estimator>,
-    preparation: Preparation,
-}
-
 /// Renders everything; the results are written as they come.
 pub fn run(arguments: &Arguments) -> Result<()> {
     // From here on a signal ends it in order.
@@ -140,35 +130,50 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     let budgets = budgets(arguments)?;
     let specs: Vec<&SamplerSpec> = arguments.samplers.iter().flat_map(|list| &list.0).collect();
     check_different("--samplers", specs.iter().map(ToString::to_string))?;
-    let mut opened = arguments.view.open()?;
-    opened.choose(arguments.light, arguments.crop)?;
+    let opened = arguments.view.open_part(arguments.light, arguments.crop)?;
     // The reference and its halves; the first picture of each sampler with each budget, and its errors.
     memory::require_pictures(opened.part().width, opened.part().height, 4 + 2 * specs.len() * budgets.len())?;
-    let entries = specs.into_iter().map(|spec| Entry::build(spec, &opened)).collect::<Result<Vec<_>>>()?;
-    let inputs = entries.iter().filter_map(|entry| entry.file.as_deref()).chain(arguments.reference.as_deref());
+    let mut entries = Vec::new();
+    let mut preparation = Vec::new();
+    let files: Vec<Option<PathBuf>> = specs.iter().map(|spec| spec.path().map(|(_, file)| file.to_owned())).collect();
+    for spec in specs {
+        let (entry, prepared) = prepare(spec, &opened)?;
+        entries.push(entry);
+        preparation.push(prepared);
+    }
+    let inputs = files.iter().flatten().map(PathBuf::as_path).chain(arguments.reference.as_deref());
     output.begin(&inputs.collect::<Vec<_>>())?;
     let stop = progress::stop_flag()?;
-    let reference = Reference::obtain(arguments, &opened, output, &stop)?;
-
-    let planned = budgets.len() * entries.len() * arguments.runs as usize;
-    let comparison = Comparison {
+    let mut reference = obtain_reference(arguments, &opened, output, &stop)?;
+    let plan = Plan {
         scene: opened.scene_name(),
         env: opened.light_name(),
+        material: String::new(),
+        budgets,
+        runs: arguments.runs,
+        seed: arguments.seed,
+        cache: arguments.reference_cache.clone(),
+    };
+
+    let planned = plan.count(entries.len());
+    let comparison = Comparison {
+        scene: plan.scene.clone(),
+        env: plan.env.clone(),
         width: opened.part().width,
         height: opened.part().height,
         command: terminal::command(),
         machine: machine(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
-        reference: reference.image,
-        measured: reference.covered,
-        reference_note: reference.note.clone(),
+        reference: reference.image.clone(),
+        measured: reference.covered.clone(),
+        reference_note: reference.note(),
         rows: Vec::new(),
         images: Vec::new(),
-        preparation: entries.iter().map(|entry| entry.preparation.clone()).collect(),
+        preparation,
         state: State::Running { planned },
     };
-    let mut work = Work::new(&opened, &entries, &budgets, &stop, output, comparison, reference.noise)?;
-    let ran = work.run_all(arguments.runs, arguments.seed);
+    let mut work = Work::new(&opened, (&entries, &files), &stop, output, comparison, reference.noise)?;
+    let ran = work.run_all(&mut reference, &plan);
     if ran.is_err() && !work.comparison.rows.is_empty() {
         // What was done is kept as far as it can be; the error that is told is the first one.
         drop(work.finish(State::Interrupted { planned }));
@@ -194,13 +199,42 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     Ok(())
 }
 
-/// The budgets with their names.
-fn budgets(arguments: &Arguments) -> Result<Vec<(String, Budget)>> {
-    let samples = arguments.spp.iter().map(|&spp| Ok((format!("{spp}spp"), budget(Some(spp), None)?)));
-    let times = arguments.seconds.iter().map(|&seconds| Ok((format!("{seconds}s"), budget(None, Some(seconds))?)));
-    let budgets: Vec<(String, Budget)> = samples.chain(times).collect::<Result<_>>()?;
-    check_different("--spp and --seconds", budgets.iter().map(|(name, _)| name.clone()))?;
+/// What each run may take.
+fn budgets(arguments: &Arguments) -> Result<Vec<Budget>> {
+    let samples = arguments.spp.iter().map(|&spp| budget(Some(spp), None));
+    let times = arguments.seconds.iter().map(|&seconds| budget(None, Some(seconds)));
+    let budgets: Vec<Budget> = samples.chain(times).collect::<Result<_>>()?;
+    check_different("--spp and --seconds", budgets.iter().map(ToString::to_string))?;
     Ok(budgets)
+}
+
+/// The image named by `--reference`, else one from the cache, else one that is rendered; a copy of what was not read from a file is written.
+///
+/// # Errors
+/// If an image cannot be read or written or has another size; [`progress::Interrupted`] after a signal, when nothing is written.
+fn obtain_reference(
+    arguments: &Arguments,
+    opened: &OpenedView,
+    output: &OutputFolder,
+    stop: &AtomicBool,
+) -> Result<Reference> {
+    let bar = progress::bar(progress::SHARES, "reference");
+    let reference = match &arguments.reference {
+        Some(file) => Reference::read(file, opened, stop, &bar.shares()),
+        None => {
+            let policy = ReferencePolicy::new(arguments.reference_spp, arguments.seed);
+            Reference::obtain(opened, policy, arguments.reference_cache.as_deref(), stop, &bar.shares())
+        }
+    };
+    bar.finish_and_clear();
+    let reference = match reference {
+        Err(headtail_eval::Error::Interrupted(when)) => bail!(progress::Interrupted::new(format!("{when}; no run is done"))),
+        other => other?,
+    };
+    if arguments.reference.is_none() {
+        write_exr(&output.file("reference.exr")?, &reference.image, &reference.attributes())?;
+    }
+    Ok(reference)
 }
 
 /// An error that names what is given twice.
@@ -212,34 +246,20 @@ fn check_different(what: &str, names: impl Iterator<Item = String>) -> Result<()
     Ok(())
 }
 
-impl Entry {
-    fn build(spec: &SamplerSpec, opened: &OpenedView) -> Result<Self> {
-        let label = spec.to_string();
-        let start = Instant::now();
-        let busy = progress::busy(&label);
-        let estimator = opened.estimator(spec)?;
-        drop(busy);
-        let built = start.elapsed().as_secs_f64();
-        let mut preparation = Preparation { sampler: label.clone(), seconds: built, text: "tables built".into() };
-        note_use(spec)?;
-        note_surfaces(spec, opened)?;
-        if let Some((FileKind::Direct, file)) = spec.path()
-            && let exported = ExportedSampler::read(file)?
-            && let Intermediate::DirectBake(table) = &exported.intermediate
-        {
-            // The file does not say how long that took; it is the same work again.
-            let bar = progress::bar(progress::SHARES, &preparation.sampler);
-            let start = Instant::now();
-            direct_bake_watched(&exported.tail, table.normals(), table.cells(), &bar.shares())?;
-            bar.finish_and_clear();
-            let seconds = start.elapsed().as_secs_f64();
-            preparation.seconds += seconds;
-            preparation.text = format!("file read; baked before, which takes {seconds:.1} s here");
-        }
-        if let Some((FileKind::Head | FileKind::HeadOverPatches | FileKind::Baked, file)) = spec.path()
-            && let exported = ExportedSampler::read(file)?
-            && let Some(training) = exported.training
-        {
+/// A sampler that is ready to render, and what that took: its file counts with the time that the file says it took.
+fn prepare(spec: &SamplerSpec, opened: &OpenedView) -> Result<(Entry, Preparation)> {
+    let label = spec.to_string();
+    let start = Instant::now();
+    let busy = progress::busy(&label);
+    let estimator = opened.estimator(spec)?;
+    drop(busy);
+    let built = start.elapsed().as_secs_f64();
+    let mut preparation = Preparation { sampler: label.clone(), seconds: built, text: "tables built".into() };
+    note_use(spec)?;
+    note_surfaces(spec, opened)?;
+    if let Some((_, file)) = spec.path() {
+        let exported = ExportedSampler::read(file)?;
+        if let Some(training) = &exported.training {
             preparation.text =
                 format!("file read; trained before for {} steps on {}", training.steps, training.backend);
             if let Intermediate::Head(head) = &exported.intermediate {
@@ -259,11 +279,12 @@ impl Entry {
                 }
                 (_, None) => preparation.text += "; the time of tabulating the head is not known",
             }
+        } else {
+            preparation.text = "file read; the time of its bake is not in the file".into();
         }
-        preparation.add_learned(spec)?;
-        let file = spec.path().map(|(_, file)| file.to_owned());
-        Ok(Self { label, file, estimator, preparation })
     }
+    preparation.add_learned(spec)?;
+    Ok((Entry { name: label, estimator, preparation: preparation.seconds }, preparation))
 }
 
 impl Preparation {
@@ -292,14 +313,4 @@ impl Preparation {
         }
         Ok(())
     }
-}
-
-/// Processor and threads.
-pub fn machine() -> String {
-    let model = fs::read_to_string("/proc/cpuinfo").ok().and_then(|text| {
-        let line = text.lines().find(|line| line.starts_with("model name"))?.split_once(':')?.1.trim().to_owned();
-        Some(line)
-    });
-    let model = model.unwrap_or_else(|| std::env::consts::ARCH.to_owned());
-    format!("{model}, {} threads", rayon::current_num_threads())
 }

@@ -41,19 +41,15 @@ impl FromStr for Crop {
     }
 }
 
-/// The part in the form that it is read in.
-pub fn text(part: Part) -> String {
-    format!("{},{},{},{}", part.left, part.top, part.width, part.height)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use headtail_eval::part_text;
 
     #[test]
     fn four_counts_make_a_part() {
         let Crop(part) = "3, 4,50,60".parse().unwrap();
-        assert_eq!(text(part), "3,4,50,60");
+        assert_eq!(part_text(part), "3,4,50,60");
         for wrong in ["", "1,2,3", "1,2,3,0", "-1,2,3,4", "1,2,3,4,5", "1,2,3,70000", "a,b,c,d"] {
             assert!(wrong.parse::<Crop>().is_err(), "{wrong}");
         }

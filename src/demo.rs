@@ -4,6 +4,7 @@ use std::{path::PathBuf, sync::atomic::Ordering, time::Instant};
 
 use anyhow::{Result, bail};
 use clap::Args;
+use headtail_eval::PointChoice;
 use headtail_render::{
     bake::{CellGrid, NormalGrid},
     spec::{FileKind, SamplerSpec},
@@ -12,7 +13,7 @@ use headtail_train::{FitConfig, TrainingLight, exported_sampler};
 
 use crate::terminal::say;
 use crate::{
-    arguments::{CameraArguments, PointsArgument, TailArgument, ViewArguments, open_environment},
+    arguments::{CameraArguments, TailArgument, ViewArguments, open_environment},
     bake, compare, fit,
     given::given,
     output::OutputFolder,
@@ -34,7 +35,7 @@ pub struct Arguments {
     env: String,
     /// The points that samples are taken at: sobol, zsobol, zsobol:N or independent.
     #[arg(long, value_name = "POINTS", default_value = "sobol")]
-    points: PointsArgument,
+    points: PointChoice,
 }
 
 /// Runs every step and says what it does.

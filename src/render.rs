@@ -5,21 +5,20 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use clap::Args;
 use glam::{Affine3A, Vec3A};
+use headtail_eval::{OpenedView, part_text};
 use headtail_render::{
-    estimator::Estimator,
     file,
     image::{Attribute, Channel, encode_layered_exr, latin_1, write_exr, write_png},
-    integrator::{self, Budget, Features, Rendering, View},
+    integrator::{self, Features, Rendering, View},
     memory,
-    points::Points,
     spec::SamplerSpec,
     timings::Timings,
 };
 
 use crate::terminal::{self, say};
 use crate::{
-    arguments::{OpenedView, ViewArguments, budget, note_surfaces, note_use},
-    crop::{self, Crop},
+    arguments::{ViewArguments, budget, note_surfaces, note_use},
+    crop::Crop,
     exposure,
     given::given,
     light::LightArguments,
@@ -91,8 +90,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         terminal::only_data();
     }
-    let mut opened = arguments.view.open()?;
-    opened.choose(arguments.light, arguments.crop)?;
+    let opened = arguments.view.open_part(arguments.light, arguments.crop)?;
     memory::require_pictures(opened.part().width, opened.part().height, 0)?;
     let busy = progress::busy("sampler");
     let estimator = opened.estimator(&arguments.sampler)?;
@@ -186,14 +184,14 @@ fn write_features(path: &Path, features: &Features, turned: f32, attributes: &[A
 /// What an OpenEXR result says of itself.
 pub fn attributes(opened: &OpenedView, sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attribute> {
     let View { environment, depth, width, height, .. } = opened.view();
-    let (camera, light, part) = (opened.own_camera(), opened.light(), opened.part());
+    let (camera, part) = (opened.own_camera(), opened.part());
     let triple = |v: glam::Vec3A| format!("{},{},{}", v.x, v.y, v.z);
     let mut attributes = vec![
         Attribute::new("scene", latin_1(&opened.scene_name())),
         Attribute::new("environment", latin_1(environment.name())),
         Attribute::new("environment.hash", environment.hash()),
-        Attribute::new("environment.rotated", light.env_rotate),
-        Attribute::new("environment.scale", triple(light.env_scale.0)),
+        Attribute::new("environment.rotated", opened.rotation()),
+        Attribute::new("environment.scale", triple(opened.scale())),
         Attribute::new("camera.look_from", triple(camera.look_from())),
         Attribute::new("camera.look_at", triple(camera.look_at())),
         Attribute::new("camera.fov", camera.vertical_fov()),
@@ -208,12 +206,7 @@ pub fn attributes(opened: &OpenedView, sampler: &str, rendering: &Rendering, see
         Attribute::new("headtail.command", latin_1(&terminal::command())),
     ];
     if (part.width, part.height) != (width, height) {
-        attributes.push(Attribute::new("crop", crop::text(part)));
+        attributes.push(Attribute::new("crop", part_text(part)));
     }
     attributes
-}
-
-/// Renders without a progress bar, and to the end.
-pub fn quietly(view: View<'_>, estimator: &dyn Estimator, budget: Budget, points: Points) -> Rendering {
-    integrator::render(view, estimator, budget, points, &std::sync::atomic::AtomicBool::new(false), &|_| {})
 }

@@ -6,10 +6,10 @@ use std::{
 };
 
 use anyhow::{Context, Result};
+use headtail_eval::{Budget, IndependentRuns, OpenedView, TimingBaseline, covered};
 use headtail_render::{
     estimator::Estimator,
     file,
-    integrator::Budget,
     path_text::text_of,
     points::{PointSet, Points},
     spec::SamplerSpec,
@@ -21,14 +21,12 @@ use super::{
     candidates::{Candidate, HeadMaterial, Recipe, draws_one, forms, plain, tables},
     choice::{Choice, Standing, choose, least},
     lineup::{Ready, ready},
-    measurement::{Measurement, Yardstick},
     score::{at_time, cannot_be_better, is_out, mean, ratio},
     stages::{Stage, Stages},
 };
 use crate::{
-    arguments::{OpenedView, ViewArguments},
+    arguments::ViewArguments,
     output::make_folder,
-    render::quietly,
     terminal::{detail, note},
 };
 
@@ -40,7 +38,7 @@ pub struct Entry {
     pub recipe: Recipe,
     pub(super) ready: Ready,
     /// Trial pictures.
-    pub measurement: Measurement,
+    pub measurement: IndependentRuns,
     /// Whether it is still in the contest.
     pub is_in: bool,
     /// Whether it was ready in time.
@@ -54,7 +52,7 @@ pub struct Contest<'a> {
     pub(super) opened: &'a OpenedView,
     pub(super) material: HeadMaterial,
     covered: Vec<bool>,
-    pub(super) yardstick: Yardstick,
+    pub(super) baseline: TimingBaseline,
     pub(super) stages: Stages,
     /// Those that were measured.
     pub entries: Vec<Entry>,
@@ -93,12 +91,12 @@ impl<'a> Contest<'a> {
     ) -> Result<Self> {
         let mis = SamplerSpec::mis().build(&opened.environment)?;
         let points = Points::new(PointSet::Sobol, 0);
-        let rendering = quietly(opened.view(), &*mis, Budget::Spp(SAMPLES), points);
-        let covered: Vec<bool> = rendering.coverage.iter().map(|&share| share == 1.0).collect();
-        anyhow::ensure!(covered.contains(&true), "no pixel is covered by a surface");
-        let yardstick = Yardstick::new(opened, mis, SAMPLES / 4);
+        let never = AtomicBool::new(false);
+        let rendering = opened.render(&*mis, Budget::Samples(SAMPLES), points, &never, &|_| {});
+        let covered = covered(&rendering.coverage)?;
+        let baseline = TimingBaseline::new(opened, mis, SAMPLES / 4);
         let (stages, entries, untrained, left_out) = (Stages::new(), Vec::new(), None, Vec::new());
-        Ok(Self { arguments, view, opened, material, covered, yardstick, stages, entries, untrained, left_out })
+        Ok(Self { arguments, view, opened, material, covered, baseline, stages, entries, untrained, left_out })
     }
 
     /// Measures everything as far as it takes to decide.
@@ -177,7 +175,7 @@ impl<'a> Contest<'a> {
     pub(super) fn measure(&mut self, index: usize) {
         let entry = &mut self.entries[index];
         let pictures = ROUNDS[FIRST_ROUNDS - 1];
-        entry.measurement.extend(self.opened, &*entry.ready.estimator, &self.yardstick, pictures, &self.covered);
+        entry.measurement.extend(self.opened, &*entry.ready.estimator, Some(&self.baseline), pictures, &self.covered);
     }
 
     /// Whether a candidate is so far behind those of one direction that others of its family, which differ by no more than this factor, need not be tried.
@@ -207,7 +205,7 @@ impl<'a> Contest<'a> {
         // A table of a head takes the training, too, and a form all that its file took.
         ready.prepared += self.base(&recipe).map_or(0.0, |base| base.ready.prepared);
         let is_allowed = ready.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
-        let measurement = Measurement::new(SAMPLES);
+        let measurement = IndependentRuns::new(SAMPLES);
         self.entries.push(Entry { name, recipe, ready, measurement, is_in: is_allowed, is_allowed });
         Ok(Some(self.entries.len() - 1))
     }
@@ -227,7 +225,7 @@ impl<'a> Contest<'a> {
                     entry.measurement.extend(
                         self.opened,
                         &*entry.ready.estimator,
-                        &self.yardstick,
+                        Some(&self.baseline),
                         picture + 1,
                         &self.covered,
                     );
@@ -264,16 +262,16 @@ impl<'a> Contest<'a> {
     /// The error of each picture, as it would be once the time is up.
     pub fn scores(&self, index: usize) -> Vec<f64> {
         let entry = &self.entries[index];
-        let seconds = self.yardstick.sample_seconds * f64::from(entry.measurement.spp);
+        let seconds = self.baseline.sample_seconds * f64::from(entry.measurement.samples);
         let (prepared, total) = (entry.ready.prepared, self.arguments.render_seconds);
         // With the time of its own, so that intervals hold for times too.
-        let pictures = entry.measurement.errors().into_iter().zip(entry.measurement.ratios());
+        let pictures = entry.measurement.errors().into_iter().zip(entry.measurement.time_ratios());
         pictures.map(|(error, ratio)| at_time(error, ratio * seconds, prepared, total)).collect()
     }
 
     /// Seconds of a sample of every pixel.
-    pub fn sample_seconds(&self, measurement: &Measurement) -> f64 {
-        measurement.ratio() * self.yardstick.sample_seconds
+    pub fn sample_seconds(&self, measurement: &IndependentRuns) -> f64 {
+        measurement.time_ratio() * self.baseline.sample_seconds
     }
 
     /// Index of the entry with the least error.
@@ -308,9 +306,9 @@ impl<'a> Contest<'a> {
     }
 
     /// The first pictures of a sampler that takes no part.
-    pub fn trial(&self, estimator: &dyn Estimator) -> Measurement {
-        let mut measurement = Measurement::new(SAMPLES);
-        measurement.extend(self.opened, estimator, &self.yardstick, ROUNDS[0], &self.covered);
+    pub fn trial(&self, estimator: &dyn Estimator) -> IndependentRuns {
+        let mut measurement = IndependentRuns::new(SAMPLES);
+        measurement.extend(self.opened, estimator, Some(&self.baseline), ROUNDS[0], &self.covered);
         measurement
     }
 

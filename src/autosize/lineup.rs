@@ -3,6 +3,7 @@
 use std::{path::Path, sync::atomic::AtomicBool, time::Instant};
 
 use anyhow::{Context, Result, bail};
+use headtail_eval::OpenedView;
 use headtail_render::{
     bake::{CellGrid, NormalGrid},
     estimator::Estimator,
@@ -13,7 +14,7 @@ use headtail_train::learned_bake;
 
 use super::candidates::{Candidate, HeadMaterial, HeadShape, Recipe};
 use crate::{
-    arguments::{OpenedView, TailArgument},
+    arguments::TailArgument,
     bake,
     run::{self, RunTable, Surroundings},
 };

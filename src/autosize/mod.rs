@@ -4,7 +4,6 @@ mod candidates;
 mod choice;
 mod contest;
 mod lineup;
-mod measurement;
 mod page;
 mod score;
 mod stages;

@@ -1,13 +1,13 @@
 //! `autosize.html`: error against time of all candidates, and the choice.
 
 use anyhow::Result;
+use headtail_eval::machine;
 use headtail_render::{file, statistics::MeanInterval};
 use maud::html;
 use serde::Serialize;
 
 use super::{choice::Choice, contest::Contest};
 use crate::{
-    compare::machine,
     report::{
         chart::{
             Extent,
@@ -69,7 +69,7 @@ pub fn write(contest: &Contest<'_>, choice: &Choice, seconds: f64) -> Result<Vec
 fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
     let record = |(index, entry): (usize, &super::contest::Entry)| {
         let errors = entry.measurement.errors();
-        let spp = f64::from(entry.measurement.spp);
+        let spp = f64::from(entry.measurement.samples);
         let samples: Vec<f64> = errors.iter().map(|error| error * spp).collect();
         let error = MeanInterval::of(&samples).map_or(Extent::exact(f64::NAN), |interval| Extent::from(&interval));
         let behind = contest.behind(index, choice.winner);

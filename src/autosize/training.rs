@@ -3,6 +3,7 @@
 use std::sync::atomic::{self, AtomicBool};
 
 use anyhow::Result;
+use headtail_eval::IndependentRuns;
 use headtail_render::{environment::without_compact_emitters, estimator::Estimator, spec::SamplerSpec};
 use headtail_train::Material;
 
@@ -10,7 +11,6 @@ use super::{
     candidates::{HEADS, HeadShape, Recipe, STEPS, baked, head},
     contest::{Contest, Entry},
     lineup::untrained,
-    measurement::Measurement,
     score::{at_time, mean},
 };
 use crate::{
@@ -184,7 +184,7 @@ impl Contest<'_> {
     pub(super) fn is_out_of_reach(&self, sample_seconds: f64, perfect: f64, prepared: f64) -> bool {
         let Some(best) = self.best_of_one() else { return false };
         let measurement = &self.entries[best].measurement;
-        let equal_samples = perfect * mean(&measurement.errors()) * f64::from(measurement.spp);
+        let equal_samples = perfect * mean(&measurement.errors()) * f64::from(measurement.samples);
         let least = at_time(equal_samples, sample_seconds, prepared, self.arguments.render_seconds);
         !self.arguments.exhaustive && least > mean(&self.scores(best))
     }
@@ -199,8 +199,8 @@ impl Contest<'_> {
         let opened = view.open()?;
         let everywhere = vec![true; (SIDE * SIDE * 3 / 4) as usize];
         let error = |estimator: &dyn Estimator| {
-            let mut measurement = Measurement::new(1);
-            measurement.extend_untimed(&opened, estimator, PICTURES, &everywhere);
+            let mut measurement = IndependentRuns::new(1);
+            measurement.extend(&opened, estimator, None, PICTURES, &everywhere);
             mean(&measurement.errors())
         };
         let oracle = SamplerSpec::oracle().build(&opened.environment)?;

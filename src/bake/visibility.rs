@@ -4,13 +4,14 @@ use std::{path::PathBuf, sync::atomic::Ordering, time::Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use headtail_eval::PointChoice;
 use headtail_render::{
     estimator::LearnedVisibility, integrator::learn_visibility, memory, patches::Detail, points::PointSet,
     scene::MaterialSpec, visibility::SceneVisibility,
 };
 
 use crate::{
-    arguments::{CameraArguments, PointsArgument, VISIBILITY_MEGABYTES, ViewArguments},
+    arguments::{CameraArguments, VISIBILITY_MEGABYTES, ViewArguments},
     given::given,
     progress,
     terminal::say,
@@ -58,7 +59,7 @@ impl Arguments {
             ground: self.ground,
             material: self.material.clone(),
             depth: self.depth,
-            points: PointsArgument::Named(PointSet::Independent),
+            points: PointChoice::Named(PointSet::Independent),
             visibility_memory: self.visibility_memory,
             threads: self.threads,
             ..ViewArguments::of(scene, env, self.camera.clone())

@@ -1,55 +1,34 @@
-//! The runs of a comparison: in which order, what is measured of each, and what is written after it.
+//! The runs of a comparison as files: what is written after each.
 
 use std::{
-    path::Path,
-    sync::atomic::{AtomicBool, Ordering},
-    time::Duration,
+    cell::OnceCell,
+    path::{Path, PathBuf},
+    sync::atomic::AtomicBool,
 };
 
 use anyhow::Result;
+use headtail_eval::{Entry, Measurement, Noise, OpenedView, Plan, Reference, Run, Watch, measure};
 use headtail_render::{
     image::{Image, write_exr},
-    integrator::{Budget, Rendering},
-    points::Points,
-    statistics::{RELATIVE_EPSILON, ttuv},
+    statistics::RELATIVE_EPSILON,
 };
 
-use super::{
-    Entry,
-    noise::{Noise, select},
-};
 use crate::terminal::warning;
 use crate::{
-    arguments::OpenedView,
     output::OutputFolder,
     progress,
     render::attributes,
-    report::{Comparison, RenderedImage, Report, Row, RunName, State},
+    report::{Comparison, RenderedImage, Report, State},
 };
-
-/// Renderings that set the samples of a time, at most.
-const CALIBRATIONS: usize = 4;
-/// By which factor a rendering's time may be off.
-const TOLERANCE: f64 = 1.15;
-
-/// The time of a sampler's sample is measured where a run has so many samples in all of its pixels, by a rendering of so long; else it is about so many
-/// seconds.
-const LONG_RUN: f64 = 1e6;
-const TRIAL: Duration = Duration::from_millis(50);
-const SAMPLE: f64 = 3e-7;
 
 /// A comparison at work.
 pub struct Work<'a> {
     opened: &'a OpenedView,
     entries: &'a [Entry],
-    /// With their names.
-    budgets: &'a [(String, Budget)],
     stop: &'a AtomicBool,
     output: &'a OutputFolder,
     /// Parts of file names, one for each entry.
     stems: Vec<String>,
-    /// The measured pixels of the reference as an image of one row.
-    reference: Image,
     noise: Option<Noise>,
     /// How the reference came about, without its noise.
     reference_note: String,
@@ -65,88 +44,39 @@ impl<'a> Work<'a> {
     /// If the folder's record cannot be written.
     pub fn new(
         opened: &'a OpenedView,
-        entries: &'a [Entry],
-        budgets: &'a [(String, Budget)],
+        (entries, files): (&'a [Entry], &[Option<PathBuf>]),
         stop: &'a AtomicBool,
         output: &'a OutputFolder,
         comparison: Comparison,
         noise: Option<Noise>,
     ) -> Result<Self> {
-        let reference = select(&comparison.reference, &comparison.measured);
         let names: Vec<(&str, Option<&Path>)> =
-            entries.iter().map(|entry| (&*entry.label, entry.file.as_deref())).collect();
+            entries.iter().zip(files).map(|(entry, file)| (&*entry.name, file.as_deref())).collect();
         let stems = file_names(&names);
         let report = Report::new(output.path());
         for name in ["results.csv", "report.html"] {
             output.file(name)?;
         }
         let reference_note = comparison.reference_note.clone();
-        Ok(Self { opened, entries, budgets, stop, output, stems, reference, noise, reference_note, report, comparison })
+        Ok(Self { opened, entries, stop, output, stems, noise, reference_note, report, comparison })
     }
 
-    /// Does all runs, or those that are done when the stop flag is set; a run that is being rendered then is finished.
-    ///
-    /// The first run of every sampler at every budget comes before the second of any, so an interrupted comparison has about
-    /// as many runs of each, and a machine that slows down for a while slows all samplers down.
+    /// Does all runs, or those that are done when the stop flag is set.
     ///
     /// # Errors
     /// If results cannot be written; those of the runs before stay.
-    pub fn run_all(&mut self, runs: u32, seed: u64) -> Result<()> {
-        let (entries, budgets) = (self.entries, self.budgets);
-        let seconds = self.seconds_of_runs(seed);
-        let all: f64 = seconds.iter().flatten().sum::<f64>() * f64::from(runs);
-        let bar = progress::announced_bar(all, "comparing");
-        let mut done = 0.0;
-        let mut taken: Vec<Vec<Budget>> = Vec::new();
-        for run in 0..runs {
-            for (index, (name, asked)) in budgets.iter().enumerate() {
-                if run == 0 {
-                    let calibrated: Option<Vec<Budget>> =
-                        entries.iter().map(|entry| self.calibrated(entry, *asked, seed, &bar)).collect();
-                    let Some(calibrated) = calibrated else { return Ok(()) };
-                    taken.push(calibrated);
-                }
-                for (number, (entry, &taken)) in entries.iter().zip(&taken[index]).enumerate() {
-                    if self.stop.load(Ordering::Relaxed) {
-                        bar.finish_and_clear();
-                        return Ok(());
-                    }
-                    bar.set_message(format!("{} {name}", entry.label));
-                    // In a budget of time, the number of samples depends on the machine, and points should not.
-                    let points = self.opened.points(*asked, seed + u64::from(run));
-                    let of_run = seconds[index][number];
-                    let show = |share: f64| bar.set_position(progress::thousandths(done + share * of_run));
-                    self.run(number, (name, taken), run, points, &show)?;
-                    done += of_run;
-                    bar.set_position(progress::thousandths(done));
-                }
-            }
-        }
-        bar.finish_and_clear();
+    pub fn run_all(&mut self, reference: &mut Reference, plan: &Plan) -> Result<()> {
+        let (opened, entries, stop) = (self.opened, self.entries, self.stop);
+        let watch = Bars::default();
+        let measured = measure(opened, entries, reference, plan, (stop, &watch), &mut |run| self.add(&run));
+        watch.finish();
+        let measured = measured?;
+        // Refined after the first runs.
+        self.comparison.reference = reference.image.clone();
+        self.reference_note = reference.note();
+        self.noise = reference.noise;
+        self.comparison.rows = measured;
         Ok(())
-    }
-
-    /// `[budget][entry]` about the seconds of a run, by a short rendering with each sampler; calibrating and writing come on top. Where all is soon done,
-    /// samples count alike.
-    fn seconds_of_runs(&self, seed: u64) -> Vec<Vec<f64>> {
-        let pixels = self.opened.part().width * self.opened.part().height;
-        let samples = |budget: &Budget| if let Budget::Spp(spp) = budget { f64::from(*spp) } else { 0.0 };
-        let most = self.budgets.iter().map(|(_, budget)| samples(budget)).fold(0.0, f64::max);
-        let is_long = most * pixels as f64 >= LONG_RUN;
-        let sample = |entry: &Entry| {
-            if !is_long || self.stop.load(Ordering::Relaxed) {
-                return pixels as f64 * SAMPLE;
-            }
-            let points = self.opened.points(Budget::Time(TRIAL), seed);
-            let trial = self.opened.render(&*entry.estimator, Budget::Time(TRIAL), points, self.stop, &|_| {});
-            trial.seconds / f64::from(trial.spp.max(1))
-        };
-        let of_sample: Vec<f64> = self.entries.iter().map(sample).collect();
-        let seconds = |budget: &Budget, of_sample: &f64| match budget {
-            Budget::Spp(spp) => f64::from(*spp) * of_sample,
-            Budget::Time(limit) => limit.as_secs_f64(),
-        };
-        self.budgets.iter().map(|(_, budget)| of_sample.iter().map(|of| seconds(budget, of)).collect()).collect()
     }
 
     /// Writes the files for good.
@@ -162,101 +92,81 @@ impl<'a> Work<'a> {
     /// Brings what is said of the reference up to date.
     fn say_noise(&mut self) {
         if let Some(noise) = self.noise {
-            self.comparison.reference_note = format!("{} {}", self.reference_note, noise.words(&self.comparison.rows));
+            self.comparison.reference_note = format!("{} {}", self.reference_note, words(noise, &self.comparison.rows));
         }
     }
 
-    /// One run: the picture, its row in the table, and all that is written of it.
-    fn run(
-        &mut self,
-        number: usize,
-        (budget_name, budget): (&str, Budget),
-        run: u32,
-        points: Points,
-        progress: &dyn Fn(f64),
-    ) -> Result<()> {
-        let entry = &self.entries[number];
-        // To the end, whatever the stop flag says: it is one run.
-        let rendering = self.opened.render(&*entry.estimator, budget, points, &AtomicBool::new(false), progress);
-        let row = self.row(entry, budget_name, run, points.seed(), &rendering)?;
-        self.comparison.rows.push(row);
+    /// Adds a run: its row in the table, and the picture of the first one.
+    fn add(&mut self, run: &Run<'_>) -> Result<()> {
+        let Run { sampler, measurement, rendering, .. } = *run;
+        self.comparison.rows.push(measurement.clone());
         self.report.update_table(&self.comparison)?;
-        if run == 0 {
+        if measurement.run == 0 {
             self.say_noise();
             let image = rendering.composite();
-            let stem = format!("{}_{budget_name}", self.stems[number]);
-            let attributes = attributes(self.opened, &entry.label, &rendering, points.seed());
+            let stem = format!("{}_{}", self.stems[sampler], measurement.budget);
+            let attributes = attributes(self.opened, &measurement.sampler, rendering, measurement.seed);
             write_exr(&self.output.file(&format!("{stem}.exr"))?, &image, &attributes)?;
             let errors = error_image(&image, &self.comparison.reference, &self.comparison.measured);
             write_exr(&self.output.file(&format!("{stem}_error.exr"))?, &errors, &attributes)?;
-            let (sampler, budget) = (entry.label.clone(), budget_name.to_owned());
+            let (sampler, budget) = (measurement.sampler.clone(), measurement.budget.clone());
             self.comparison.images.push(RenderedImage { sampler, budget, image });
         }
         self.report.update_page(&self.comparison)
     }
+}
 
-    /// The row of a run, measured over the covered pixels.
-    fn row(&self, entry: &Entry, budget: &str, run: u32, seed: u64, rendering: &Rendering) -> Result<Row> {
-        let pixels = select(&rendering.surfaces, &self.comparison.measured);
-        let (scene, env) = (&*self.comparison.scene, &*self.comparison.env);
-        let name = RunName { scene, env, sampler: &entry.label, budget, run, seed };
-        let row = Row::measured(&name, rendering, &pixels, &self.reference)?;
-        let noise = self.noise.unwrap_or(Noise { mse: 0.0, relmse: 0.0 });
-        let (mse, relmse) = (Noise::without(row.mse, noise.mse), Noise::without(row.relmse, noise.relmse));
-        Ok(Row { mse, relmse, ttuv: ttuv(mse, rendering.seconds), ..row })
-    }
-
-    /// The budget in samples, [`calibrate`]d if it is one in time. `None` if the stop flag is set meanwhile.
-    fn calibrated(&self, entry: &Entry, budget: Budget, seed: u64, bar: &progress::Bar) -> Option<Budget> {
-        let Budget::Time(limit) = budget else { return Some(budget) };
-        bar.set_message(format!("{}: samples that fit into {} s", entry.label, limit.as_secs_f64()));
-        let seconds = limit.as_secs_f64();
-        let points = self.opened.points(budget, seed);
-        let render = |trial: Budget| {
-            let rendering = self.opened.render(&*entry.estimator, trial, points, self.stop, &|_| {});
-            (!self.stop.load(Ordering::Relaxed)).then_some((rendering.spp, rendering.seconds))
-        };
-        let Calibrated { spp, off } = calibrate(seconds, render)?;
-        if let Some(taken) = off {
-            warning!(
-                "{}: renderings of {seconds} s take {taken:.2} s where they were to be equally long: the machine does other things, too; its \
-                 equal-time ratios say little",
-                entry.label
-            );
+/// The sentences that stand beside a comparison: the noise of the reference, and which rows it limits, since less than it is left of their errors.
+fn words(noise: Noise, rows: &[Measurement]) -> String {
+    let mut groups: Vec<(&str, &str, f64, usize)> = Vec::new();
+    for row in rows {
+        match groups.iter_mut().find(|group| (group.0, group.1) == (&*row.sampler, &*row.budget)) {
+            Some(group) => (group.2, group.3) = (group.2 + row.mse, group.3 + 1),
+            None => groups.push((&row.sampler, &row.budget, row.mse, 1)),
         }
-        Some(Budget::Spp(spp))
+    }
+    let is_limited = |group: &&(&str, &str, f64, usize)| group.2 / (group.3 as f64) < noise.mse;
+    let limited: Vec<String> =
+        groups.iter().filter(is_limited).map(|(sampler, budget, ..)| format!("{sampler} at {budget}")).collect();
+    let said = format!(
+        "Its own mean squared error, from two independent halves, is {:.2e}, and is subtracted from all.",
+        noise.mse
+    );
+    match limited.len() {
+        0 => said,
+        _ => format!(
+            "{said} The ratios of {} are limited by it: their own error is smaller still; take more --reference-spp.",
+            limited.join(", ")
+        ),
     }
 }
 
-/// How many samples fit into a time.
-#[derive(Debug, PartialEq)]
-struct Calibrated {
-    spp: u32,
-    /// Seconds of the last rendering, if even that was not as long as it was to be.
-    off: Option<f64>,
+/// The progress bar of a measurement.
+#[derive(Default)]
+struct Bars(OnceCell<progress::Bar>);
+
+impl Bars {
+    fn finish(&self) {
+        self.0.get().into_iter().for_each(progress::Bar::finish_and_clear);
+    }
 }
 
-/// How many samples per pixel fit into so many seconds: a short rendering says about how many, one with that many sets it right, and is repeated
-/// while it is off. `render` answers the samples and seconds of a rendering, `None` if it was interrupted.
-///
-/// All runs of a sampler then take the same number of samples, which does not depend on what else the machine does.
-fn calibrate(seconds: f64, mut render: impl FnMut(Budget) -> Option<(u32, f64)>) -> Option<Calibrated> {
-    let mut trial = Budget::Time(Duration::from_secs_f64(0.25 * seconds));
-    let mut found = Calibrated { spp: 1, off: None };
-    // A long rendering is faster per sample than a short one: passes are longer. A machine that does other things, too, may be off again.
-    for _ in 0..CALIBRATIONS {
-        let (spp, taken) = render(trial)?;
-        found.spp = (f64::from(spp) * seconds / taken).round().max(1.0) as u32;
-        if matches!(trial, Budget::Spp(_)) {
-            let is_right = taken <= seconds * TOLERANCE && seconds <= taken * TOLERANCE;
-            found.off = (!is_right && found.spp > 1).then_some(taken);
-            if found.off.is_none() {
-                break;
-            }
-        }
-        trial = Budget::Spp(found.spp);
+impl Watch for Bars {
+    fn planned(&self, seconds: f64) {
+        self.0.get_or_init(|| progress::announced_bar(seconds, "comparing"));
     }
-    Some(found)
+
+    fn message(&self, text: &str) {
+        self.0.get().into_iter().for_each(|bar| bar.set_message(text));
+    }
+
+    fn spent(&self, seconds: f64) {
+        self.0.get().into_iter().for_each(|bar| bar.set_position(progress::thousandths(seconds)));
+    }
+
+    fn warning(&self, text: &str) {
+        warning!("{text}");
+    }
 }
 
 /// Squared error of each pixel and channel over the squared reference (plus the same small number as in relMSE); black where
@@ -306,36 +216,6 @@ fn plain_name(label: &str, file: Option<&Path>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Calibrates on a machine whose renderings take these seconds for a sample, the last ones for all that follow; answers how many there were, too.
-    fn calibrated(seconds_per_sample: &[f64]) -> (Calibrated, usize) {
-        let mut renderings = 0;
-        let found = calibrate(2.0, |trial| {
-            let seconds = seconds_per_sample[renderings.min(seconds_per_sample.len() - 1)];
-            renderings += 1;
-            let spp = match trial {
-                Budget::Spp(spp) => spp,
-                Budget::Time(time) => (time.as_secs_f64() / seconds) as u32,
-            };
-            Some((spp, f64::from(spp) * seconds))
-        });
-        (found.unwrap(), renderings)
-    }
-
-    #[test]
-    fn calibration_that_is_off_is_repeated_and_said() {
-        let right = |spp| Calibrated { spp, off: None };
-        assert_eq!(calibrated(&[0.01]), (right(200), 2));
-        // The short rendering is slow for its samples, and the first long one is disturbed.
-        assert_eq!(calibrated(&[0.02, 0.01]), (right(200), 3));
-        assert_eq!(calibrated(&[0.01, 0.03, 0.01]), (right(200), 4));
-        // A machine that never does the same twice.
-        let (found, renderings) = calibrated(&[0.01, 0.02, 0.01, 0.02]);
-        assert!(renderings == CALIBRATIONS && found.off.is_some_and(|taken| taken > 2.0 * TOLERANCE), "{found:?}");
-        // A sample that takes longer than the time: there is no less than one.
-        assert_eq!(calibrated(&[0.1, 5.0]).0, right(1));
-        assert_eq!(calibrate(2.0, |_| None), None);
-    }
 
     #[test]
     fn labels_become_plain_file_names() {

@@ -139,7 +139,7 @@ fn ablate(workshop: &Workshop, column: Column, material: Material) -> Result<Mad
             rows.push(missing.into_iter().chain(paper).collect());
             continue;
         };
-        let entries = [Entry { name: "variant".into(), estimator: train(workshop, config, light, &environment)? }];
+        let entries = [Entry::new("variant", train(workshop, config, light, &environment)?)];
         let (measured, _) = bench.measure(&entries, &[SPP], SPP)?;
         errors[k] = mean(&measured, "variant", SPP).0;
         let own = [Cell::text(VARIANTS[k]), Cell::number(errors[k]), Value::Times(errors[0] / errors[k]).into()];

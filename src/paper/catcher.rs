@@ -1,5 +1,7 @@
 //! The paper's figure of compositing.
 
+use std::sync::Arc;
+
 use anyhow::{Context, Result};
 use glam::{Affine3A, Vec3, Vec3A};
 use headtail_render::{
@@ -102,7 +104,7 @@ fn mesh(workshop: &Workshop) -> Result<Made> {
     };
     let (before, after) = (render(&view.scene, 31), render(&both, 32));
     workshop.check()?;
-    let stage = Stage::new(object, Catcher::mesh(view.scene))?;
+    let stage = Stage::new(object, Catcher::mesh(Arc::into_inner(view.scene).context("the view is no longer used")?))?;
     let photograph = Photograph::of_radiance(before);
     let shot = Shot { name, environment: environment.clone(), stage, camera, photograph, stop: workshop.stop.clone() };
     let backdrop = shot.backdrop();

@@ -21,7 +21,7 @@ use super::{
     part::Made,
 };
 use crate::report::{
-    self, Row,
+    self, Measurement,
     crop::Crop,
     number::{text, times},
     table::{Cell, Value},
@@ -156,7 +156,7 @@ fn crops(
 }
 
 /// Errors at the shown number of samples, and at equal time.
-fn numbers(rows: &[Row], entries: &[Entry], equal: &[EqualTime]) -> Vec<Vec<Cell>> {
+fn numbers(rows: &[Measurement], entries: &[Entry], equal: &[EqualTime]) -> Vec<Vec<Cell>> {
     let (base, base_seconds) = mean(rows, &entries[0].name, SHOWN);
     let line = |(entry, own): (&Entry, &EqualTime)| {
         let (mse, seconds) = mean(rows, &entry.name, SHOWN);
@@ -173,7 +173,7 @@ fn numbers(rows: &[Row], entries: &[Entry], equal: &[EqualTime]) -> Vec<Vec<Cell
     entries.iter().zip(equal).map(line).collect()
 }
 
-fn charts(made: &mut Made, rows: &[Row], stem: &str, runs: u32) -> Result<()> {
+fn charts(made: &mut Made, rows: &[Measurement], stem: &str, runs: u32) -> Result<()> {
     let [mut lines, mut bars] = report::charts(rows)?;
     (lines.name, bars.name) = (format!("error-time-{stem}"), format!("ratios-{stem}"));
     let [lines, bars] = [lines, bars].map(|chart| chart.html().into_string());

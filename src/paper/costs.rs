@@ -107,11 +107,11 @@ fn timings(
     let view = workshop.data.view(scene, material)?;
     let bench = Bench::new(workshop, &view, environment.clone())?;
     let mut entries = vec![
-        Entry { name: "mis".into(), estimator: SamplerSpec::mis().build(environment)? },
-        Entry { name: "ris:4".into(), estimator: SamplerSpec::ris(4).build(environment)? },
+        Entry::new("mis", SamplerSpec::mis().build(environment)?),
+        Entry::new("ris:4", SamplerSpec::ris(4).build(environment)?),
     ];
-    entries.extend(own.into_iter().map(|(name, estimator)| Entry { name: name.into(), estimator }));
-    entries.push(Entry { name: "patches".into(), estimator: SamplerSpec::patches().build(environment)? });
+    entries.extend(own.into_iter().map(|(name, estimator)| Entry::new(name, estimator)));
+    entries.push(Entry::new("patches", SamplerSpec::patches().build(environment)?));
     let (rows, _) = bench.measure(&entries, &[SPP], SPP)?;
     let pixels = bench.measured.len() as f64;
     let base = mean(&rows, "mis", SPP).1;

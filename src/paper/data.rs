@@ -41,7 +41,7 @@ pub struct View {
     /// What it is made of, in the words of `--material` without files.
     pub material: String,
     /// The surfaces.
-    pub scene: Scene,
+    pub scene: Arc<Scene>,
     /// The camera.
     pub camera: Camera,
 }
@@ -160,7 +160,7 @@ impl Data {
         let spec: MaterialSpec = material.parse()?;
         let name = scene.name().to_owned();
         let own = material.rsplit(['/', '#']).next().unwrap_or(material);
-        Ok(View { name, material: own.to_owned(), scene: spec.dress(scene, &bounds)?, camera })
+        Ok(View { name, material: own.to_owned(), scene: Arc::new(spec.dress(scene, &bounds)?), camera })
     }
 
     /// Something to be put into a photograph, without a ground of its own: a file, or something made of balls.

@@ -31,6 +31,7 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use headtail_eval::machine;
 use headtail_render::{
     estimator::Estimator,
     file,
@@ -48,7 +49,6 @@ use self::{
 };
 use crate::terminal::{self, note, say};
 use crate::{
-    compare::machine,
     output::{OutputFolder, make_folder, request_of},
     progress,
     report::{number::duration, shell},

@@ -68,7 +68,7 @@ fn fabric(workshop: &Workshop, scene: &'static str, material: &'static str, repe
     let mut samplers = vec![("brdf", SamplerSpec::brdf())];
     let mut entries = baselines(&environment)?;
     let resampling = entries.split_off(1);
-    entries.push(Entry { name: "cosine".into(), estimator: Box::new(cosine) });
+    entries.push(Entry::new("cosine", Box::new(cosine)));
     entries.push(entry("brdf", &SamplerSpec::brdf(), &environment)?);
     if let (1.., Material::Measured(own)) = (workshop.effort.rival_steps, own) {
         let file = workshop.heads.neusample(own.texture().context("a material with a texture")?)?;

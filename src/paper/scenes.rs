@@ -50,7 +50,7 @@ fn diffuse(workshop: &Workshop, name: &str, map: usize) -> Result<Made> {
     let trained = workshop.heads.of(&environment, Material::Lambert)?;
     let naive = workshop.heads.naive_of(&environment, Material::Lambert)?;
     entries.push(entry("head", &SamplerSpec::file(FileKind::Head, trained.file.clone()), &environment)?);
-    entries.push(Entry { name: "baked 8\u{d7}8".into(), estimator: baked(&trained.file, &environment, 8)? });
+    entries.push(Entry::new("baked 8\u{d7}8", baked(&trained.file, &environment, 8)?));
     entries.push(entry("patches", &SamplerSpec::patches(), &environment)?);
     let samplers = vec![("patches", SamplerSpec::patches())];
     let shown = Some("head");
@@ -98,7 +98,7 @@ pub fn baselines(environment: &Arc<Environment>) -> Result<Vec<Entry>> {
 
 /// A sampler by its description.
 pub fn entry(name: &str, spec: &SamplerSpec, environment: &Arc<Environment>) -> Result<Entry> {
-    Ok(Entry { name: name.into(), estimator: spec.build(environment)? })
+    Ok(Entry::new(name, spec.build(environment)?))
 }
 
 /// The paper's figure of intermediate densities: a head's, and those of its tables.

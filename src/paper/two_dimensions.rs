@@ -1,12 +1,13 @@
 //! The paper's two-dimensional example: an image as the tail's density, times a Gaussian that moves.
 
+use std::sync::atomic::AtomicBool;
 use std::f32::consts::TAU;
 
 use anyhow::{Context, Result};
 use glam::{Vec2, Vec3A};
 use headtail_render::{
     color::luminance,
-    integrator::{Budget, View},
+    integrator::{Budget, View, render},
     latlong,
     points::{PointSet, Points},
     random::Stream,
@@ -28,7 +29,6 @@ use super::{
 };
 use crate::{
     cost,
-    render::quietly,
     report::{chart::Scale, number::text, table::Cell},
 };
 
@@ -162,7 +162,8 @@ fn picture() -> Result<Vec<f32>> {
     let view =
         View { scene: &scene, camera: &camera, environment: &environment, width, height, unshadowed: false, depth: 1 };
     let estimator = SamplerSpec::patches().build(&environment)?;
-    let rendering = quietly(view, &*estimator, Budget::Spp(32), Points::new(PointSet::Sobol, 0));
+    let points = Points::new(PointSet::Sobol, 0);
+    let rendering = render(view, &*estimator, Budget::Spp(32), points, &AtomicBool::new(false), &|_| {});
     let values: Vec<f32> = rendering.composite().pixels.iter().map(|&pixel| luminance(pixel.into())).collect();
     let mean = values.iter().sum::<f32>() / values.len() as f32;
     Ok(values.into_iter().map(|value| value.min(4.0 * mean) + 0.02 * mean).collect())

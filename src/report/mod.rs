@@ -24,6 +24,7 @@ mod teaser;
 mod terminal;
 pub mod vector;
 
+pub use headtail_eval::Measurement;
 pub use terminal::lines;
 
 use std::fs;
@@ -35,8 +36,6 @@ use glam::Vec3A;
 use headtail_render::color::luminance;
 use headtail_render::file;
 use headtail_render::image::Image;
-use headtail_render::integrator::Rendering;
-use headtail_render::statistics::{ErrorMetrics, ttuv};
 
 /// Everything that a comparison of samplers measured on one scene under one environment map.
 pub struct Comparison {
@@ -61,9 +60,7 @@ pub struct Comparison {
     /// How the reference was made, in a sentence.
     pub reference_note: String,
     /// The measured runs, in the order in which samplers and budgets are to be shown.
-    ///
-    /// Rows of means (`run` is `None`) may be among them; they are computed anew from the runs.
-    pub rows: Vec<Row>,
+    pub rows: Vec<Measurement>,
     /// The first run of each (sampler, budget).
     pub images: Vec<RenderedImage>,
     /// What had to be done before the first sample.
@@ -97,96 +94,6 @@ impl State {
             Self::Running { planned } | Self::Interrupted { planned } => Some(planned),
         }
     }
-}
-
-/// One run of a sampler at a budget, or the mean of its runs.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Row {
-    /// The name of the scene.
-    pub scene: String,
-    /// The name of the environment map.
-    pub env: String,
-    /// The name of the sampler; `mis` is the one-sample MIS that others are measured by.
-    pub sampler: String,
-    /// What the run was allowed, `16spp` or `2s`.
-    pub budget: String,
-    /// Number of the run; `None` is the mean of all runs.
-    pub run: Option<u32>,
-    /// Samples per pixel taken.
-    pub spp: f64,
-    /// Rays (camera rays not counted) per sample.
-    pub rays_per_sample: f64,
-    /// Rendering time in seconds, without preparation.
-    pub seconds: f64,
-    /// Mean squared error.
-    pub mse: f64,
-    /// Mean relative squared error.
-    pub relmse: f64,
-    /// The same without the worst pixels.
-    pub relmse_trimmed: f64,
-    /// `mse * seconds`.
-    pub ttuv: f64,
-    /// Mean luminance of the image.
-    pub mean_luminance: f64,
-    /// The largest weight of a sample (its contribution over its density); over all runs in the row of means.
-    pub max_weight: f64,
-    /// Seed of the run; of the first in the row of means.
-    pub seed: u64,
-    /// The version of headtail.
-    pub version: String,
-    /// The points that samples were taken at.
-    pub points: String,
-}
-
-/// What a run is called.
-pub struct RunName<'a> {
-    /// The name of the scene.
-    pub scene: &'a str,
-    /// The name of the environment map.
-    pub env: &'a str,
-    /// The name of the sampler.
-    pub sampler: &'a str,
-    /// What it was allowed.
-    pub budget: &'a str,
-    /// Its number.
-    pub run: u32,
-    /// Its seed.
-    pub seed: u64,
-}
-
-impl Row {
-    /// A run of which `pixels` are measured against the same pixels of the reference.
-    ///
-    /// # Errors
-    /// If the sizes differ.
-    pub fn measured(name: &RunName, rendering: &Rendering, pixels: &Image, reference: &Image) -> Result<Self> {
-        let metrics = ErrorMetrics::of(pixels, reference)?;
-        Ok(Self {
-            scene: name.scene.to_owned(),
-            env: name.env.to_owned(),
-            sampler: name.sampler.to_owned(),
-            budget: name.budget.to_owned(),
-            run: Some(name.run),
-            spp: f64::from(rendering.spp),
-            rays_per_sample: rendering.rays_per_sample,
-            seconds: rendering.seconds,
-            mse: metrics.mse,
-            relmse: metrics.relmse,
-            relmse_trimmed: metrics.relmse_trimmed,
-            ttuv: ttuv(metrics.mse, rendering.seconds),
-            mean_luminance: mean_luminance(pixels.pixels.iter()),
-            max_weight: f64::from(rendering.max_weight),
-            seed: name.seed,
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            points: rendering.points.to_string(),
-        })
-    }
-}
-
-fn mean_luminance<'a>(pixels: impl Iterator<Item = &'a [f32; 3]>) -> f64 {
-    let luminances = pixels.map(|&pixel| f64::from(luminance(Vec3A::from_array(pixel))));
-    let (sum, count) = luminances.fold((0.0, 0.0), |(sum, count), luminance| (sum + luminance, count + 1.0));
-    sum / count
 }
 
 /// A rendering that the page shows.
@@ -225,7 +132,9 @@ impl Comparison {
     /// The mean luminance of the reference over the measured pixels.
     fn reference_luminance(&self) -> f64 {
         let measured = self.reference.pixels.iter().enumerate().filter(|(index, _)| self.is_measured(*index));
-        mean_luminance(measured.map(|(_, pixel)| pixel))
+        let luminances = measured.map(|(_, &pixel)| f64::from(luminance(Vec3A::from_array(pixel))));
+        let (sum, count) = luminances.fold((0.0, 0.0), |(sum, count), luminance| (sum + luminance, count + 1.0));
+        sum / count
     }
 }
 
@@ -233,7 +142,7 @@ impl Comparison {
 ///
 /// # Errors
 /// If there are no runs.
-pub fn charts(rows: &[Row]) -> Result<[vector::Chart; 2]> {
+pub fn charts(rows: &[Measurement]) -> Result<[vector::Chart; 2]> {
     let summary = summary::Summary::of(rows)?;
     Ok([chart::error_over_time(&summary), chart::ratio_bars(&summary)])
 }

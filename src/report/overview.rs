@@ -6,7 +6,7 @@ use anyhow::Result;
 use headtail_render::statistics::RatioInterval;
 use maud::{Markup, html};
 
-use super::Row;
+use super::Measurement;
 use super::chart::Extent;
 use super::chart::pareto::{FRONT, Place, on_front, scatter};
 use super::kind::Look;
@@ -23,7 +23,7 @@ struct Scene {
 }
 
 /// The page of the runs of each comparison.
-pub fn page(comparisons: &[Vec<Row>]) -> Result<String> {
+pub fn page(comparisons: &[Vec<Measurement>]) -> Result<String> {
     let scenes = comparisons.iter().map(|rows| Scene::of(rows)).collect::<Result<Vec<_>>>()?;
     let version = comparisons.first().and_then(|rows| rows.first()).map_or("", |row| row.version.as_str());
     let chart = |(index, scene): (usize, &Scene)| {
@@ -59,7 +59,7 @@ pub fn page(comparisons: &[Vec<Row>]) -> Result<String> {
 }
 
 impl Scene {
-    fn of(rows: &[Row]) -> Result<Self> {
+    fn of(rows: &[Measurement]) -> Result<Self> {
         let summary = Summary::of(rows)?;
         let budget = summary.shown_first().clone();
         let shown = rows.iter().filter(|row| row.budget == budget.name).map(|row| row.points.as_str());
@@ -178,8 +178,8 @@ mod tests {
     use super::super::synthetic;
     use super::*;
 
-    fn row(sampler: &str, seconds: f64, mse: f64) -> Row {
-        Row { seconds, mse, ..synthetic::row(sampler, "4spp", 0) }
+    fn row(sampler: &str, seconds: f64, mse: f64) -> Measurement {
+        Measurement { seconds, mse, ..synthetic::row(sampler, "4spp", 0) }
     }
 
     /// What stands in the row of a name.
@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn several_runs_give_the_mean_error_an_interval() {
-        let run = |sampler: &str, run: u32, mse: f64| Row { run: Some(run), ..row(sampler, 1.0, mse) };
+        let run = |sampler: &str, run: u32, mse: f64| Measurement { run, ..row(sampler, 1.0, mse) };
         let comparison = vec![run("mis", 0, 1.0), run("mis", 1, 1.1), run("ris:4", 0, 0.5), run("ris:4", 1, 0.56)];
         let page = page(&[comparison]).unwrap();
         // 1.06 / 2.1 = 0.505; deviations -+0.00898, so that the logarithm is known to 12.71 * 0.00898 = 0.114.

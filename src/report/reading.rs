@@ -175,13 +175,13 @@ fn bold(name: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Row;
+    use super::super::Measurement;
     use super::super::synthetic;
     use super::*;
 
     /// Three runs of each sampler with MSEs 2 % apart around the given one, and a noise of its own: the order differs.
-    fn rows(budget: &str, samplers: &[(&str, f64)]) -> Vec<Row> {
-        let run = |(index, sampler): (u32, &str), mse: f64, run: u32| Row {
+    fn rows(budget: &str, samplers: &[(&str, f64)]) -> Vec<Measurement> {
+        let run = |(index, sampler): (u32, &str), mse: f64, run: u32| Measurement {
             mse: mse * (1.0 + 0.02 * f64::from((run + index) % 3)),
             relmse: mse,
             relmse_trimmed: mse,
@@ -193,7 +193,7 @@ mod tests {
         numbered.flat_map(|(&(sampler, mse), index)| (0..3).map(move |i| run((index, sampler), mse, i))).collect()
     }
 
-    fn read(rows: &[Row]) -> String {
+    fn read(rows: &[Measurement]) -> String {
         sentences(&Summary::of(rows).unwrap(), 1.0).join(" ")
     }
 
@@ -213,8 +213,8 @@ mod tests {
             text.contains("and 0.50\u{a0}% lower than the next, <b>ris</b>; with 3 runs the two cannot be told apart"),
             "{text}"
         );
-        let single: Vec<Row> =
-            rows("16spp", &[("mis", 8.0), ("head", 1.0)]).into_iter().filter(|row| row.run == Some(0)).collect();
+        let single: Vec<Measurement> =
+            rows("16spp", &[("mis", 8.0), ("head", 1.0)]).into_iter().filter(|row| row.run == 0).collect();
         assert!(read(&single).contains("a single run cannot say"));
     }
 

@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 use anyhow::{Result, ensure};
 use headtail_render::statistics::{MeanInterval, Moments, RatioInterval, TTest};
 
-use super::Row;
+use super::Measurement;
 use super::kind::Look;
 
 /// The sampler that others are measured by, if it is among them.
@@ -75,7 +75,7 @@ pub struct Group {
     /// The name of the budget.
     pub budget: String,
     /// The row of means.
-    pub mean: Row,
+    pub mean: Measurement,
     /// The number of runs.
     pub runs: usize,
     /// Rendering time in seconds.
@@ -91,7 +91,7 @@ pub struct Group {
     /// Mean luminance.
     pub mean_luminance: MeanInterval,
     /// The single runs.
-    rows: Vec<Row>,
+    rows: Vec<Measurement>,
 }
 
 /// A measure by which samplers are compared; less is better.
@@ -111,7 +111,7 @@ pub enum Measure {
 
 impl Measure {
     /// The value of a run.
-    fn of(self, row: &Row) -> f64 {
+    fn of(self, row: &Measurement) -> f64 {
         match self {
             Self::Mse => row.mse,
             Self::RelMse => row.relmse,
@@ -123,12 +123,11 @@ impl Measure {
 }
 
 impl Group {
-    fn of(runs: &[&Row]) -> Option<Self> {
+    fn of(runs: &[&Measurement]) -> Option<Self> {
         let first = *runs.first()?;
-        let column = |value: fn(&Row) -> f64| runs.iter().map(|row| value(row)).collect::<Vec<_>>();
+        let column = |value: fn(&Measurement) -> f64| runs.iter().map(|row| value(row)).collect::<Vec<_>>();
         let mean = |value| Moments::of(&column(value)).map_or(f64::NAN, |moments| moments.mean);
-        let row = Row {
-            run: None,
+        let row = Measurement {
             spp: mean(|row| row.spp),
             rays_per_sample: mean(|row| row.rays_per_sample),
             seconds: mean(|row| row.seconds),
@@ -202,9 +201,9 @@ impl Group {
 }
 
 impl Summary {
-    /// Groups the runs; rows of means are ignored.
-    pub fn of(rows: &[Row]) -> Result<Self> {
-        let runs: Vec<&Row> = rows.iter().filter(|row| row.run.is_some()).collect();
+    /// Groups the runs.
+    pub fn of(rows: &[Measurement]) -> Result<Self> {
+        let runs: Vec<&Measurement> = rows.iter().collect();
         ensure!(!runs.is_empty(), "rows: there are no runs to report");
         let samplers = in_order(runs.iter().map(|row| row.sampler.as_str()));
         let names = in_order(runs.iter().map(|row| row.budget.as_str()));
@@ -216,7 +215,7 @@ impl Summary {
         let mut groups = Vec::new();
         for budget in &budgets {
             for sampler in &samplers {
-                let of_group = |row: &&&Row| row.sampler == *sampler && row.budget == budget.name;
+                let of_group = |row: &&&Measurement| row.sampler == *sampler && row.budget == budget.name;
                 groups.extend(Group::of(&runs.iter().filter(of_group).copied().collect::<Vec<_>>()));
             }
         }
@@ -288,7 +287,7 @@ mod tests {
     #[test]
     fn budgets_are_ordered_by_kind_and_amount() {
         let names = ["2s", "16spp", "0.5s", "4spp", "odd", "128spp"];
-        let rows: Vec<Row> = names.iter().map(|name| synthetic::row("mis", name, 0)).collect();
+        let rows: Vec<Measurement> = names.iter().map(|name| synthetic::row("mis", name, 0)).collect();
         let summary = Summary::of(&rows).unwrap();
         let ordered: Vec<&str> = summary.budgets.iter().map(|budget| budget.name.as_str()).collect();
         assert_eq!(ordered, ["4spp", "16spp", "128spp", "0.5s", "2s", "odd"]);
@@ -300,7 +299,7 @@ mod tests {
     #[test]
     fn means_and_ratios_are_to_one_sample_mis_wherever_it_stands() {
         let rows = [("ris", 0, 1.0), ("ris", 1, 3.0), ("mis", 0, 8.0), ("mis", 1, 8.0)]
-            .map(|(sampler, run, mse)| Row { mse, max_weight: mse, ..synthetic::row(sampler, "16spp", run) });
+            .map(|(sampler, run, mse)| Measurement { mse, max_weight: mse, ..synthetic::row(sampler, "16spp", run) });
         let summary = Summary::of(&rows).unwrap();
         assert_eq!(summary.baseline, "mis");
         let ris = summary.group("ris", "16spp").unwrap();
@@ -310,19 +309,16 @@ mod tests {
     }
 
     #[test]
-    fn given_rows_of_means_are_ignored_and_runs_are_needed() {
-        let mean = Row { run: None, mse: 100.0, ..synthetic::row("mis", "16spp", 0) };
-        let run = Row { mse: 1.0, ..synthetic::row("mis", "16spp", 0) };
-        assert_eq!(Summary::of(&[mean.clone(), run]).unwrap().groups[0].mean.mse, 1.0);
-        assert!(Summary::of(&[mean]).is_err());
+    fn runs_are_needed() {
+        assert!(Summary::of(&[]).is_err());
     }
 
     /// Four runs with noise that both samplers share, of which `ris` has three quarters.
-    fn shared_noise() -> Vec<Row> {
-        let row = |sampler: &str, run: u32, mse: f64| Row { mse, ..synthetic::row(sampler, "16spp", run) };
+    fn shared_noise() -> Vec<Measurement> {
+        let row = |sampler: &str, run: u32, mse: f64| Measurement { mse, ..synthetic::row(sampler, "16spp", run) };
         let noise = [1.0, 3.0, 2.0, 7.0];
         // Rows of a file may come in any order: pairs are found by the number of the run.
-        let mut rows: Vec<Row> = noise.iter().zip(0_u32..4).map(|(&mse, run)| row("mis", run, mse)).collect();
+        let mut rows: Vec<Measurement> = noise.iter().zip(0_u32..4).map(|(&mse, run)| row("mis", run, mse)).collect();
         rows.extend(
             noise.iter().zip(0_u32..4).rev().map(|(&mse, run)| row("ris", run, 0.75 * mse + 0.01 * f64::from(run))),
         );
@@ -345,23 +341,23 @@ mod tests {
     #[test]
     fn only_common_runs_are_compared() {
         let mut rows = shared_noise();
-        rows.retain(|row| row.sampler == "mis" || row.run < Some(2));
+        rows.retain(|row| row.sampler == "mis" || row.run < 2);
         let summary = Summary::of(&rows).unwrap();
         let [mis, ris] = ["mis", "ris"].map(|sampler| summary.group(sampler, "16spp").unwrap());
         assert_eq!((mis.runs, ris.runs), (4, 2));
         assert!((summary.ratio(ris, Measure::Mse).unwrap().ratio - 4.0 / 3.01).abs() < 1e-12);
-        rows.retain(|row| row.sampler == "mis" || row.run == Some(0));
+        rows.retain(|row| row.sampler == "mis" || row.run == 0);
         let summary = Summary::of(&rows).unwrap();
         let [mis, ris] = ["mis", "ris"].map(|sampler| summary.group(sampler, "16spp").unwrap());
         assert!(ris.p_value(mis, Measure::Mse).is_none() && ris.ratio(mis, Measure::Mse).unwrap().ends().is_none());
-        rows.retain(|row| row.sampler == "ris" || row.run == Some(1));
+        rows.retain(|row| row.sampler == "ris" || row.run == 1);
         let summary = Summary::of(&rows).unwrap();
         assert!(summary.ratio(summary.group("ris", "16spp").unwrap(), Measure::Mse).is_none());
     }
 
     #[test]
     fn what_is_not_a_number_has_no_ratio_and_no_rank() {
-        let broken = Row { mse: f64::NAN, ..synthetic::row("ris", "16spp", 0) };
+        let broken = Measurement { mse: f64::NAN, ..synthetic::row("ris", "16spp", 0) };
         let summary = Summary::of(&[synthetic::row("mis", "16spp", 0), broken]).unwrap();
         let ris = summary.group("ris", "16spp").unwrap();
         assert!(summary.ratio(ris, Measure::Mse).is_none());

@@ -4,16 +4,18 @@ use headtail_render::image::Image;
 use headtail_render::random::{Purpose, Stream};
 use headtail_render::statistics::{ErrorMetrics, ttuv};
 
-use super::{Comparison, Preparation, RenderedImage, Row, State, mean_luminance};
+use headtail_eval::mean_luminance;
+
+use super::{Comparison, Measurement, Preparation, RenderedImage, State};
 
 /// A run of no particular result.
-pub fn row(sampler: &str, budget: &str, run: u32) -> Row {
-    Row {
+pub fn row(sampler: &str, budget: &str, run: u32) -> Measurement {
+    Measurement {
         scene: "ball".into(),
         env: "sky".into(),
         sampler: sampler.into(),
         budget: budget.into(),
-        run: Some(run),
+        run,
         spp: 16.0,
         rays_per_sample: 1.0,
         seconds: 0.5,
@@ -26,6 +28,7 @@ pub fn row(sampler: &str, budget: &str, run: u32) -> Row {
         seed: 1000 + u64::from(run),
         version: "0.1.0".into(),
         points: "sobol".into(),
+        ..Measurement::unknown()
     }
 }
 
@@ -93,7 +96,7 @@ pub fn comparison() -> Comparison {
                 let image = noisy(&reference, variance / spp as f32, &mut random);
                 let errors = ErrorMetrics::of(&image, &reference).unwrap();
                 let seconds = spp * seconds_per_sample * (1.0 + 0.03 * f64::from(random.uniform()));
-                rows.push(Row {
+                rows.push(Measurement {
                     spp,
                     rays_per_sample: rays,
                     seconds,
@@ -101,7 +104,7 @@ pub fn comparison() -> Comparison {
                     relmse: errors.relmse,
                     relmse_trimmed: errors.relmse_trimmed,
                     ttuv: ttuv(errors.mse, seconds),
-                    mean_luminance: mean_luminance(image.pixels.iter()),
+                    mean_luminance: mean_luminance(&image),
                     max_weight: f64::from(40.0 * variance * (1.0 + random.uniform())),
                     seed,
                     ..row(sampler, budget, run)

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use anyhow::Result;
 
-use super::Row;
+use super::Measurement;
 use super::summary::{Measure, Summary};
 
 /// A line of headings, then one for each sampler at each budget: number of runs, mean MSE, how many times smaller it is than the
@@ -12,7 +12,7 @@ use super::summary::{Measure, Summary};
 ///
 /// # Errors
 /// If there are no runs.
-pub fn lines(rows: &[Row]) -> Result<String> {
+pub fn lines(rows: &[Measurement]) -> Result<String> {
     let summary = Summary::of(rows)?;
     let mut lines = format!(
         "{:10} {:44} {:>5} {:>10} {:>8} {:16} {:>9} {:>9}",
@@ -39,7 +39,7 @@ mod tests {
 
     #[test]
     fn every_row_has_its_runs_and_its_ratio() {
-        let run = |sampler: &str, run: u32, mse: f64| Row { mse, ..synthetic::row(sampler, "4spp", run) };
+        let run = |sampler: &str, run: u32, mse: f64| Measurement { mse, ..synthetic::row(sampler, "4spp", run) };
         let rows =
             [run("mis", 0, 1.0), run("mis", 1, 1.1), run("ris:4", 0, 0.5), run("ris:4", 1, 0.56), run("odd", 0, 0.0)];
         let text = lines(&rows).unwrap();

@@ -35,7 +35,7 @@ fn a_report_that_grew_run_by_run_is_the_one_of_all_runs() {
     let (rows, images) = (std::mem::take(&mut comparison.rows), std::mem::take(&mut comparison.images));
     let mut report = Report::new(grown.path());
     for row in rows {
-        let image = images.iter().find(|i| i.sampler == row.sampler && i.budget == row.budget && row.run == Some(0));
+        let image = images.iter().find(|i| i.sampler == row.sampler && i.budget == row.budget && row.run == 0);
         comparison.images.extend(image.map(|image| RenderedImage {
             sampler: image.sampler.clone(),
             budget: image.budget.clone(),

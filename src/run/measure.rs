@@ -1,63 +1,16 @@
 //! What is measured of a trained sampler, as figures by name.
 
-use std::{collections::BTreeMap, path::Path, sync::Arc, time::Duration};
+use std::{collections::BTreeMap, path::Path, sync::atomic::AtomicBool};
 
-use anyhow::{Context, Result};
-use headtail_render::{
-    environment::Environment,
-    estimator::Estimator,
-    image::Image,
-    integrator::{Budget, View},
-    points::{PointSet, Points},
-    scene::{MaterialSpec, Scene},
-    spec::SamplerSpec,
-    statistics::ErrorMetrics,
-};
+use anyhow::Result;
+use headtail_eval::{Budget, Entry, Plan, Reference, ReferencePolicy, Run};
+use headtail_render::spec::SamplerSpec;
 use headtail_train::Material;
 
 use super::view::MeasuredView;
-use crate::{
-    compare::{self, Reference},
-    render::quietly,
-};
 
 /// Figures by name: `kl`, `mse:temple`, ...
 pub type Measures = BTreeMap<String, f64>;
-
-/// Edge of the picture that is timed, in pixels.
-const TIMED_SIDE: usize = 96;
-const TIMED_SPP: u32 = 16;
-const TIMINGS: usize = 3;
-
-/// Nanoseconds of a light estimate on one thread: the time of a picture of the scene `sphere` without shadow rays over its estimates, camera
-/// rays included; the least of three pictures.
-pub fn nanoseconds_per_sample(
-    estimator: &dyn Estimator,
-    environment: &Arc<Environment>,
-    material: Material,
-) -> Result<f64> {
-    let scene = Scene::open("sphere")?;
-    let bounds = scene.bounds();
-    let camera = scene.camera();
-    let scene = material.to_string().parse::<MaterialSpec>()?.dress(scene, &bounds)?;
-    let view = View {
-        scene: &scene,
-        camera: &camera,
-        environment,
-        width: TIMED_SIDE,
-        height: TIMED_SIDE,
-        unshadowed: true,
-        depth: 1,
-    };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().context("a thread for timings")?;
-    let points = Points::new(PointSet::Sobol, 1);
-    let times = (0..TIMINGS).map(|_| {
-        let rendering = pool.install(|| quietly(view, estimator, Budget::Spp(TIMED_SPP), points));
-        let estimates = f64::from(rendering.coverage.iter().sum::<f32>()) * f64::from(TIMED_SPP);
-        1e9 * rendering.seconds / estimates
-    });
-    Ok(times.fold(f64::INFINITY, f64::min))
-}
 
 /// Mean squared errors of a picture over the pixels that surfaces cover entirely: `mse:NAME` at equal samples and
 /// `mse_at_time:NAME` at equal time.
@@ -71,28 +24,29 @@ pub fn errors_of_view(
     spec: &SamplerSpec,
     cache: &Path,
 ) -> Result<Measures> {
-    let view = measured.view(env, material)?;
-    let opened = view.open()?;
-    let estimator = opened.estimator(spec)?;
-    let reference = Reference::shared(&view, &opened, measured.reference_spp, cache)?;
-    let truth = compare::select(&reference.image, &reference.covered);
-    let error = |budget: Budget| -> Result<f64> {
-        let mut sum = 0.0;
-        for run in 0..measured.runs {
-            let points = opened.points(budget, 1 + u64::from(run));
-            let rendering = quietly(opened.view(), &*estimator, budget, points);
-            let pixels: Image = compare::select(&rendering.surfaces, &reference.covered);
-            sum += ErrorMetrics::of(&pixels, &truth)?.mse;
-        }
-        Ok(sum / f64::from(measured.runs))
+    let opened = measured.view(env, material)?.open()?;
+    let entry = Entry::new(spec.to_string(), opened.estimator(spec)?);
+    let never = AtomicBool::new(false);
+    let policy = ReferencePolicy::new(measured.reference_spp, 1);
+    let mut reference = Reference::obtain(&opened, policy, Some(cache), &never, &|_| {})?;
+    let spp = measured.spp.map(|spp| ("mse", Budget::Samples(spp)));
+    let seconds = measured.seconds.map(|seconds| ("mse_at_time", Budget::Seconds(seconds)));
+    let budgets: Vec<(&str, Budget)> = spp.into_iter().chain(seconds).collect();
+    let plan = Plan {
+        scene: opened.scene_name(),
+        env: opened.light_name(),
+        material: String::new(),
+        budgets: budgets.iter().map(|(_, budget)| *budget).collect(),
+        runs: measured.runs,
+        seed: 1,
+        // Other processes read the same references: what one refines would change what others measure.
+        cache: None,
     };
-    let mut measures = Measures::new();
-    if let Some(spp) = measured.spp {
-        measures.insert(format!("mse:{}", measured.name()), error(Budget::Spp(spp))?);
-    }
-    if let Some(seconds) = measured.seconds {
-        let budget = Budget::Time(Duration::from_secs_f64(seconds));
-        measures.insert(format!("mse_at_time:{}", measured.name()), error(budget)?);
-    }
-    Ok(measures)
+    let mut keep = |_: Run<'_>| anyhow::Ok(());
+    let rows = headtail_eval::measure(&opened, &[entry], &mut reference, &plan, (&never, &()), &mut keep)?;
+    let mean = |budget: Budget| {
+        let own = rows.iter().filter(|row| row.budget == budget.to_string()).map(|row| row.mse);
+        own.sum::<f64>() / f64::from(measured.runs)
+    };
+    Ok(budgets.iter().map(|(kind, budget)| (format!("{kind}:{}", measured.name()), mean(*budget))).collect())
 }

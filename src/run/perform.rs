@@ -6,6 +6,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail};
+use headtail_eval::nanoseconds_per_sample;
 use headtail_render::{
     environment::Environment,
     file,
@@ -162,7 +163,7 @@ fn measured(
     let mut measures = Measures::new();
     if run.measure.time {
         let estimator = spec.build(environment)?;
-        let nanoseconds = measure::nanoseconds_per_sample(&*estimator, environment, run.fit.material)?;
+        let nanoseconds = nanoseconds_per_sample(&*estimator, environment, &run.fit.material.to_string().parse()?)?;
         measures.insert("ns_per_sample".into(), nanoseconds);
     }
     for view in &run.measure.views {

@@ -11,11 +11,12 @@ use std::{path::PathBuf, sync::atomic::Ordering};
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
+use headtail_eval::machine;
 use headtail_render::{file, statistics::Effort};
 use headtail_train::{Backend, GradientForm};
 
 use crate::terminal::{self, out};
-use crate::{backends::parse, compare::machine, cost, output::OutputFolder, progress};
+use crate::{backends::parse, cost, output::OutputFolder, progress};
 use kept::Kept;
 use method::{DEFAULT, Laboratory, Row};
 use picture::Pictures;

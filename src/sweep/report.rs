@@ -23,8 +23,9 @@ use super::{
     slurm::quoted,
     status::State,
 };
+use headtail_eval::machine;
+
 use crate::{
-    compare::machine,
     report::{chart::Curve, shell::Page},
     run,
 };

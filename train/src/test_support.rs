@@ -4,7 +4,9 @@ use std::f32::consts::TAU;
 
 use headtail_model::{Head, HeadConfig, burn::prelude::Device};
 use headtail_render::{
+    brdf::neural::{INPUTS, Network, OUTPUTS},
     environment::built_in,
+    head::Linear,
     random::{Purpose, Stream},
     tail::{Tail, TailKind},
 };
@@ -22,6 +24,14 @@ pub fn random_head(config: HeadConfig, device: &Device) -> Head {
         weight.values.iter_mut().for_each(|value| *value = stream.uniform() - 0.5);
     }
     Head::from_weights(config, weights, device).unwrap()
+}
+
+/// A grey lobe around the mirrored direction: its logarithm falls with the sine of the half vector's angle.
+pub fn grey_lobe(peak: f32) -> Network {
+    let first = Linear::new("first", INPUTS, 1, &[-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], vec![1.0]).unwrap();
+    let second = Linear::new("second", 1, 1, &[1.0], vec![0.0]).unwrap();
+    let third = Linear::new("third", 1, OUTPUTS, &[peak; OUTPUTS], vec![0.1; OUTPUTS]).unwrap();
+    Network::new("network", [first, second, third]).unwrap()
 }
 
 /// A tail for light that is uniform over the upper half of the sphere: a normal that points down sees little or none.

@@ -9,22 +9,9 @@ use glam::{Vec3, Vec3A};
 use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris, rt_triangle::RtTriangle, triangle::Triangle};
 
 use super::{
-    ray::Ray,
+    ray::{Hit, Ray},
     wide::{Question, Traversal, WideBvh},
 };
-
-/// The nearest intersection along a ray.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hit {
-    /// Index of the triangle, in the order given to [`Bvh::build`].
-    pub triangle: usize,
-    /// Distance in metres.
-    pub t: f32,
-    /// Barycentric weight of the triangle's second corner.
-    pub u: f32,
-    /// Barycentric weight of the triangle's third corner.
-    pub v: f32,
-}
 
 /// A bounding volume hierarchy of triangles.
 pub struct Bvh(WideBvh);

@@ -19,7 +19,7 @@ mod texture;
 mod wide;
 
 pub use built_in::built_in_names;
-pub use bvh::{Bvh, Hit};
+pub use bvh::Bvh;
 pub use camera::Camera;
 pub use fspy::{FspyProject, UpAxis};
 pub use material::{AlphaField, Material, SurfacePoint, TexturedMetallicRoughness};
@@ -28,7 +28,7 @@ pub use measured::open_measured;
 pub use mesh::{MAX_COORDINATE, Mesh};
 pub use neural::{NeuralMaterial, NeuralSpec, TangentView};
 pub use normal_map::{NormalMap, TangentSpace};
-pub use ray::{Bounds, Ray};
+pub use ray::{Bounds, Hit, Ray};
 pub use texture::{Texture, Wrap};
 
 use glam::{Vec2, Vec3, Vec3A};

@@ -1,4 +1,4 @@
-//! Rays and axis-aligned bounds.
+//! Rays, their hits, and axis-aligned bounds.
 
 use glam::{Vec3, Vec3A};
 
@@ -22,6 +22,19 @@ impl Ray {
     pub fn at(&self, t: f32) -> Vec3A {
         self.origin + t * self.direction
     }
+}
+
+/// The nearest intersection along a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Index of the triangle, in the order given to [`Bvh::build`](super::Bvh::build).
+    pub triangle: usize,
+    /// Distance in metres.
+    pub t: f32,
+    /// Barycentric weight of the triangle's second corner.
+    pub u: f32,
+    /// Barycentric weight of the triangle's third corner.
+    pub v: f32,
 }
 
 /// An axis-aligned box, in metres.

@@ -24,7 +24,7 @@ use self::{
     nearest::GROUP,
     packet::Packet,
 };
-use super::{bvh::Hit, ray::Ray};
+use super::ray::{Hit, Ray};
 
 /// Children of a node, and triangles of a block: one AVX2 register of each of their numbers.
 const WIDTH: usize = 8;

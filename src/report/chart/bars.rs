@@ -127,13 +127,13 @@ pub(super) fn whisker(drawing: &mut Drawing, [low, high]: [f64; 2], y: f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::{Row, synthetic};
+    use super::super::super::{Measurement, synthetic};
     use super::*;
 
     #[test]
     fn what_has_no_ratio_has_no_bar() {
         let rows = [("mis", 1.0), ("ris:4", f64::NAN), ("patches", 0.5)]
-            .map(|(sampler, mse)| Row { mse, ..synthetic::row(sampler, "4spp", 0) });
+            .map(|(sampler, mse)| Measurement { mse, ..synthetic::row(sampler, "4spp", 0) });
         let svg = ratio_bars(&Summary::of(&rows).unwrap()).drawings[1].svg();
         // At equal samples; at equal time by MSE x time, which the rows have.
         assert_eq!(svg.matches("class=\"bar\"").count(), 2 + 3);

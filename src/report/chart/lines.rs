@@ -98,13 +98,13 @@ fn guides(drawing: &mut Drawing, x: &Axis, y: &Axis, lines: &[Line]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::{Row, synthetic};
+    use super::super::super::{Measurement, synthetic};
     use super::*;
 
     #[test]
     fn points_that_have_no_logarithm_are_left_out() {
         let rows = [("mis", 0.0), ("ris:4", f64::NAN), ("a", 1.0)]
-            .map(|(sampler, mse)| Row { mse, ..synthetic::row(sampler, "4spp", 0) });
+            .map(|(sampler, mse)| Measurement { mse, ..synthetic::row(sampler, "4spp", 0) });
         let chart = error_over_time(&Summary::of(&rows).unwrap());
         assert_eq!(chart.drawings.len(), 2, "two layouts");
         for drawing in &chart.drawings {
@@ -117,8 +117,8 @@ mod tests {
 
     #[test]
     fn intervals_of_error_and_time_are_both_drawn() {
-        let run = |run: u32, mse: f64, seconds: f64| Row { mse, seconds, ..synthetic::row("mis", "4spp", run) };
-        let count = |rows: &[Row]| {
+        let run = |run: u32, mse: f64, seconds: f64| Measurement { mse, seconds, ..synthetic::row("mis", "4spp", run) };
+        let count = |rows: &[Measurement]| {
             error_over_time(&Summary::of(rows).unwrap()).drawings[0].svg().matches("class=\"ci-bar\"").count()
         };
         assert_eq!(count(&[run(0, 1.0, 1.0), run(1, 1.1, 1.2)]), 2);

@@ -71,7 +71,7 @@ fn facts(comparison: &Comparison, summary: &Summary) -> Vec<String> {
 
 /// That runs are missing, if so.
 fn incomplete(comparison: &Comparison) -> Markup {
-    let done = comparison.rows.iter().filter(|row| row.run.is_some()).count();
+    let done = comparison.rows.len();
     let why = match comparison.state {
         State::Complete => return PreEscaped(String::new()),
         State::Running { .. } => "This comparison was running when the page was written",

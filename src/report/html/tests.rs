@@ -1,5 +1,5 @@
 use super::super::synthetic;
-use super::super::{Comparison, Row};
+use super::super::{Comparison, Measurement};
 use super::*;
 
 fn page_of(comparison: &Comparison) -> String {
@@ -70,8 +70,8 @@ fn the_lowest_error_of_each_budget_is_marked() {
 fn poor_comparisons_make_a_page_too() {
     let complete = synthetic::comparison();
     let poor =
-        |rows: Vec<Row>| Comparison { rows, images: Vec::new(), preparation: Vec::new(), ..synthetic::comparison() };
-    let broken = Row { mse: f64::NAN, relmse: f64::INFINITY, seconds: 0.0, ..synthetic::row("mis", "odd", 0) };
+        |rows: Vec<Measurement>| Comparison { rows, images: Vec::new(), preparation: Vec::new(), ..synthetic::comparison() };
+    let broken = Measurement { mse: f64::NAN, relmse: f64::INFINITY, seconds: 0.0, ..synthetic::row("mis", "odd", 0) };
     for rows in [vec![synthetic::row("mis", "4spp", 0)], vec![broken], complete.rows[..3].to_vec()] {
         let page = page_of(&poor(rows));
         assert!(page.contains("All numbers") && !page.contains("id=\"slider\""));

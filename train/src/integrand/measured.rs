@@ -92,28 +92,16 @@ impl RenderedSurface for MeasuredSurface {
 
 #[cfg(test)]
 mod tests {
-    use headtail_render::{
-        brdf::neural::{INPUTS, Network, OUTPUTS, write_networks},
-        head::Linear,
-        random::Purpose,
-    };
+    use headtail_render::{brdf::neural::write_networks, random::Purpose};
 
     use super::*;
-    use crate::Material;
-
-    /// A grey lobe around the mirrored direction: its logarithm falls with the sine of the half vector's angle.
-    fn network(peak: f32) -> Network {
-        let first = Linear::new("first", INPUTS, 1, &[-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], vec![1.0]).unwrap();
-        let second = Linear::new("second", 1, 1, &[1.0], vec![0.0]).unwrap();
-        let third = Linear::new("third", 1, OUTPUTS, &[peak; OUTPUTS], vec![0.1; OUTPUTS]).unwrap();
-        Network::new("network", [first, second, third]).unwrap()
-    }
+    use crate::{Material, test_support::grey_lobe};
 
     #[test]
     fn conditions_name_the_material_that_they_are_drawn_for() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("two.safetensors");
-        write_networks(&file, &[("dull".into(), network(0.5)), ("bright".into(), network(3.0))]).unwrap();
+        write_networks(&file, &[("dull".into(), grey_lobe(0.5)), ("bright".into(), grey_lobe(3.0))]).unwrap();
         let text = format!("nbrdf:{}#dull,bright", file.display());
         let material: Material = text.parse().unwrap();
         assert_eq!((material.to_string(), material.condition()), (text, Condition::Family));

@@ -78,8 +78,8 @@ fn check_names(path: &Path, names: &[String]) -> Result<()> {
     }
 }
 
-/// Where the names of raw rows are.
-fn names_file(path: &Path) -> PathBuf {
+/// Returns the file that holds the names of the raw rows of `path`.
+pub fn names_file(path: &Path) -> PathBuf {
     path.with_extension("names.txt")
 }
 

@@ -5,7 +5,7 @@ mod file;
 mod network;
 
 pub use check::{MaterialCheck, VIEWS};
-pub use file::{read_networks, write_networks};
+pub use file::{names_file, read_networks, write_networks};
 pub use network::{INPUTS, LAYERS, MAX_HIDDEN, Network, OUTPUTS};
 
 use std::fmt;

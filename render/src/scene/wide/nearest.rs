@@ -8,7 +8,7 @@ use super::{
     lanes::{Eight, Lanes},
     probe::Probe,
 };
-use crate::scene::{bvh::Hit, ray::Ray};
+use crate::scene::ray::{Hit, Ray};
 
 /// Rays on their way at once.
 pub const GROUP: usize = 32;

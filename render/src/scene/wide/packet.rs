@@ -9,7 +9,7 @@ use super::{
     lanes::{Eight, Lanes},
     probe::{LEAST, OUTWARD, meet},
 };
-use crate::scene::{bvh::Hit, ray::Ray};
+use crate::scene::ray::{Hit, Ray};
 
 /// The most that the directions of a packet may differ along an axis.
 const SPREAD: f32 = 0.1;

@@ -1,0 +1,72 @@
+//! Hashes the sources that decide what a sampler draws and what it costs, so that every measurement can name them.
+
+use std::{fs, path::Path};
+
+/// Folders and files of `render/src` on which directions, densities, pictures or their time depend.
+const SOURCES: [&str; 32] = [
+    "bake",
+    "batch.rs",
+    "brdf",
+    "columns.rs",
+    "discrete.rs",
+    "environment",
+    "estimator",
+    "frame.rs",
+    "head",
+    "integrator",
+    "latlong.rs",
+    "linear.rs",
+    "morton.rs",
+    "patches",
+    "points",
+    "random.rs",
+    "rival",
+    "sampler",
+    "scene/bvh.rs",
+    "scene/material.rs",
+    "scene/mesh.rs",
+    "scene/mod.rs",
+    "scene/normal_map.rs",
+    "scene/ray.rs",
+    "scene/texture.rs",
+    "scene/wide",
+    "scene/wide.rs",
+    "simd.rs",
+    "spline",
+    "tail",
+    "tile.rs",
+    "visibility",
+];
+
+fn main() {
+    let root = Path::new("../render/src");
+    let mut hasher = blake3::Hasher::new();
+    for source in SOURCES {
+        println!("cargo:rerun-if-changed=../render/src/{source}");
+        add(&root.join(source), source, &mut hasher);
+    }
+    let hash = hasher.finalize().to_hex();
+    println!("cargo:rustc-env=HEADTAIL_SOURCES={}", &hash[..16]);
+}
+
+/// Adds a file, or the files of a folder in the order of their names, with tests, comments and white space left out.
+fn add(path: &Path, name: &str, hasher: &mut blake3::Hasher) {
+    if path.is_dir() {
+        let mut entries: Vec<_> = fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+        entries.sort();
+        for entry in entries {
+            let part = entry.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            add(&entry, &format!("{name}/{part}"), hasher);
+        }
+    } else if path.extension().is_some_and(|extension| extension == "rs") && !name.ends_with("tests.rs") {
+        let text = fs::read_to_string(path).unwrap_or_default();
+        hasher.update(name.as_bytes()).update(code_of(&text).as_bytes());
+    }
+}
+
+/// The code of a file without its unit tests, lines of comments and white space.
+fn code_of(text: &str) -> String {
+    let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
+    let lines = code.lines().map(str::trim).filter(|line| !line.starts_with("//"));
+    lines.flat_map(|line| line.chars().filter(|letter| !letter.is_whitespace())).collect()
+}

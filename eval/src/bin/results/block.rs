@@ -1,0 +1,102 @@
+//! What a generated block asks for.
+
+use anyhow::{Context, Result, ensure};
+use headtail_eval::summary::Comparison;
+
+/// The head of a block: `KIND EXPERIMENT key=value ...`.
+#[derive(Debug)]
+pub struct Block {
+    /// What it shows.
+    pub kind: String,
+    /// The experiment whose data it shows.
+    pub experiment: String,
+    settings: Vec<(String, String)>,
+}
+
+/// Samplers of which the best one of each view counts, with their common name.
+#[derive(Debug, PartialEq)]
+pub struct SamplerSet {
+    /// What the row is called.
+    pub label: String,
+    /// The samplers.
+    pub samplers: Vec<String>,
+}
+
+/// The keys of all kinds of blocks.
+const KEYS: [&str; 10] =
+    ["seconds", "samples", "preparation", "samplers", "baselines", "columns", "only", "file", "baseline", "rows"];
+
+impl Block {
+    /// Reads the head of a block.
+    ///
+    /// # Errors
+    /// If kind or experiment is missing, or a key is unknown.
+    pub fn parse(head: &str) -> Result<Self> {
+        let mut words = head.split_whitespace();
+        let kind = words.next().context("a block names its kind")?.to_owned();
+        let experiment = words.next().context("a block names its experiment")?.to_owned();
+        let mut settings = Vec::new();
+        for word in words {
+            let (key, value) = word.split_once('=').with_context(|| format!("'{word}' is not key=value"))?;
+            ensure!(KEYS.contains(&key), "the key '{key}' is unknown; there are {}", KEYS.join(", "));
+            settings.push((key.to_owned(), value.to_owned()));
+        }
+        Ok(Self { kind, experiment, settings })
+    }
+
+    /// The value of a key.
+    pub fn get(&self, key: &str) -> Option<&str> {
+        self.settings.iter().find(|(known, _)| known == key).map(|(_, value)| value.as_str())
+    }
+
+    /// The value of a key that must be there.
+    ///
+    /// # Errors
+    /// If it is not.
+    pub fn need(&self, key: &str) -> Result<&str> {
+        self.get(key).with_context(|| format!("{}: the key '{key}' is missing", self.kind))
+    }
+
+    /// Names separated by commas.
+    pub fn names(&self, key: &str) -> Vec<String> {
+        self.get(key).map_or(Vec::new(), |value| value.split(',').map(str::to_owned).collect())
+    }
+
+    /// The rows of samplers: `patches,best-of-ours=patches|direct`.
+    pub fn sampler_sets(&self) -> Vec<SamplerSet> {
+        let set = |text: String| match text.split_once('=') {
+            None => SamplerSet { label: format!("`{text}`"), samplers: vec![text] },
+            Some((label, names)) => SamplerSet {
+                label: label.replace('-', " "),
+                samplers: names.split('|').map(str::to_owned).collect(),
+            },
+        };
+        self.names("samplers").into_iter().map(set).collect()
+    }
+
+    /// At what cost samplers are compared: `seconds=1`, with `preparation=no` where it does not count, or `samples=16spp`.
+    ///
+    /// # Errors
+    /// If neither is given.
+    pub fn comparison(&self) -> Result<Comparison> {
+        if let Some(samples) = self.get("samples") {
+            return Ok(Comparison::Samples(samples.to_owned()));
+        }
+        let seconds = self.need("seconds")?.parse().context("seconds")?;
+        Ok(Comparison::Time { seconds, counts_preparation: self.get("preparation") != Some("no") })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heads_are_read() {
+        let block = Block::parse("ratios equal-time seconds=1 baselines=mis,mis2 samplers=patches,best-of-ours=patches|direct").unwrap();
+        assert_eq!((&*block.kind, &*block.experiment, block.names("baselines").len()), ("ratios", "equal-time", 2));
+        let sets = block.sampler_sets();
+        assert_eq!((&*sets[0].label, &*sets[1].label, sets[1].samplers.len()), ("`patches`", "best of ours", 2));
+        assert!(Block::parse("ratios equal-time second=1").is_err() && Block::parse("ratios").is_err());
+    }
+}

@@ -1,0 +1,239 @@
+//! Measures the experiments of a folder and builds the pages that show them.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `main.rs` | the command line |
+//! | `pages.rs` | pages and their generated blocks |
+//! | `block.rs` | what a block asks for |
+//! | `tables.rs`, `forest.rs` | what blocks become |
+//! | `prose.rs` | measured numbers outside generated blocks |
+
+mod block;
+mod forest;
+mod pages;
+mod prose;
+mod tables;
+
+use std::{
+    path::{Path, PathBuf},
+    process::ExitCode,
+    sync::{
+        Arc, Mutex,
+        atomic::AtomicBool,
+    },
+    time::Instant,
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::{Parser, Subcommand};
+use headtail_eval::{Experiment, Outcome, RunOptions, Store, Watch, run, source_hash};
+
+/// Measure experiments (results/*.toml) and build the pages that show their data.
+#[derive(Parser)]
+#[command(after_help = "Examples:
+  results build
+  results run equal-time --data maps-and-scenes
+  results run --quick
+  results stale
+
+Measurements are resumable: Ctrl-C ends a run after the picture that is being rendered, and the same command goes on with the view that was being measured.")]
+struct Arguments {
+    /// The root of the repository.
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    root: PathBuf,
+    #[command(subcommand)]
+    command: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Generate the blocks of all pages from the data.
+    Build {
+        /// Write nothing; fail if a page differs from its data, or a measured number stands outside a generated block.
+        #[arg(long)]
+        check: bool,
+    },
+    /// List experiments whose samplers or integrator have changed since they were measured.
+    Stale,
+    /// Measure what is missing of experiments.
+    Run {
+        /// Experiments by name; all if none is named.
+        names: Vec<String>,
+        /// Measure again what was measured with other sources.
+        #[arg(long)]
+        stale: bool,
+        /// Measure miniatures in a temporary folder, and build the pages from them without writing them.
+        #[arg(long)]
+        quick: bool,
+        /// Folder of maps and scenes. Views whose files are missing are skipped.
+        #[arg(long, value_name = "DIR", default_value = "data")]
+        data: PathBuf,
+        /// Folder of references and of samplers' files.
+        #[arg(long, value_name = "DIR", default_value = "out/results")]
+        cache: PathBuf,
+        /// The program headtail, which makes samplers' files. Default: the one beside this program.
+        #[arg(long, value_name = "FILE")]
+        program: Option<PathBuf>,
+    },
+}
+
+fn main() -> ExitCode {
+    match perform(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn perform(arguments: &Arguments) -> Result<()> {
+    let root = &arguments.root;
+    let folder = root.join("results");
+    match &arguments.command {
+        Task::Build { check } => {
+            let site = pages::Site::open(root, Store::new(&folder), &experiments(&folder)?)?;
+            site.build(*check)
+        }
+        Task::Stale => {
+            for experiment in experiments(&folder)? {
+                let count = stale_records(&Store::new(&folder), &experiment.name)?;
+                if count > 0 {
+                    println!("{}: {count} measurements are of other sources", experiment.name);
+                }
+            }
+            Ok(())
+        }
+        Task::Run { names, stale, quick, data, cache, program } => {
+            let all = experiments(&folder)?;
+            for name in names {
+                ensure!(all.iter().any(|own| own.name == *name), "there is no experiment '{name}'");
+            }
+            let chosen = all.iter().filter(|own| names.is_empty() || names.contains(&own.name));
+            let program = program.clone().map_or_else(beside, Ok)?;
+            let options = |cache: &Path| RunOptions {
+                data: data.clone(),
+                cache: cache.to_owned(),
+                program: program.clone(),
+                most_views: usize::MAX,
+            };
+            if *quick {
+                let temporary = std::env::temp_dir().join(format!("headtail-results-{}", std::process::id()));
+                let measured = run_quickly(root, chosen.cloned().collect(), &options(&temporary.join("cache")), &temporary);
+                drop(std::fs::remove_dir_all(&temporary));
+                return measured;
+            }
+            let store = Store::new(&folder);
+            for experiment in chosen {
+                if *stale {
+                    let current = current_environments(&store)?;
+                    store.retain(&experiment.name, |own| current.contains(&own.environment))?;
+                }
+                measure(experiment, &store, &options(cache))?;
+            }
+            Ok(())
+        }
+    }
+}
+
+/// Measures miniatures and builds the pages from them in memory.
+fn run_quickly(root: &Path, experiments: Vec<Experiment>, options: &RunOptions, folder: &Path) -> Result<()> {
+    let store = Store::new(&folder.join("data"));
+    let experiments: Vec<Experiment> = experiments.into_iter().map(Experiment::quickly).collect();
+    for experiment in &experiments {
+        let options = RunOptions {
+            most_views: experiment.quick.views,
+            data: options.data.clone(),
+            cache: options.cache.clone(),
+            program: options.program.clone(),
+        };
+        let outcome = measure(experiment, &store, &options)?;
+        ensure!(outcome.measured > 0, "{}: no view could be measured", experiment.name);
+    }
+    pages::Site::open(root, store, &experiments)?.build_in_memory()
+}
+
+fn measure(experiment: &Experiment, store: &Store, options: &RunOptions) -> Result<Outcome> {
+    let progress = Progress::new();
+    let stop = stop_flag()?;
+    let outcome = run(experiment, store, options, (&stop, &progress)).with_context(|| experiment.name.clone())?;
+    eprintln!("{}: {} views measured, {} known", experiment.name, outcome.measured, outcome.known);
+    for key in &outcome.missing {
+        eprintln!("warning: {}: {} under {} is skipped: its files are missing", experiment.name, key.scene, key.map);
+    }
+    Ok(outcome)
+}
+
+/// The experiments of a folder, by name.
+fn experiments(folder: &Path) -> Result<Vec<Experiment>> {
+    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    paths.sort();
+    paths.iter().map(|path| Ok(Experiment::open(path)?)).collect()
+}
+
+fn current_environments(store: &Store) -> Result<Vec<String>> {
+    let known = store.environments()?;
+    Ok(known.into_iter().filter(|(_, own)| own.sources == source_hash()).map(|(id, _)| id).collect())
+}
+
+/// Measurements of an experiment that are of other sources than this program's.
+fn stale_records(store: &Store, experiment: &str) -> Result<usize> {
+    let current = current_environments(store)?;
+    Ok(store.records(experiment)?.iter().filter(|own| !current.contains(&own.environment)).count())
+}
+
+/// The program `headtail` in this program's folder.
+fn beside() -> Result<PathBuf> {
+    let own = std::env::current_exe().context("this program's path")?;
+    let found = own.with_file_name(format!("headtail{}", std::env::consts::EXE_SUFFIX));
+    if found.exists() {
+        Ok(found)
+    } else {
+        bail!("{}: there is no such program; build it with `cargo build --release`, or name one with --program", found.display())
+    }
+}
+
+/// A flag that SIGINT and SIGTERM set; a second signal ends the process.
+fn stop_flag() -> Result<Arc<AtomicBool>> {
+    static FLAG: Mutex<Option<Arc<AtomicBool>>> = Mutex::new(None);
+    let mut known = FLAG.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    if let Some(flag) = &*known {
+        return Ok(flag.clone());
+    }
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register_conditional_shutdown(signal, 130, flag.clone())?;
+        signal_hook::flag::register(signal, flag.clone())?;
+    }
+    *known = Some(flag.clone());
+    Ok(flag)
+}
+
+/// Lines on standard error: each view, and its time.
+struct Progress {
+    start: Instant,
+}
+
+impl Progress {
+    fn new() -> Self {
+        Self { start: Instant::now() }
+    }
+}
+
+impl Watch for Progress {
+    fn planned(&self, seconds: f64) {
+        eprintln!("    about {seconds:.0} s of runs");
+    }
+
+    fn message(&self, text: &str) {
+        if text.contains(" under ") {
+            eprintln!("{:6.0} s  {text}", self.start.elapsed().as_secs_f64());
+        }
+    }
+
+    fn warning(&self, text: &str) {
+        eprintln!("warning: {text}");
+    }
+}

@@ -1,0 +1,113 @@
+//! Pages and their generated blocks.
+//!
+//! A block begins with `<!-- results: KIND EXPERIMENT key=value ... -->` and ends with `<!-- end of results -->`; what stands between is generated.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use headtail_eval::{Experiment, Store};
+use headtail_render::file;
+
+use crate::{block::Block, prose, tables::Data};
+
+const BEGIN: &str = "<!-- results: ";
+const END: &str = "<!-- end of results -->";
+
+/// All pages, and the data that they show.
+pub struct Site {
+    root: PathBuf,
+    pages: Vec<PathBuf>,
+    data: Data,
+}
+
+/// A page, or a chart beside it, as it should be.
+struct Built {
+    path: PathBuf,
+    content: String,
+}
+
+impl Site {
+    /// The pages of a repository: those of its root and of `docs/`.
+    ///
+    /// # Errors
+    /// If a folder or the data cannot be read.
+    pub fn open(root: &Path, store: Store, experiments: &[Experiment]) -> Result<Self> {
+        let mut pages = vec![root.join("README.md"), root.join("RESULTS.md")];
+        let mut folders = vec![root.join("docs")];
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(&folder).with_context(|| folder.display().to_string())?.flatten() {
+                let path = entry.path();
+                if path.is_dir() {
+                    folders.push(path);
+                } else if path.extension().is_some_and(|extension| extension == "md") {
+                    pages.push(path);
+                }
+            }
+        }
+        pages.sort();
+        Ok(Self { root: root.to_owned(), pages, data: Data::open(store, experiments)? })
+    }
+
+    /// Writes pages and charts, or checks that they are as they should be.
+    ///
+    /// # Errors
+    /// If a block asks for what is not there, a file cannot be read or written, or the check fails.
+    pub fn build(&self, check: bool) -> Result<()> {
+        let mut findings = Vec::new();
+        for page in &self.pages {
+            let text = std::fs::read_to_string(page).with_context(|| page.display().to_string())?;
+            let name = page.strip_prefix(&self.root).unwrap_or(page);
+            if check {
+                findings.extend(prose::measured_numbers(name, &text));
+            }
+            for built in self.page(page, &text)? {
+                let known = std::fs::read_to_string(&built.path).unwrap_or_default();
+                if known == built.content {
+                    continue;
+                }
+                if check {
+                    findings.push(format!("{}: differs from its data; run `results build`", built.path.display()));
+                } else {
+                    file::replace(&built.path, built.content.as_bytes())?;
+                    eprintln!("{} written", built.path.display());
+                }
+            }
+        }
+        if findings.is_empty() { Ok(()) } else { bail!("{}", findings.join("\n")) }
+    }
+
+    /// Builds everything and writes nothing.
+    ///
+    /// # Errors
+    /// If a block asks for what is not there.
+    pub fn build_in_memory(&self) -> Result<()> {
+        for page in &self.pages {
+            let text = std::fs::read_to_string(page).with_context(|| page.display().to_string())?;
+            self.page(page, &text)?;
+        }
+        Ok(())
+    }
+
+    /// A page with its blocks filled, and the charts that they draw.
+    fn page(&self, path: &Path, text: &str) -> Result<Vec<Built>> {
+        let (mut content, mut rest, mut built) = (String::new(), text, Vec::new());
+        while let Some(begin) = rest.find(BEGIN) {
+            let head_end = begin + rest[begin..].find("-->").context("a block's head does not end")? + 3;
+            let head = &rest[begin + BEGIN.len()..head_end - 3];
+            let end = head_end + rest[head_end..].find(END).with_context(|| format!("{head}: the block does not end"))?;
+            let block = Block::parse(head.trim()).with_context(|| path.display().to_string())?;
+            let filled = self.data.fill(&block).with_context(|| format!("{}: {head}", path.display()))?;
+            content += &rest[..head_end];
+            content += "\n\n";
+            content += filled.markdown.trim_end();
+            content += "\n\n";
+            content += END;
+            built.extend(filled.chart.map(|(name, svg)| Built { path: self.root.join(name), content: svg }));
+            // An image is named from the page's folder.
+            rest = &rest[end + END.len()..];
+        }
+        content += rest;
+        built.push(Built { path: path.to_owned(), content });
+        Ok(built)
+    }
+}

@@ -1,0 +1,32 @@
+//! Time that this process has used.
+
+/// Seconds that all threads of this process have run; `None` where the system does not say.
+#[cfg(unix)]
+#[expect(clippy::unnecessary_wraps, reason = "other systems do not say")]
+pub fn processor_seconds() -> Option<f64> {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    Some(time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64)
+}
+
+/// Seconds that all threads of this process have run; `None` where the system does not say.
+#[cfg(not(unix))]
+pub fn processor_seconds() -> Option<f64> {
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::processor_seconds;
+
+    #[test]
+    #[cfg(unix)]
+    fn processor_time_grows_with_work() {
+        let before = processor_seconds().unwrap();
+        let start = std::time::Instant::now();
+        let mut sum = 0.0_f64;
+        while start.elapsed().as_millis() < 50 {
+            sum += f64::sin(sum + 1.0);
+        }
+        assert!(processor_seconds().unwrap() > before + 0.001, "{sum}");
+    }
+}

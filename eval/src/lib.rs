@@ -1,0 +1,52 @@
+//! Measures samplers: the only place that times a rendering or computes its error.
+//!
+//! [`measure`] renders samplers of one view at budgets of samples or seconds and compares the pictures with a [`Reference`]; commands,
+//! sweeps and the Python package call it. An [`Experiment`] is a table of views, samplers and budgets; [`Store`] keeps one
+//! [`Measurement`] per (view, sampler, budget, run), and [`summary`] turns them into ratios with intervals.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `view.rs`, `point_choice.rs` | scene, camera and map of a picture, and the points of its samples |
+//! | `budget.rs`, `clock.rs` | samples or seconds; wall-clock and processor time |
+//! | `reference.rs` | converged pictures, their noise, and the files that they are kept in |
+//! | `engine.rs`, `calibration.rs` | the measuring loop; how many samples fit into a time |
+//! | `measurement.rs` | one record per run |
+//! | `independent_runs.rs`, `timing_baseline.rs` | variance without a reference, and times as ratios to a baseline |
+//! | `sample_time.rs` | the time of one light estimate |
+//! | `experiment.rs`, `artifact.rs`, `runner.rs`, `store.rs` | experiments, the files that their samplers need, and their data |
+//! | `summary/` | ratios, bootstrap intervals, error at equal time |
+//! | `bin/results/` | measures experiments and builds pages from their data |
+
+mod artifact;
+mod budget;
+mod calibration;
+mod clock;
+mod engine;
+mod error;
+mod experiment;
+mod independent_runs;
+mod measurement;
+mod point_choice;
+mod reference;
+mod runner;
+mod sample_time;
+mod store;
+pub mod summary;
+mod timing_baseline;
+mod view;
+
+pub use artifact::Artifact;
+pub use budget::Budget;
+pub use clock::processor_seconds;
+pub use engine::{Entry, Plan, Run, Watch, measure};
+pub use error::{Error, Result};
+pub use experiment::{BudgetEntry, Experiment, MapEntry, MaterialEntry, SamplerEntry, SceneEntry, ViewKey};
+pub use independent_runs::IndependentRuns;
+pub use measurement::{Environment as MeasurementEnvironment, Measurement, machine, mean_luminance, source_hash};
+pub use point_choice::PointChoice;
+pub use reference::{Noise, Reference, ReferencePolicy, covered, select};
+pub use runner::{Outcome, RunOptions, run};
+pub use sample_time::nanoseconds_per_sample;
+pub use store::{Record, Store};
+pub use timing_baseline::TimingBaseline;
+pub use view::{CameraSettings, OpenedView, ViewSettings, part_text};

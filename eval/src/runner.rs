@@ -1,0 +1,128 @@
+//! Measures an experiment, view by view; what the store has is not measured again.
+
+use std::{
+    path::PathBuf,
+    sync::atomic::{AtomicBool, Ordering},
+    time::Instant,
+};
+
+use crate::{
+    Entry, Error, Experiment, Measurement, MeasurementEnvironment, Plan, Reference, ReferencePolicy, Result, Store, ViewKey,
+    Watch, engine,
+    experiment::{SamplerEntry, is_there},
+};
+
+/// Where an experiment finds and keeps files.
+pub struct RunOptions {
+    /// The folder of maps and scenes.
+    pub data: PathBuf,
+    /// The folder of references and of samplers' files.
+    pub cache: PathBuf,
+    /// The program `headtail`, which makes samplers' files.
+    pub program: PathBuf,
+    /// Most views; the first ones whose files are there.
+    pub most_views: usize,
+}
+
+/// What came of an experiment.
+#[derive(Debug, Default)]
+pub struct Outcome {
+    /// Views that were measured now.
+    pub measured: usize,
+    /// Views that were measured before.
+    pub known: usize,
+    /// Views whose files are not there.
+    pub missing: Vec<ViewKey>,
+}
+
+/// Measures what is missing of an experiment. Each view is stored when it is done, so that an interrupted experiment goes on with the next one.
+///
+/// # Errors
+/// If a view or a sampler cannot be opened, or the store not be written; [`Error::Interrupted`] if `stop` is set.
+pub fn run(
+    experiment: &Experiment,
+    store: &Store,
+    options: &RunOptions,
+    (stop, watch): (&AtomicBool, &(dyn Watch + Sync)),
+) -> Result<Outcome> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(experiment.threads).build();
+    let pool = pool.map_err(|error| Error::argument("threads", error.to_string()))?;
+    let mut outcome = Outcome::default();
+    let records = store.records(&experiment.name)?;
+    let is_measured = |key: &ViewKey, sampler: &SamplerEntry| {
+        let own = records.iter().filter(|own| own.sampler == sampler.name && own.view() == *key);
+        let wanted = |budget: &str| experiment.budgets.iter().any(|entry| entry.0.to_string() == budget);
+        own.filter(|own| own.run < experiment.runs && wanted(&own.budget)).count()
+            == experiment.budgets.len() * experiment.runs as usize
+    };
+    for key in experiment.view_keys() {
+        if outcome.measured + outcome.known == options.most_views {
+            break;
+        }
+        let files = [
+            experiment.scene(&key.scene).map(|entry| entry.file.as_str()),
+            experiment.map(&key.map).map(|entry| entry.file.as_str()),
+        ];
+        if !files.into_iter().flatten().all(|file| is_there(file, &options.data)) {
+            outcome.missing.push(key);
+            continue;
+        }
+        let samplers: Vec<&SamplerEntry> =
+            experiment.samplers_for(&key.material).filter(|sampler| !is_measured(&key, sampler)).collect();
+        if samplers.is_empty() {
+            outcome.known += 1;
+            continue;
+        }
+        let (measurements, environment) = pool.install(|| {
+            let measured = measure_view(experiment, &key, &samplers, options, (stop, watch))?;
+            Ok::<_, Error>((measured, MeasurementEnvironment::current()))
+        })?;
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted("while a view was measured; the same command goes on with it"));
+        }
+        store.add(&experiment.name, &measurements, &environment)?;
+        outcome.measured += 1;
+    }
+    Ok(outcome)
+}
+
+fn measure_view(
+    experiment: &Experiment,
+    key: &ViewKey,
+    samplers: &[&SamplerEntry],
+    options: &RunOptions,
+    (stop, watch): (&AtomicBool, &(dyn Watch + Sync)),
+) -> Result<Vec<Measurement>> {
+    watch.message(&format!("{}: {} under {}, {}", experiment.name, key.scene, key.map, key.material));
+    let settings = experiment.view(key, &options.data)?;
+    let view = settings.open()?;
+    let mut entries = Vec::new();
+    for sampler in samplers {
+        let (mut spec, mut preparation) = (sampler.spec.clone(), 0.0);
+        for artifact in &experiment.artifacts {
+            let name = format!("{{{}}}", artifact.name);
+            if spec.contains(&name) {
+                let (file, seconds) = artifact.obtain(&settings, &options.program, &options.cache)?;
+                spec = spec.replace(&name, &file.display().to_string());
+                preparation += seconds;
+            }
+        }
+        let start = Instant::now();
+        let estimator = view.estimator(&spec.parse()?)?;
+        preparation += start.elapsed().as_secs_f64();
+        entries.push(Entry { name: sampler.name.clone(), estimator, preparation });
+    }
+    let references = options.cache.join("references");
+    let policy = ReferencePolicy::new(experiment.reference_samples, experiment.seed);
+    let mut reference = Reference::obtain(&view, policy, Some(&references), stop, &|_| {})?;
+    let plan = Plan {
+        scene: key.scene.clone(),
+        env: key.map.clone(),
+        material: key.material.clone(),
+        budgets: experiment.budgets.iter().map(|entry| entry.0).collect(),
+        runs: experiment.runs,
+        seed: experiment.seed,
+        cache: Some(references),
+    };
+    engine::measure(&view, &entries, &mut reference, &plan, (stop, watch), &mut |_| Ok(()))
+}

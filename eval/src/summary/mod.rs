@@ -1,0 +1,12 @@
+//! From measurements to ratios with intervals.
+//!
+//! The error of a sampler after some time is read off the errors that were measured at its budgets, by the power law between them ([`Curve`]). Ratios of
+//! errors are averaged geometrically over views; their intervals are percentiles of a bootstrap over views and, within each, over runs ([`Ratios`]).
+
+mod bootstrap;
+mod curve;
+mod ratios;
+
+pub use bootstrap::{Interval, bootstrap};
+pub use curve::Curve;
+pub use ratios::{Comparison, Ratios, ViewRuns, views_of};

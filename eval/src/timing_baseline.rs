@@ -1,0 +1,65 @@
+//! Times as ratios to a baseline that is rendered before and after, so that whatever else the machine does slows down both.
+
+use std::{
+    cell::Cell,
+    sync::atomic::AtomicBool,
+    time::{Duration, Instant},
+};
+
+use headtail_render::{
+    estimator::Estimator,
+    integrator::Rendering,
+    points::{PointSet, Points},
+};
+
+use crate::{Budget, OpenedView, processor_seconds};
+
+/// A sampler that others are timed against.
+pub struct TimingBaseline {
+    estimator: Box<dyn Estimator>,
+    samples: u32,
+    /// Seconds of its sample of every pixel: the least of several renderings.
+    pub sample_seconds: f64,
+    /// The last time: the one after a picture is the one before the next.
+    last: Cell<Option<(Instant, f64)>>,
+}
+
+/// How long a time is used again.
+const FRESH: Duration = Duration::from_millis(20);
+
+impl TimingBaseline {
+    /// Times a sampler at `samples` samples per pixel.
+    pub fn new(view: &OpenedView, estimator: Box<dyn Estimator>, samples: u32) -> Self {
+        let mut baseline = Self { estimator, samples, sample_seconds: f64::INFINITY, last: Cell::new(None) };
+        for _ in 0..4 {
+            baseline.sample_seconds = baseline.sample_seconds.min(baseline.time(view));
+        }
+        baseline
+    }
+
+    /// Renders between two renderings of the baseline: the picture, and seconds of its sample over the baseline's.
+    pub(crate) fn ratio_of(&self, view: &OpenedView, render: impl FnOnce() -> (Rendering, f64)) -> (Rendering, f64) {
+        let fresh = self.last.get().filter(|(time, _)| time.elapsed() < FRESH);
+        let before = fresh.map_or_else(|| self.time(view), |(_, seconds)| seconds);
+        let (rendering, seconds) = render();
+        let after = self.time(view);
+        (rendering, seconds / (0.5 * (before + after)))
+    }
+
+    fn time(&self, view: &OpenedView) -> f64 {
+        let seconds = timed(view, &*self.estimator, Budget::Samples(self.samples), 0).1;
+        self.last.set(Some((Instant::now(), seconds)));
+        seconds
+    }
+}
+
+/// A picture, and the seconds of a sample of every pixel: processor time over the threads where the system tells it, else wall-clock time.
+pub(crate) fn timed(view: &OpenedView, estimator: &dyn Estimator, budget: Budget, seed: u64) -> (Rendering, f64) {
+    let before = processor_seconds();
+    let points = Points::new(PointSet::Sobol, seed);
+    let rendering = view.render(estimator, budget, points, &AtomicBool::new(false), &|_| {});
+    let used = processor_seconds().zip(before).map(|(after, before)| after - before);
+    let seconds = used.map_or(rendering.seconds, |used| used / rayon::current_num_threads() as f64);
+    let samples = f64::from(rendering.spp.max(1));
+    (rendering, seconds / samples)
+}

@@ -1,0 +1,325 @@
+//! What is rendered: a scene seen by a camera under a map.
+
+use std::sync::{Arc, atomic::AtomicBool};
+
+use glam::{Affine3A, Vec3A};
+use headtail_render::{
+    environment::Environment,
+    estimator::{Estimator, LearnedVisibility},
+    integrator::{self, Part, Rendering, View},
+    points::Points,
+    scene::{Camera, MaterialSpec, Scene},
+    spec::{Place, SamplerSpec},
+};
+use serde::{Deserialize, Serialize};
+
+use crate::{Budget, Error, PointChoice, Result};
+
+/// A camera and the size of its picture; what is not given is taken from the scene's own camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraSettings {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Position in metres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub look_from: Option<[f32; 3]>,
+    /// The point that it looks at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub look_at: Option<[f32; 3]>,
+    /// Vertical field of view in degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fov: Option<f32>,
+}
+
+impl CameraSettings {
+    /// The scene's own camera with a picture of this size.
+    pub fn of_size(width: u32, height: u32) -> Self {
+        Self { width, height, look_from: None, look_at: None, fov: None }
+    }
+
+    /// The camera in a scene.
+    ///
+    /// # Errors
+    /// If the numbers do not make a camera.
+    pub fn open(&self, scene: &Scene) -> Result<Camera> {
+        let own = scene.camera_for(self.width as f32 / self.height as f32);
+        let from = self.look_from.map_or(own.look_from(), Vec3A::from_array);
+        let at = self.look_at.map_or(own.look_at(), Vec3A::from_array);
+        Ok(Camera::new(from, at, self.fov.unwrap_or(own.vertical_fov()))?)
+    }
+}
+
+/// Everything that decides a picture, but its sampler and its samples.
+#[derive(Clone, Debug)]
+pub struct ViewSettings {
+    /// A built-in scene or a glTF file.
+    pub scene: String,
+    /// A built-in map or a file.
+    pub env: String,
+    /// Camera and size.
+    pub camera: CameraSettings,
+    /// Whether a grey diffuse plane is put under the scene.
+    pub ground: bool,
+    /// What every surface is made of; `None` keeps the scene's materials.
+    pub material: Option<MaterialSpec>,
+    /// Whether shadow rays are left out.
+    pub unshadowed: bool,
+    /// Surfaces that light may visit on its way to the camera; 1 is direct light.
+    pub depth: u32,
+    /// The points of samples.
+    pub points: PointChoice,
+    /// Most bytes that samplers with visibility learn of the scene.
+    pub visibility_bytes: usize,
+    /// Whether visibility is used even where it is predicted to gain less than it costs.
+    pub visibility_always: bool,
+}
+
+impl ViewSettings {
+    /// Direct light on a scene with its own materials, with Sobol points.
+    pub fn new(scene: &str, env: &str, camera: CameraSettings) -> Self {
+        Self {
+            scene: scene.to_owned(),
+            env: env.to_owned(),
+            camera,
+            ground: false,
+            material: None,
+            unshadowed: false,
+            depth: 1,
+            points: PointChoice::default(),
+            visibility_bytes: LearnedVisibility::MEMORY,
+            visibility_always: false,
+        }
+    }
+
+    /// Opens scene and map.
+    ///
+    /// # Errors
+    /// If one of them cannot be read, or the camera or the material does not fit the scene.
+    pub fn open(&self) -> Result<OpenedView> {
+        self.open_under(Arc::new(Environment::open(&self.env)?))
+    }
+
+    /// Opens the scene under a map that was opened before.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_under(&self, environment: Arc<Environment>) -> Result<OpenedView> {
+        let mut scene = Scene::open(&self.scene)?;
+        // The camera frames the scene as it is, not the plane below it.
+        let camera = self.camera.open(&scene)?;
+        let bounds = scene.bounds();
+        if self.ground {
+            scene.add_ground();
+        }
+        if let Some(material) = &self.material {
+            scene = material.dress(scene, &bounds)?;
+        }
+        let (width, height) = (self.camera.width as usize, self.camera.height as usize);
+        Ok(OpenedView {
+            material: self.material.clone(),
+            unshadowed: self.unshadowed,
+            depth: self.depth,
+            points: self.points,
+            visibility_bytes: self.visibility_bytes,
+            visibility_always: self.visibility_always,
+            ..OpenedView::new(Arc::new(scene), camera, environment, (width, height))
+        })
+    }
+}
+
+/// Scene, camera and map, opened.
+#[derive(Clone)]
+pub struct OpenedView {
+    scene: Arc<Scene>,
+    material: Option<MaterialSpec>,
+    camera: Camera,
+    /// The map.
+    pub environment: Arc<Environment>,
+    width: usize,
+    height: usize,
+    /// Whether shadow rays are left out.
+    pub unshadowed: bool,
+    /// Surfaces that light may visit.
+    pub depth: u32,
+    /// The points of samples.
+    pub points: PointChoice,
+    visibility_bytes: usize,
+    visibility_always: bool,
+    rotation: f32,
+    scale: Vec3A,
+    part: Option<Part>,
+}
+
+impl OpenedView {
+    /// Direct light on a scene, with Sobol points.
+    pub fn new(scene: Arc<Scene>, camera: Camera, environment: Arc<Environment>, (width, height): (usize, usize)) -> Self {
+        Self {
+            scene,
+            material: None,
+            camera,
+            environment,
+            width,
+            height,
+            unshadowed: false,
+            depth: 1,
+            points: PointChoice::default(),
+            visibility_bytes: LearnedVisibility::MEMORY,
+            visibility_always: false,
+            rotation: 0.0,
+            scale: Vec3A::ONE,
+            part: None,
+        }
+    }
+
+    /// What the integrator renders.
+    pub fn view(&self) -> View<'_> {
+        View {
+            scene: &self.scene,
+            camera: &self.camera,
+            environment: &self.environment,
+            width: self.width,
+            height: self.height,
+            unshadowed: self.unshadowed,
+            depth: self.depth,
+        }
+    }
+
+    /// The estimator of a SPEC for this map and this scene.
+    ///
+    /// # Errors
+    /// If a file of the SPEC cannot be used here.
+    pub fn estimator(&self, spec: &SamplerSpec) -> Result<Box<dyn Estimator>> {
+        let place = Place { scene: Some(&self.scene), memory: self.visibility_bytes, always: self.visibility_always };
+        Ok(spec.build_in(&self.environment, place)?)
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Most bytes that are learned of the scene.
+    pub fn visibility_bytes(&self) -> usize {
+        self.visibility_bytes
+    }
+
+    /// Turns the map around the vertical by an angle in degrees and multiplies its light. Scene and camera are turned against the map, which
+    /// stays as it is, and factors multiply what is rendered, so that samplers made for the map stay right.
+    ///
+    /// # Errors
+    /// If the angle is not finite, or surfaces have a width that varies over space and would not turn with them.
+    pub fn set_light(&mut self, rotation: f32, scale: Vec3A) -> Result<()> {
+        if !rotation.is_finite() {
+            return Err(Error::argument("env-rotate", "the angle is not finite"));
+        }
+        (self.rotation, self.scale) = (rotation, scale);
+        if rotation == 0.0 {
+            return Ok(());
+        }
+        if matches!(self.material, Some(MaterialSpec::Ggx { alpha, .. }) if alpha.fixed().is_none()) {
+            let reason = "a width that varies over the scene would not turn with it; give one width";
+            return Err(Error::argument("env-rotate", reason));
+        }
+        let turn = Affine3A::from_rotation_y(-rotation.to_radians());
+        self.scene = Arc::new(self.scene.moved(&turn)?);
+        self.camera = self.camera.moved(&turn);
+        Ok(())
+    }
+
+    /// Renders a part of the picture only.
+    pub fn set_part(&mut self, part: Part) {
+        self.part = Some(part);
+    }
+
+    /// The angle in degrees by which the map is turned.
+    pub fn rotation(&self) -> f32 {
+        self.rotation
+    }
+
+    /// What the map's light is multiplied by.
+    pub fn scale(&self) -> Vec3A {
+        self.scale
+    }
+
+    /// The part of the picture that is rendered.
+    pub fn part(&self) -> Part {
+        self.part.unwrap_or(self.view().whole())
+    }
+
+    /// Renders the part of the picture under its light; see [`integrator::render`].
+    pub fn render(
+        &self,
+        estimator: &dyn Estimator,
+        budget: Budget,
+        points: Points,
+        stop: &AtomicBool,
+        progress: &dyn Fn(f64),
+    ) -> Rendering {
+        let part = self.part();
+        let rendering = integrator::render_part(self.view(), part, estimator, budget.into(), points, stop, progress);
+        // A factor of one would change pictures that are not finite.
+        if self.scale == Vec3A::ONE { rendering } else { rendering.lit_by(self.scale) }
+    }
+
+    /// The camera in the coordinates of the scene, before it was turned.
+    pub fn own_camera(&self) -> Camera {
+        self.camera.moved(&Affine3A::from_rotation_y(self.rotation.to_radians()))
+    }
+
+    /// The points of a rendering with a budget.
+    pub fn points(&self, budget: Budget, seed: u64) -> Points {
+        Points::new(self.points.for_budget(budget), seed)
+    }
+
+    /// The scene's name with the material that it was given, and what else differs from direct light on all of the picture.
+    pub fn scene_name(&self) -> String {
+        let name = self.scene.name();
+        let name = self.material.as_ref().map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"));
+        let name = match (self.unshadowed, self.depth) {
+            (true, _) => name + ", unshadowed",
+            (false, 1) => name,
+            (false, depth) => format!("{name}, depth {depth}"),
+        };
+        self.part.map_or(name.clone(), |part| format!("{name}, pixels {}", part_text(part)))
+    }
+
+    /// The map's name, with what was changed of its light.
+    pub fn light_name(&self) -> String {
+        let [r, g, b] = self.scale.to_array();
+        let turned = if self.rotation == 0.0 { String::new() } else { format!(", turned by {}\u{b0}", self.rotation) };
+        let scaled = match self.scale == Vec3A::ONE {
+            true => String::new(),
+            false if r == g && g == b => format!(", {r} times as bright"),
+            false => format!(", times {r},{g},{b}"),
+        };
+        format!("{}{turned}{scaled}", self.environment.name())
+    }
+
+    /// Whether all surfaces reflect like Lambert's BRDF.
+    pub fn is_diffuse(&self) -> bool {
+        self.scene.is_diffuse()
+    }
+}
+
+/// A part of a picture as `LEFT,TOP,WIDTH,HEIGHT`.
+pub fn part_text(part: Part) -> String {
+    format!("{},{},{},{}", part.left, part.top, part.width, part.height)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_say_what_was_changed_of_the_light() {
+        let mut view = ViewSettings::new("plane", "overcast", CameraSettings::of_size(8, 6)).open().unwrap();
+        assert_eq!(view.light_name(), "overcast");
+        view.set_light(-90.0, Vec3A::splat(2.0)).unwrap();
+        assert_eq!(view.light_name(), "overcast, turned by -90\u{b0}, 2 times as bright");
+        view.set_light(0.0, Vec3A::new(1.0, 0.5, 0.0)).unwrap();
+        assert_eq!(view.light_name(), "overcast, times 1,0.5,0");
+        assert!(view.set_light(f32::NAN, Vec3A::ONE).is_err());
+    }
+}
