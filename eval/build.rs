@@ -52,7 +52,8 @@ fn main() {
 /// Adds a file, or the files of a folder in the order of their names, with tests, comments and white space left out.
 fn add(path: &Path, name: &str, hasher: &mut blake3::Hasher) {
     if path.is_dir() {
-        let mut entries: Vec<_> = fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+        let mut entries: Vec<_> =
+            fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
         entries.sort();
         for entry in entries {
             let part = entry.file_name().unwrap_or_default().to_string_lossy().into_owned();

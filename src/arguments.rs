@@ -2,7 +2,7 @@
 
 use std::{str::FromStr, sync::Arc};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
 use glam::Vec3A;
 use headtail_eval::{Budget, CameraSettings, OpenedView, PointChoice, ViewSettings};
@@ -210,7 +210,7 @@ impl ViewArguments {
         let mut opened = self.open()?;
         let part = crop.map(|crop| crop.of(&opened.view())).transpose()?;
         part.into_iter().for_each(|part| opened.set_part(part));
-        opened.set_light(light.env_rotate, light.env_scale.0)?;
+        opened.set_light(light.env_rotate, light.env_scale.0).map_err(|error| anyhow!("--{error}"))?;
         Ok(opened)
     }
 }

@@ -228,7 +228,9 @@ fn obtain_reference(
     };
     bar.finish_and_clear();
     let reference = match reference {
-        Err(headtail_eval::Error::Interrupted(when)) => bail!(progress::Interrupted::new(format!("{when}; no run is done"))),
+        Err(headtail_eval::Error::Interrupted(when)) => {
+            bail!(progress::Interrupted::new(format!("{when}; no run is done")))
+        }
         other => other?,
     };
     if arguments.reference.is_none() {

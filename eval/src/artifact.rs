@@ -52,7 +52,8 @@ impl Artifact {
         }
         let start = Instant::now();
         let threads = rayon::current_num_threads().to_string();
-        let output = Command::new(program).args(&arguments).env("RAYON_NUM_THREADS", threads).stdin(Stdio::null()).output();
+        let output =
+            Command::new(program).args(&arguments).env("RAYON_NUM_THREADS", threads).stdin(Stdio::null()).output();
         let output = output.map_err(|error| Error::file(program, error))?;
         if !output.status.success() {
             let said = String::from_utf8_lossy(&output.stderr);

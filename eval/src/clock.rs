@@ -2,7 +2,6 @@
 
 /// Seconds that all threads of this process have run; `None` where the system does not say.
 #[cfg(unix)]
-#[expect(clippy::unnecessary_wraps, reason = "other systems do not say")]
 pub fn processor_seconds() -> Option<f64> {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     Some(time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64)

@@ -276,7 +276,7 @@ impl Truth {
 
     fn measure(&self, rendering: &Rendering, pictures: [&Image; 2]) -> Result<Measurement> {
         let own = Measurement::of(rendering, &select(pictures[1], &self.covered), &self.selected)?;
-        self.without_noise(own, pictures[0], rendering.points)
+        Ok(self.without_noise(own, pictures[0], rendering.points))
     }
 
     /// A measurement with the errors of its picture against this reference.
@@ -286,10 +286,10 @@ impl Truth {
         let reference_luminance = crate::measurement::mean_luminance(&self.selected);
         let (mse, relmse, relmse_trimmed) = (metrics.mse, metrics.relmse, metrics.relmse_trimmed);
         let own = Measurement { mse, relmse, relmse_trimmed, reference_luminance, ..known.clone() };
-        self.without_noise(own, composite, known.points.parse().unwrap_or(PointSet::Independent))
+        Ok(self.without_noise(own, composite, known.points.parse().unwrap_or(PointSet::Independent)))
     }
 
-    fn without_noise(&self, own: Measurement, composite: &Image, points: PointSet) -> Result<Measurement> {
+    fn without_noise(&self, own: Measurement, composite: &Image, points: PointSet) -> Measurement {
         // The test needs pixels that are independent.
         let tile_p = match points {
             PointSet::Sobol | PointSet::Independent => {
@@ -298,9 +298,9 @@ impl Truth {
             }
             _ => f64::NAN,
         };
-        let Some(noise) = self.noise else { return Ok(Measurement { tile_p, ..own }) };
+        let Some(noise) = self.noise else { return Measurement { tile_p, ..own } };
         let (mse, relmse) = (Noise::without(own.mse, noise.mse), Noise::without(own.relmse, noise.relmse));
-        Ok(Measurement { mse, relmse, ttuv: ttuv(mse, own.seconds), reference_mse: noise.mse, tile_p, ..own })
+        Measurement { mse, relmse, ttuv: ttuv(mse, own.seconds), reference_mse: noise.mse, tile_p, ..own }
     }
 }
 
@@ -330,7 +330,15 @@ mod tests {
     }
 
     fn plan(budgets: Vec<Budget>, runs: u32) -> Plan {
-        Plan { scene: "sphere".into(), env: "studio".into(), material: String::new(), budgets, runs, seed: 1, cache: None }
+        Plan {
+            scene: "sphere".into(),
+            env: "studio".into(),
+            material: String::new(),
+            budgets,
+            runs,
+            seed: 1,
+            cache: None,
+        }
     }
 
     fn measured(view: &OpenedView, specs: &[&str], plan: &Plan, stop: &AtomicBool) -> Vec<Measurement> {
@@ -341,8 +349,7 @@ mod tests {
             order.borrow_mut().push(run.measurement.sampler.clone());
             Ok(())
         };
-        let measured =
-            measure(view, &entries(view, specs), &mut reference, plan, (stop, &()), &mut record).unwrap();
+        let measured = measure(view, &entries(view, specs), &mut reference, plan, (stop, &()), &mut record).unwrap();
         assert_eq!(order.into_inner(), measured.iter().map(|own| own.sampler.clone()).collect::<Vec<_>>());
         measured
     }
@@ -358,10 +365,16 @@ mod tests {
             own.sum::<f64>() / 3.0
         };
         assert!(mse("patches", "4spp") < mse("mis", "4spp") && mse("mis", "16spp") < mse("mis", "4spp"));
-        assert!(rows.iter().all(|row| row.tile_p > 1e-4 && (row.mean_luminance / row.reference_luminance - 1.0).abs() < 0.1));
+        assert!(
+            rows.iter()
+                .all(|row| row.tile_p > 1e-4 && (row.mean_luminance / row.reference_luminance - 1.0).abs() < 0.1)
+        );
         // Seeds alone decide the pictures.
         let again = measured(&view, &["mis", "patches"], &plan(vec![Budget::Samples(4)], 1), &AtomicBool::new(false));
-        assert_eq!(again.iter().map(|row| row.mean_luminance).collect::<Vec<_>>(), [rows[0].mean_luminance, rows[1].mean_luminance]);
+        assert_eq!(
+            again.iter().map(|row| row.mean_luminance).collect::<Vec<_>>(),
+            [rows[0].mean_luminance, rows[1].mean_luminance]
+        );
     }
 
     #[test]
@@ -374,7 +387,8 @@ mod tests {
         let plan = plan(vec![Budget::Samples(64)], 1);
         let mut record = |_: Run<'_>| Ok::<(), Never>(());
         let stop = AtomicBool::new(false);
-        let rows = measure(&view, &entries(&view, &["patches"]), &mut reference, &plan, (&stop, &()), &mut record).unwrap();
+        let rows =
+            measure(&view, &entries(&view, &["patches"]), &mut reference, &plan, (&stop, &()), &mut record).unwrap();
         assert!(rows[0].tile_p < 1e-6, "{}", rows[0].tile_p);
     }
 

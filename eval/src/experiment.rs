@@ -267,7 +267,9 @@ impl Experiment {
 
     /// The samplers that are measured on a material.
     pub fn samplers_for(&self, material: &str) -> impl Iterator<Item = &SamplerEntry> {
-        self.samplers.iter().filter(move |own| own.materials.is_empty() || own.materials.iter().any(|one| one == material))
+        self.samplers
+            .iter()
+            .filter(move |own| own.materials.is_empty() || own.materials.iter().any(|one| one == material))
     }
 
     /// A view with its files in a data folder.

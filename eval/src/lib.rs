@@ -14,6 +14,7 @@
 //! | `independent_runs.rs`, `timing_baseline.rs` | variance without a reference, and times as ratios to a baseline |
 //! | `sample_time.rs` | the time of one light estimate |
 //! | `experiment.rs`, `artifact.rs`, `runner.rs`, `store.rs` | experiments, the files that their samplers need, and their data |
+//! | `recording.rs` | commands whose output is data |
 //! | `summary/` | ratios, bootstrap intervals, error at equal time |
 //! | `bin/results/` | measures experiments and builds pages from their data |
 
@@ -27,6 +28,7 @@ mod experiment;
 mod independent_runs;
 mod measurement;
 mod point_choice;
+mod recording;
 mod reference;
 mod runner;
 mod sample_time;
@@ -44,6 +46,7 @@ pub use experiment::{BudgetEntry, Experiment, MapEntry, MaterialEntry, SamplerEn
 pub use independent_runs::IndependentRuns;
 pub use measurement::{Environment as MeasurementEnvironment, Measurement, machine, mean_luminance, source_hash};
 pub use point_choice::PointChoice;
+pub use recording::{Output, RecordedCommand, Recording};
 pub use reference::{Noise, Reference, ReferencePolicy, covered, select};
 pub use runner::{Outcome, RunOptions, run};
 pub use sample_time::nanoseconds_per_sample;

@@ -339,7 +339,10 @@ mod tests {
         let after = reference.noise.unwrap().mse;
         assert!(reference.samples >= 40 && after < 0.3 * before, "{after} of {before}");
         let again = Reference::obtain(&view, policy, cache, &stop, &|_| {}).unwrap();
-        assert_eq!((again.samples, &again.image, &again.covered), (reference.samples, &reference.image, &reference.covered));
+        assert_eq!(
+            (again.samples, &again.image, &again.covered),
+            (reference.samples, &reference.image, &reference.covered)
+        );
         assert!((again.noise.unwrap().mse / after - 1.0).abs() < 1e-5);
         assert!(reference.refine(&view, 1e-30, cache, &stop, &|_| {}).unwrap());
         assert_eq!(reference.samples, 256);

@@ -7,8 +7,8 @@ use std::{
 };
 
 use crate::{
-    Entry, Error, Experiment, Measurement, MeasurementEnvironment, Plan, Reference, ReferencePolicy, Result, Store, ViewKey,
-    Watch, engine,
+    Entry, Error, Experiment, Measurement, MeasurementEnvironment, Plan, Reference, ReferencePolicy, Result, Store,
+    ViewKey, Watch, engine,
     experiment::{SamplerEntry, is_there},
 };
 

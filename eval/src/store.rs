@@ -123,6 +123,11 @@ impl Store {
         Self { folder: folder.to_owned() }
     }
 
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
     fn path(&self, experiment: &str) -> PathBuf {
         self.folder.join(format!("{experiment}.csv"))
     }
@@ -139,7 +144,12 @@ impl Store {
     ///
     /// # Errors
     /// If a file cannot be read or written.
-    pub fn add(&self, experiment: &str, measurements: &[Measurement], environment: &MeasurementEnvironment) -> Result<()> {
+    pub fn add(
+        &self,
+        experiment: &str,
+        measurements: &[Measurement],
+        environment: &MeasurementEnvironment,
+    ) -> Result<()> {
         let id = self.id_of(environment)?;
         let added: Vec<Record> = measurements.iter().map(|own| Record::of(own, &id)).collect();
         let key = |own: &Record| (own.view(), own.sampler.clone(), own.budget.clone(), own.run);
@@ -183,7 +193,7 @@ impl Store {
     }
 
     /// The id of a machine and its sources, which is added to the file if it is new.
-    fn id_of(&self, environment: &MeasurementEnvironment) -> Result<String> {
+    pub(crate) fn id_of(&self, environment: &MeasurementEnvironment) -> Result<String> {
         let mut known = self.environments()?;
         if let Some((id, _)) = known.iter().find(|(_, own)| own == environment) {
             return Ok(id.clone());
@@ -208,7 +218,10 @@ fn read_rows<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<Vec<T>> {
         return Ok(Vec::new());
     }
     let bytes = file::read(path, MOST).map_err(|error| Error::file(path, error))?;
-    csv::Reader::from_reader(&*bytes).into_deserialize().collect::<std::result::Result<_, _>>().map_err(|error| Error::file(path, error))
+    csv::Reader::from_reader(&*bytes)
+        .into_deserialize()
+        .collect::<std::result::Result<_, _>>()
+        .map_err(|error| Error::file(path, error))
 }
 
 fn write_rows<T: Serialize>(path: &Path, rows: &[T]) -> Result<()> {

@@ -154,7 +154,12 @@ pub struct OpenedView {
 
 impl OpenedView {
     /// Direct light on a scene, with Sobol points.
-    pub fn new(scene: Arc<Scene>, camera: Camera, environment: Arc<Environment>, (width, height): (usize, usize)) -> Self {
+    pub fn new(
+        scene: Arc<Scene>,
+        camera: Camera,
+        environment: Arc<Environment>,
+        (width, height): (usize, usize),
+    ) -> Self {
         Self {
             scene,
             material: None,

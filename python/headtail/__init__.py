@@ -7,13 +7,14 @@ is over solid angle, and a pdf of 0 means that there is no sample. A map's layou
 from . import _native
 from ._environment import Environment
 from ._native import HeadtailError
-from ._render import Rendering, Scene, compare, render
+from ._render import Reference, Rendering, Scene, compare, render
 from ._sampler import Draws, Sampler, bake
 
 __all__ = [
     "Draws",
     "Environment",
     "HeadtailError",
+    "Reference",
     "Rendering",
     "Sampler",
     "Scene",

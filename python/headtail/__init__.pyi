@@ -85,6 +85,13 @@ class Rendering(NamedTuple):
     seconds: float
     rays_per_sample: float
 
+class Reference(NamedTuple):
+    image: _Floats
+    covered: npt.NDArray[np.bool_]
+    spp: int
+    mse: float
+    relmse: float
+
 def bake(
     source: Sampler | Environment | _Path | _Array,
     *,
@@ -129,9 +136,11 @@ def compare(
     samplers: Sequence[Sampler | str],
     *,
     spp: Sequence[int] = ...,
+    seconds: Sequence[float] = ...,
     runs: int = ...,
     seed: int = ...,
     reference_spp: int = ...,
-    reference: Rendering | None = ...,
+    reference: Reference | Rendering | _Array | None = ...,
+    progress: Callable[[float], Any] | None = ...,
     **view: Any,
-) -> tuple[np.ndarray[Any, Any], Rendering]: ...
+) -> tuple[np.ndarray[Any, Any], Reference]: ...

@@ -1,11 +1,14 @@
 """Pictures and comparisons of the native renderer."""
 
+import json
+import math
 import os
 from typing import NamedTuple
 
 import numpy as np
 
 from . import _native
+from ._arrays import floats
 from ._environment import environment
 from ._sampler import Sampler
 
@@ -49,6 +52,20 @@ class Scene:
         return f"Scene({self._native.name!r}, {self.triangle_count} triangles)"
 
 
+class Reference(NamedTuple):
+    """What errors are measured against.
+
+    image: linear Rec.709 [height, width, 3]. covered: the measured pixels, which surfaces cover entirely [height, width]. spp: samples per
+    pixel; 0 for a given picture. mse, relmse: its own errors; NaN where they are unknown.
+    """
+
+    image: np.ndarray
+    covered: np.ndarray
+    spp: int
+    mse: float
+    relmse: float
+
+
 def render(
     scene,
     sampler,
@@ -67,72 +84,91 @@ def render(
     fov=None,
     progress=None,
 ):
-    """One picture. sampler: a `Sampler`, or a SPEC, which needs env. Ctrl-C raises KeyboardInterrupt after the current pass."""
+    """Renders one picture. sampler: a `Sampler`, or a SPEC, which needs env. Ctrl-C raises KeyboardInterrupt after the current pass."""
     scene = scene if isinstance(scene, Scene) else Scene(scene)
     if not isinstance(sampler, Sampler):
         if env is None:
             raise _native.HeadtailError("env: a SPEC needs a map")
-        sampler = Sampler.from_spec(sampler, env)
     elif env is not None:
         raise _native.HeadtailError("env: a Sampler has its map already")
     if spp is None and seconds is None:
         spp = 16
-    size = [_side(width, "width"), _side(height, "height")]
-    camera = (_point(look_from, "look_from"), _point(look_at, "look_at"), fov)
     result = _native.render(
         scene._native,
-        sampler._native,
-        size,
+        _sampler(sampler, env),
+        _view(width, height, points, depth, unshadowed, look_from, look_at, fov),
         None if spp is None else _counter(spp, "spp"),
         seconds,
-        points,
         _counter(seed, "seed", bits=64),
-        _counter(depth, "depth"),
-        unshadowed,
-        *camera,
         progress,
     )
     return Rendering(**result)
 
 
-ROW = np.dtype(
-    [
-        ("sampler", "U128"),
-        ("spp", "i4"),
-        ("run", "i4"),
-        ("seconds", "f8"),
-        ("rays_per_sample", "f8"),
-        ("mse", "f8"),
-        ("relmse", "f8"),
-        ("relmse_trimmed", "f8"),
-    ]
-)
+def compare(
+    scene, env, samplers, *, spp=(4, 16), seconds=(), runs=3, seed=1, reference_spp=1024, reference=None, progress=None, **view
+):
+    """Measures samplers as `headtail compare` does, with the same pictures and errors for equal seeds.
 
+    samplers: SPECs or `Sampler`s. spp, seconds: budgets of a run. seed: of the first run; run k has seed + k. The first run of every sampler
+    at every budget comes before the second of any. view: size, camera, points, depth and unshadowed of `render`. progress: called with the
+    fraction of the runs that is done. Ctrl-C raises KeyboardInterrupt after the current run.
 
-def compare(scene, env, samplers, *, spp=(4, 16), runs=3, seed=1, reference_spp=1024, reference=None, **view):
-    """Errors of samplers against a reference, over the pixels that surfaces cover entirely: (a structured array of `ROW`, the reference).
+    Errors are means over the pixels that surfaces cover entirely. The reference is rendered with `patches` in two independent halves, whose
+    difference gives its noise; the noise is subtracted from the errors. reference_spp: samples per pixel of the reference; up to four times
+    as many are taken until its noise is at most 5 % of the smallest MSE. reference: a `Reference` of an earlier call, or a picture
+    [height, width, 3], to use instead.
 
-    samplers: SPECs or `Sampler`s. The first run of all comes before the second of any. view: size, camera and points of `render`.
+    Returns (runs, `Reference`). runs: a structured array with the fields of `headtail compare --json`, NaN where a number is unknown.
     """
     scene = scene if isinstance(scene, Scene) else Scene(scene)
-    env = environment(env)
-    samplers = [s if isinstance(s, Sampler) else Sampler.from_spec(s, env) for s in samplers]
-    if reference is None:
-        by = "patches" if scene.is_diffuse else "ris:8:patches"
-        settings = {**view, "points": "sobol"}
-        reference = render(scene, by, env, spp=reference_spp, seed=seed ^ 0x5EED_0000_0000, **settings)
-    covered = reference.coverage == 1
-    if not covered.any():
-        raise _native.HeadtailError("no pixel is covered by a surface: move the camera")
-    truth = np.ascontiguousarray(reference.image[covered])
-    table = []
-    for run in range(runs):
-        for count in spp:
-            for sampler in samplers:
-                picture = render(scene, sampler, spp=count, seed=seed + run, **view)
-                errors = _native.errors(np.ascontiguousarray(picture.image[covered]), truth)
-                table.append((sampler._native.name, count, run, picture.seconds, picture.rays_per_sample, *errors))
-    return np.array(table, ROW), reference
+    env, view = environment(env), _view(**view)
+    if reference is not None:
+        errors = [reference.mse, reference.relmse] if isinstance(reference, Reference) else [math.nan] * 2
+        image, shape = floats(getattr(reference, "image", reference), "reference"), (view["height"], view["width"], 3)
+        if image.shape != shape:
+            raise _native.HeadtailError(f"reference: has the shape {image.shape}, not {shape}")
+        reference = image, errors
+    runs, reference = _native.compare(
+        scene._native,
+        env._native,
+        [_sampler(sampler, env) for sampler in samplers],
+        view,
+        [_counter(count, "spp") for count in spp],
+        list(seconds),
+        _counter(runs, "runs"),
+        _counter(seed, "seed", bits=64),
+        _counter(reference_spp, "reference_spp"),
+        reference,
+        progress,
+    )
+    return _table(json.loads(runs)), Reference(**reference)
+
+
+def _table(rows):
+    """A structured array of equal dictionaries. JSON has no NaN but null."""
+    columns = {name: np.array([math.nan if row[name] is None else row[name] for row in rows]) for name in rows[0]}
+    table = np.empty(len(rows), [(name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        table[name] = column
+    return table
+
+
+def _sampler(sampler, env):
+    return sampler._native if isinstance(sampler, Sampler) else _native.Sampler.in_scene(sampler, environment(env)._native)
+
+
+def _view(width=640, height=480, points="sobol", depth=1, unshadowed=False, look_from=None, look_at=None, fov=None):
+    return {
+        "width": _side(width, "width"),
+        "height": _side(height, "height"),
+        "points": points,
+        "depth": _counter(depth, "depth"),
+        "unshadowed": unshadowed,
+        "look_from": _point(look_from, "look_from"),
+        "look_at": _point(look_at, "look_at"),
+        "fov": fov,
+    }
 
 
 def _counter(value, name, bits=32):

@@ -16,6 +16,14 @@ pub fn of_render(error: headtail_render::Error) -> PyErr {
     }
 }
 
+/// The exception of an error of a measurement.
+pub fn of_eval(error: headtail_eval::Error) -> PyErr {
+    match error {
+        headtail_eval::Error::Render(error) => of_render(error),
+        _ => refused(error.to_string()),
+    }
+}
+
 /// The exception of an error of training.
 #[cfg(feature = "fit")]
 pub fn of_train(error: headtail_train::Error) -> PyErr {

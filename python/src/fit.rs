@@ -94,7 +94,7 @@ pub fn fit(
         return Err(error);
     }
     let exported = exported.map_err(of_train)?;
-    Sampler::of_exported("head".into(), exported, Some(map), None).map_err(of_render)
+    Sampler::of_exported("head".into(), exported, Some(map)).map_err(of_render)
 }
 
 /// Tabulates a trained head.
@@ -110,7 +110,7 @@ pub fn bake_head(py: Python<'_>, source: &Sampler, normals: [usize; 2], cells: [
         let table = headtail_train::learned_bake(head, &exported.tail, normals, cells).map_err(of_train)?;
         let exported = ExportedSampler { intermediate: Intermediate::Bake(table), ..exported.clone() };
         let map = source.has_map.then(|| source.map.clone());
-        Sampler::of_exported("baked".into(), exported, map, None).map_err(of_render)
+        Sampler::of_exported("baked".into(), exported, map).map_err(of_render)
     })
 }
 

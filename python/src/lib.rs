@@ -2,6 +2,7 @@
 //!
 //! Shapes and types of arrays are brought into order by `headtail/_arrays.py`; what arrives here is contiguous f32. Values are checked by the crates.
 
+mod compare;
 mod environment;
 mod error;
 #[cfg(feature = "fit")]
@@ -18,9 +19,10 @@ mod _native {
     use crate::fit::{bake_head, fit, settings};
     #[pymodule_export]
     use crate::{
+        compare::compare,
         environment::Environment,
         error::HeadtailError,
-        render::{Scene, errors, render},
+        render::{Scene, render},
         sampler::Sampler,
     };
 }

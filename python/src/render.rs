@@ -1,34 +1,30 @@
 //! Pictures of the native renderer.
 
 use std::sync::{
-    Mutex,
+    Arc, Mutex, PoisonError,
     atomic::{AtomicBool, Ordering},
 };
-use std::time::Duration;
 
-use glam::Vec3A;
+use headtail_eval::{Budget, CameraSettings, OpenedView, PointChoice};
 use headtail_render::{
-    image::Image,
-    integrator::{self, Budget, View},
-    memory,
-    points::{PointSet, Points},
-    scene::{self, Camera, MaterialSpec},
-    statistics::ErrorMetrics,
+    environment, memory,
+    scene::{self, MaterialSpec},
 };
-use numpy::{PyArray3, PyReadonlyArray2, ToPyArray, ndarray::Array2};
+use numpy::{PyArray3, ToPyArray, ndarray::Array2};
 use pyo3::{prelude::*, types::PyDict};
 
 use crate::{
     environment::array_of,
-    error::{of_render, refused},
-    sampler::{Sampler, rows},
+    error::{of_eval, of_render, refused},
+    sampler::Sampler,
 };
 
 /// A scene.
 #[pyclass(frozen, module = "headtail._native")]
 pub struct Scene {
-    scene: scene::Scene,
-    camera: Camera,
+    scene: Arc<scene::Scene>,
+    /// The material that every surface was given; empty for the scene's own.
+    pub material: String,
 }
 
 #[pymethods]
@@ -36,17 +32,16 @@ impl Scene {
     #[staticmethod]
     fn open(py: Python<'_>, name_or_path: &str, material: Option<&str>, ground: bool) -> PyResult<Self> {
         py.detach(|| {
-            let material: Option<MaterialSpec> = material.map(str::parse).transpose()?;
+            let spec: Option<MaterialSpec> = material.map(str::parse).transpose()?;
             let mut scene = scene::Scene::open(name_or_path)?;
-            // The camera frames the scene as it is, not the wide plane below it.
-            let (camera, bounds) = (scene.camera(), scene.bounds());
+            let bounds = scene.bounds();
             if ground {
                 scene.add_ground();
             }
-            if let Some(material) = material {
-                scene = material.dress(scene, &bounds)?;
+            if let Some(spec) = spec {
+                scene = spec.dress(scene, &bounds)?;
             }
-            Ok(Self { scene, camera })
+            Ok(Self { scene: Arc::new(scene), material: material.unwrap_or_default().to_owned() })
         })
         .map_err(of_render)
     }
@@ -70,7 +65,8 @@ impl Scene {
     /// Position, target and vertical field of view in degrees of the camera.
     #[getter]
     fn camera(&self) -> ([f32; 3], [f32; 3], f32) {
-        (self.camera.look_from().into(), self.camera.look_at().into(), self.camera.vertical_fov())
+        let camera = self.scene.camera();
+        (camera.look_from().into(), camera.look_at().into(), camera.vertical_fov())
     }
 
     #[getter]
@@ -79,68 +75,64 @@ impl Scene {
     }
 }
 
-/// The camera of a call: what is not given is as in the scene's own.
-fn camera(
-    scene: &Scene,
-    from: Option<[f32; 3]>,
-    at: Option<[f32; 3]>,
-    fov: Option<f32>,
-) -> headtail_render::Result<Camera> {
-    let own = &scene.camera;
-    let point = |given: Option<[f32; 3]>, own: Vec3A| given.map_or(own, Vec3A::from_array);
-    Camera::new(point(from, own.look_from()), point(at, own.look_at()), fov.unwrap_or(own.vertical_fov()))
-}
-
-fn budget(spp: Option<u32>, seconds: Option<f64>) -> PyResult<Budget> {
-    match (spp, seconds) {
-        (Some(spp), None) if spp > 0 => Ok(Budget::Spp(spp)),
-        (None, Some(seconds)) if seconds > 0.0 && seconds <= 1e6 => Ok(Budget::Time(Duration::from_secs_f64(seconds))),
-        _ => Err(refused("budget: give one of spp, at least 1, and seconds, between 0 and 1e6")),
-    }
-}
-
-#[pyfunction]
-#[pyo3(signature = (scene, sampler, size, spp, seconds, points, seed, depth, unshadowed, look_from, look_at, fov, progress))]
-#[expect(clippy::too_many_arguments, reason = "the settings of one picture")]
-pub fn render<'py>(
-    py: Python<'py>,
-    scene: &Scene,
-    sampler: &Sampler,
-    size: [usize; 2],
-    spp: Option<u32>,
-    seconds: Option<f64>,
-    points: &str,
-    seed: u64,
+/// What `render` and `compare` take of a scene.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct ViewArguments {
+    width: u32,
+    height: u32,
+    points: String,
     depth: u32,
     unshadowed: bool,
     look_from: Option<[f32; 3]>,
     look_at: Option<[f32; 3]>,
     fov: Option<f32>,
+}
+
+impl ViewArguments {
+    /// The view of a scene under a map; `kept` finished pictures must fit into memory beside the one that is rendered.
+    pub fn open(&self, scene: &Scene, map: Arc<environment::Environment>, kept: usize) -> PyResult<OpenedView> {
+        let Self { width, height, look_from, look_at, fov, ref points, .. } = *self;
+        let points: PointChoice = points.parse().map_err(|error| refused(format!("points '{points}': {error}")))?;
+        let size = (width as usize, height as usize);
+        memory::require_pictures(size.0, size.1, kept).map_err(of_render)?;
+        let camera = CameraSettings { width, height, look_from, look_at, fov }.open(&scene.scene).map_err(of_eval)?;
+        let mut view = OpenedView::new(scene.scene.clone(), camera, map, size);
+        (view.points, view.depth, view.unshadowed) = (points, self.depth, self.unshadowed);
+        Ok(view)
+    }
+}
+
+/// A budget of which exactly one kind is given.
+pub fn budget(spp: Option<u32>, seconds: Option<f64>) -> PyResult<Budget> {
+    match (spp, seconds) {
+        (Some(spp), None) if spp > 0 => Ok(Budget::Samples(spp)),
+        (None, Some(seconds)) if seconds > 0.0 && seconds <= 1e6 => Ok(Budget::Seconds(seconds)),
+        _ => Err(refused("budget: give one of spp, at least 1, and seconds, between 0 and 1e6")),
+    }
+}
+
+#[pyfunction]
+#[pyo3(signature = (scene, sampler, view, spp, seconds, seed, progress))]
+#[expect(clippy::too_many_arguments, reason = "the settings of one picture")]
+pub fn render<'py>(
+    py: Python<'py>,
+    scene: &Scene,
+    sampler: &Sampler,
+    view: ViewArguments,
+    spp: Option<u32>,
+    seconds: Option<f64>,
+    seed: u64,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let [width, height] = size;
-    if !(1..=1 << 14).contains(&width) || !(1..=1 << 14).contains(&height) {
-        return Err(refused(format!("size: {width} x {height} is not between 1 and 16384")));
-    }
-    memory::require_pictures(width, height, 0).map_err(of_render)?;
-    if !sampler.has_map {
-        return Err(refused("sampler: was opened without its map"));
-    }
-    let points: PointSet =
-        points.parse().map_err(|_| refused(format!("points '{points}': choose sobol, zsobol:N or independent")))?;
-    let (budget, camera) = (budget(spp, seconds)?, camera(scene, look_from, look_at, fov).map_err(of_render)?);
-    let view =
-        View { scene: &scene.scene, camera: &camera, environment: &sampler.map, width, height, unshadowed, depth };
-    let (stop, raised) = (AtomicBool::new(false), Mutex::new(None));
-    let show = Watch { callback: progress, stop: &stop, raised: &raised };
+    let (budget, view) = (budget(spp, seconds)?, view.open(scene, sampler.map.clone(), 0)?);
+    let (points, watch) = (view.points(budget, seed), Watch::new(progress));
     let rendering = py.detach(|| {
-        let estimator = sampler.estimator()?;
-        Ok(integrator::render(view, &*estimator, budget, Points::new(points, seed), &stop, &|spent| show.tell(spent)))
+        let estimator = sampler.estimator(&view)?;
+        Ok(view.render(&*estimator, budget, points, &watch.stop, &|fraction| watch.tell(fraction)))
     });
-    let rendering = rendering.map_err(of_render)?;
-    if let Some(error) = raised.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
-        return Err(error);
-    }
+    let rendering = watch.result(rendering)?;
+    let (height, width) = (view.part().height, view.part().width);
     let result = PyDict::new(py);
     result.set_item("image", array_of(py, (height, width), &rendering.composite().pixels)?)?;
     let coverage = Array2::from_shape_vec((height, width), rendering.coverage);
@@ -152,34 +144,34 @@ pub fn render<'py>(
     Ok(result)
 }
 
-/// Lets Python look after a pass: Ctrl-C, and a callback.
-struct Watch<'a> {
+/// Ends work after Ctrl-C, and calls back with its progress.
+pub struct Watch {
     callback: Option<Py<PyAny>>,
-    stop: &'a AtomicBool,
-    raised: &'a Mutex<Option<PyErr>>,
+    /// Set after Ctrl-C or an exception of the callback.
+    pub stop: AtomicBool,
+    raised: Mutex<Option<PyErr>>,
 }
 
-impl Watch<'_> {
-    fn tell(&self, spent: f64) {
+impl Watch {
+    pub fn new(callback: Option<Py<PyAny>>) -> Self {
+        Self { callback, stop: AtomicBool::new(false), raised: Mutex::new(None) }
+    }
+
+    /// Handles signals, and calls back with the fraction that is done until an exception is raised.
+    pub fn tell(&self, fraction: f64) {
+        let callback = self.callback.as_ref().filter(|_| !self.stop.load(Ordering::Relaxed));
         let result = Python::attach(|py| {
             py.check_signals()?;
-            self.callback.as_ref().map_or(Ok(()), |callback| callback.call1(py, (spent,)).map(|_| ()))
+            callback.map_or(Ok(()), |callback| callback.call1(py, (fraction,)).map(|_| ()))
         });
         if let Err(error) = result {
-            *self.raised.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = Some(error);
+            *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
             self.stop.store(true, Ordering::Relaxed);
         }
     }
-}
 
-/// Errors of an image against a reference, both as rows of pixels: MSE, relMSE, trimmed relMSE.
-#[pyfunction]
-pub fn errors(image: PyReadonlyArray2<'_, f32>, reference: PyReadonlyArray2<'_, f32>) -> PyResult<[f64; 3]> {
-    let list = |pixels: &[[f32; 3]]| Image { width: pixels.len(), height: 1, pixels: pixels.to_vec() };
-    let (image, reference) = (list(rows(&image)?), list(rows(&reference)?));
-    if image.width != reference.width || image.width == 0 {
-        return Err(refused(format!("image: has {} pixels, the reference {}", image.width, reference.width)));
+    /// The exception that ended the work, or else its result.
+    pub fn result<T>(self, result: PyResult<T>) -> PyResult<T> {
+        self.raised.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(result, Err)
     }
-    let metrics = ErrorMetrics::of(&image, &reference).map_err(of_render)?;
-    Ok([metrics.mse, metrics.relmse, metrics.relmse_trimmed])
 }

@@ -2,6 +2,7 @@
 
 use std::{path::PathBuf, sync::Arc};
 
+use headtail_eval::OpenedView;
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
@@ -23,7 +24,7 @@ use pyo3::{prelude::*, types::PyDict};
 
 use crate::{
     environment::Environment,
-    error::{of_render, refused},
+    error::{of_eval, of_render, refused},
 };
 
 /// A sampler of directions, ready for one map.
@@ -36,7 +37,7 @@ pub struct Sampler {
     /// The map, and whether it is there in colour; the luminance of a file alone draws, but radiates nothing.
     pub map: Arc<environment::Environment>,
     pub has_map: bool,
-    spec: Option<SamplerSpec>,
+    pub spec: Option<SamplerSpec>,
     pub exported: Option<ExportedSampler>,
 }
 
@@ -53,20 +54,31 @@ type List<'py> = PyReadonlyArray1<'py, f32>;
 
 #[pymethods]
 impl Sampler {
+    /// The sampler of a SPEC, which is built in the scene that it renders and has no pdf here.
     #[staticmethod]
-    fn from_spec(py: Python<'_>, spec: &str, environment: &Environment) -> PyResult<Self> {
+    fn in_scene(py: Python<'_>, spec: &str, environment: &Environment) -> PyResult<Self> {
         let map = environment.0.clone();
         py.detach(|| {
             let spec: SamplerSpec = spec.parse()?;
-            let sampler = match &spec {
-                SamplerSpec::One(source) => Some(Covering::new(source.build(&map)?)?.into_inner()),
-                SamplerSpec::Two(_) | SamplerSpec::Split(..) | SamplerSpec::Ris(..) | SamplerSpec::Learning { .. } => {
-                    spec.build(&map)?;
-                    None
-                }
-            };
             let exported = spec.path().map(|(_, file)| ExportedSampler::read(file)).transpose()?;
-            Ok(Self { name: spec.to_string(), sampler, map, has_map: true, spec: Some(spec), exported })
+            Ok(Self { name: spec.to_string(), sampler: None, map, has_map: true, spec: Some(spec), exported })
+        })
+        .map_err(of_render)
+    }
+
+    #[staticmethod]
+    fn from_spec(py: Python<'_>, spec: &str, environment: &Environment) -> PyResult<Self> {
+        let mut own = Self::in_scene(py, spec, environment)?;
+        py.detach(|| {
+            match &own.spec {
+                Some(SamplerSpec::One(source)) => {
+                    own.sampler = Some(Covering::new(source.build(&own.map)?)?.into_inner());
+                }
+                // Precomputed visibility is checked against the scene when that is rendered.
+                None | Some(SamplerSpec::Learning { known: Some(_), .. }) => {}
+                Some(spec) => drop(spec.build(&own.map)?),
+            }
+            Ok(own)
         })
         .map_err(of_render)
     }
@@ -77,8 +89,7 @@ impl Sampler {
         let map = environment.map(|environment| environment.0.clone());
         py.detach(|| {
             let exported = ExportedSampler::read(&path)?;
-            let spec = map.is_some().then(|| SamplerSpec::of_exported(&exported, path.clone()));
-            Self::of_exported(path.display().to_string(), exported, map, spec).map_err(|error| error.in_file(&path))
+            Self::of_exported(path.display().to_string(), exported, map).map_err(|error| error.in_file(&path))
         })
         .map_err(of_render)
     }
@@ -112,7 +123,7 @@ impl Sampler {
             let table =
                 direct_bake(&warp, NormalGrid::new(normals[0], normals[1])?, CellGrid::new(cells[0], cells[1])?)?;
             let exported = ExportedSampler::new(Intermediate::DirectBake(table), kind, &map, None)?;
-            Self::of_exported("direct".into(), exported, Some(map), None)
+            Self::of_exported("direct".into(), exported, Some(map))
         })
         .map_err(of_render)
     }
@@ -214,7 +225,6 @@ impl Sampler {
         name: String,
         mut exported: ExportedSampler,
         map: Option<Arc<environment::Environment>>,
-        spec: Option<SamplerSpec>,
     ) -> headtail_render::Result<Self> {
         let has_map = map.is_some();
         let kept = exported.clone();
@@ -234,7 +244,7 @@ impl Sampler {
             }
         };
         let sampler = exported.open(&map)?.into_inner();
-        Ok(Self { name, sampler: Some(sampler), map, has_map, spec, exported: Some(kept) })
+        Ok(Self { name, sampler: Some(sampler), map, has_map, spec: None, exported: Some(kept) })
     }
 
     fn closed(&self) -> PyResult<&dyn sampler::Sampler> {
@@ -243,11 +253,21 @@ impl Sampler {
     }
 
     /// The estimator of a rendering.
-    pub fn estimator(&self) -> headtail_render::Result<Box<dyn Estimator>> {
+    pub fn estimator(&self, view: &OpenedView) -> PyResult<Box<dyn Estimator>> {
+        if !self.has_map {
+            return Err(refused(format!("{}: was opened without its map", self.name)));
+        }
+        if self.map.hash() != view.environment.hash() {
+            let given = view.environment.name();
+            return Err(refused(format!("{}: was made for another map than {given}", self.name)));
+        }
         match (&self.sampler, &self.spec) {
-            (Some(sampler), _) => Ok(Box::new(SingleSample::new(Covering::new(sampler.clone())?, self.map.clone()))),
-            (None, Some(spec)) => spec.build(&self.map),
-            (None, None) => Err(headtail_render::Error::argument("sampler", "has neither a pdf nor a SPEC")),
+            (Some(sampler), _) => {
+                let sampler = Covering::new(sampler.clone()).map_err(of_render)?;
+                Ok(Box::new(SingleSample::new(sampler, self.map.clone())))
+            }
+            (None, Some(spec)) => view.estimator(spec).map_err(of_eval),
+            (None, None) => Err(refused("sampler: has neither a pdf nor a SPEC")),
         }
     }
 }

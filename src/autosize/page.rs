@@ -7,17 +7,15 @@ use maud::html;
 use serde::Serialize;
 
 use super::{choice::Choice, contest::Contest};
-use crate::{
-    report::{
-        chart::{
-            Extent,
-            pareto::{FRONT, Place, scatter},
-        },
-        kind::Look,
-        number::{duration, ends},
-        shell::Page,
-        table::{Cell, Column, Table, Value},
+use crate::report::{
+    chart::{
+        Extent,
+        pareto::{FRONT, Place, scatter},
     },
+    kind::Look,
+    number::{duration, ends},
+    shell::Page,
+    table::{Cell, Column, Table, Value},
 };
 
 /// The figures of a candidate.

@@ -5,9 +5,7 @@ use std::{collections::BTreeMap, sync::Arc};
 use anyhow::{Context, Result};
 pub use headtail_eval::Entry;
 use headtail_eval::{Budget, Measurement, OpenedView, Plan, Reference, ReferencePolicy, Run, measure};
-use headtail_render::{
-    brdf::BrdfTable, environment::Environment, image::Image, scene::Scene, tile::ShadingPoint,
-};
+use headtail_render::{brdf::BrdfTable, environment::Environment, image::Image, scene::Scene, tile::ShadingPoint};
 
 use super::{Workshop, data::View};
 use crate::exposure;
@@ -81,7 +79,13 @@ pub struct EqualTime {
 impl Bench<'_> {
     /// All samplers in the time that the slowest of them takes for `least` samples per pixel. Times of a sample are the least of `rows` at `timed` samples:
     /// whatever else the machine does makes them longer.
-    pub fn equal_time(&self, entries: &[Entry], rows: &[Measurement], timed: u32, least: u32) -> Result<Vec<EqualTime>> {
+    pub fn equal_time(
+        &self,
+        entries: &[Entry],
+        rows: &[Measurement],
+        timed: u32,
+        least: u32,
+    ) -> Result<Vec<EqualTime>> {
         let fastest = |entry: &Entry| {
             let own = rows.iter().filter(|row| row.sampler == entry.name && row.spp == f64::from(timed));
             own.map(|row| row.seconds).fold(f64::INFINITY, f64::min)
@@ -128,7 +132,8 @@ impl Bench<'_> {
 
 /// Mean MSE and time of a sampler at a number of samples.
 pub fn mean(rows: &[Measurement], sampler: &str, spp: u32) -> (f64, f64) {
-    let own: Vec<&Measurement> = rows.iter().filter(|row| row.sampler == sampler && row.spp == f64::from(spp)).collect();
+    let own: Vec<&Measurement> =
+        rows.iter().filter(|row| row.sampler == sampler && row.spp == f64::from(spp)).collect();
     let count = own.len().max(1) as f64;
     (own.iter().map(|row| row.mse).sum::<f64>() / count, own.iter().map(|row| row.seconds).sum::<f64>() / count)
 }

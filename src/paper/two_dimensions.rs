@@ -1,7 +1,7 @@
 //! The paper's two-dimensional example: an image as the tail's density, times a Gaussian that moves.
 
-use std::sync::atomic::AtomicBool;
 use std::f32::consts::TAU;
+use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, Result};
 use glam::{Vec2, Vec3A};

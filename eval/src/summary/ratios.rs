@@ -57,7 +57,8 @@ impl ViewRuns {
             Comparison::Samples(budget) => budgets.get(budget).map(|runs| mean(runs, |run| run.mse)),
             Comparison::Time { seconds, counts_preparation } => {
                 let timed = budgets.iter().filter(|(name, _)| name.ends_with('s'));
-                let points = timed.map(|(_, runs)| (mean(runs, |run| run.seconds), mean(runs, |run| run.mse))).collect();
+                let points =
+                    timed.map(|(_, runs)| (mean(runs, |run| run.seconds), mean(runs, |run| run.mse))).collect();
                 let preparation = budgets.values().flatten().map(|run| run.preparation).fold(f64::INFINITY, f64::min);
                 Curve::new(points, preparation)?.error_at(*seconds, *counts_preparation)
             }
@@ -70,7 +71,13 @@ impl ViewRuns {
     }
 
     /// The best of some baselines over the best of some samplers, chosen in this view with hindsight.
-    pub fn ratio(&self, samplers: &[String], baselines: &[String], at: &Comparison, picks: Option<&[usize]>) -> Option<f64> {
+    pub fn ratio(
+        &self,
+        samplers: &[String],
+        baselines: &[String],
+        at: &Comparison,
+        picks: Option<&[usize]>,
+    ) -> Option<f64> {
         let ratio = self.least(baselines, at, picks)? / self.least(samplers, at, picks)?;
         (ratio.is_finite() && ratio > 0.0).then_some(ratio)
     }
@@ -209,7 +216,10 @@ mod tests {
         // Noise that runs share cancels; the interval is that of drawing the two views.
         assert!((ratios.mean.low - 1.0).abs() < 1e-9 && (ratios.mean.high - 2.0).abs() < 1e-9, "{ratios:?}");
         let at = Comparison::Samples("1s".into());
-        assert!((Ratios::of(&views, &names(&["ours", "table"]), &names(&["mis"]), &at).unwrap().mean.value - 8.0).abs() < 1e-9);
+        assert!(
+            (Ratios::of(&views, &names(&["ours", "table"]), &names(&["mis"]), &at).unwrap().mean.value - 8.0).abs()
+                < 1e-9
+        );
     }
 
     #[test]

@@ -69,8 +69,12 @@ fn the_lowest_error_of_each_budget_is_marked() {
 #[test]
 fn poor_comparisons_make_a_page_too() {
     let complete = synthetic::comparison();
-    let poor =
-        |rows: Vec<Measurement>| Comparison { rows, images: Vec::new(), preparation: Vec::new(), ..synthetic::comparison() };
+    let poor = |rows: Vec<Measurement>| Comparison {
+        rows,
+        images: Vec::new(),
+        preparation: Vec::new(),
+        ..synthetic::comparison()
+    };
     let broken = Measurement { mse: f64::NAN, relmse: f64::INFINITY, seconds: 0.0, ..synthetic::row("mis", "odd", 0) };
     for rows in [vec![synthetic::row("mis", "4spp", 0)], vec![broken], complete.rows[..3].to_vec()] {
         let page = page_of(&poor(rows));

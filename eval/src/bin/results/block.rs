@@ -23,8 +23,21 @@ pub struct SamplerSet {
 }
 
 /// The keys of all kinds of blocks.
-const KEYS: [&str; 10] =
-    ["seconds", "samples", "preparation", "samplers", "baselines", "columns", "only", "file", "baseline", "rows"];
+const KEYS: [&str; 13] = [
+    "seconds",
+    "samples",
+    "preparation",
+    "samplers",
+    "baselines",
+    "columns",
+    "only",
+    "file",
+    "baseline",
+    "rows",
+    "command",
+    "table",
+    "value",
+];
 
 impl Block {
     /// Reads the head of a block.
@@ -66,10 +79,9 @@ impl Block {
     pub fn sampler_sets(&self) -> Vec<SamplerSet> {
         let set = |text: String| match text.split_once('=') {
             None => SamplerSet { label: format!("`{text}`"), samplers: vec![text] },
-            Some((label, names)) => SamplerSet {
-                label: label.replace('-', " "),
-                samplers: names.split('|').map(str::to_owned).collect(),
-            },
+            Some((label, names)) => {
+                SamplerSet { label: label.replace('-', " "), samplers: names.split('|').map(str::to_owned).collect() }
+            }
         };
         self.names("samplers").into_iter().map(set).collect()
     }
@@ -93,7 +105,9 @@ mod tests {
 
     #[test]
     fn heads_are_read() {
-        let block = Block::parse("ratios equal-time seconds=1 baselines=mis,mis2 samplers=patches,best-of-ours=patches|direct").unwrap();
+        let block =
+            Block::parse("ratios equal-time seconds=1 baselines=mis,mis2 samplers=patches,best-of-ours=patches|direct")
+                .unwrap();
         assert_eq!((&*block.kind, &*block.experiment, block.names("baselines").len()), ("ratios", "equal-time", 2));
         let sets = block.sampler_sets();
         assert_eq!((&*sets[0].label, &*sets[1].label, sets[1].samplers.len()), ("`patches`", "best of ours", 2));

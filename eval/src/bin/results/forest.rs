@@ -7,7 +7,7 @@ use headtail_eval::summary::{Interval, Ratios, ViewRuns};
 
 use crate::{
     block::Block,
-    tables::{Filled, Shown, digits},
+    tables::{CHART, Filled, Shown, digits},
 };
 
 const ROW: f64 = 17.0;
@@ -49,12 +49,13 @@ pub fn forest(shown: &Shown<'_>, block: &Block) -> Result<Filled> {
         }
     }
     let svg = draw(shown, &rows, &baselines);
-    // Pages of results lie beside their charts, the others in the root.
-    let name = file.rsplit('/').next().unwrap_or(file);
-    let target = if block.get("rows") == Some("root") { file } else { name };
     let label: Vec<&str> = sets.iter().map(|set| set.label.trim_matches('`')).collect();
-    let alt = format!("MSE of the best of {} over that of {}, by material and map; one dot for each scene", baselines.join(", "), label.join(", "));
-    Ok(Filled { markdown: format!("![{alt}.]({target})"), chart: Some((file.to_owned(), svg)) })
+    let alt = format!(
+        "MSE of the best of {} over that of {}, by material and map; one dot for each scene",
+        baselines.join(", "),
+        label.join(", ")
+    );
+    Ok(Filled { markdown: format!("![{alt}.]({CHART})"), chart: Some((file.to_owned(), svg)) })
 }
 
 fn draw(shown: &Shown<'_>, rows: &[Row], baselines: &[String]) -> String {
@@ -80,7 +81,11 @@ fn draw(shown: &Shown<'_>, rows: &[Row], baselines: &[String]) -> String {
     let mut text = |at: (f64, f64), anchor: &str, words: &str| {
         let _ = writeln!(svg, "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{words}</text>", at.0, at.1);
     };
-    text((LEFT, 16.0), "start", &format!("MSE of the best of {} over ours (log scale); bars: 95 % intervals", baselines.join(", ")));
+    text(
+        (LEFT, 16.0),
+        "start",
+        &format!("MSE of the best of {} over ours (log scale); bars: 95 % intervals", baselines.join(", ")),
+    );
     text((WIDTH - RIGHT + 8.0, 16.0), "start", "geometric mean");
     for tick in [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0] {
         if (low..=high).contains(&f64::ln(tick)) {
@@ -134,5 +139,8 @@ fn draw(shown: &Shown<'_>, rows: &[Row], baselines: &[String]) -> String {
 /// A dot; hollow where map or scene are untuned.
 fn dot(svg: &mut String, (x, y): (f64, f64), colour: &str, is_full: bool) {
     let fill = if is_full { colour } else { "white" };
-    let _ = writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.8\" fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.2\"/>");
+    let _ = writeln!(
+        svg,
+        "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.8\" fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.2\"/>"
+    );
 }

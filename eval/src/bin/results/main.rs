@@ -5,28 +5,26 @@
 //! | `main.rs` | the command line |
 //! | `pages.rs` | pages and their generated blocks |
 //! | `block.rs` | what a block asks for |
-//! | `tables.rs`, `forest.rs` | what blocks become |
+//! | `tables.rs`, `forest.rs`, `recorded.rs` | what blocks become |
 //! | `prose.rs` | measured numbers outside generated blocks |
 
 mod block;
 mod forest;
 mod pages;
 mod prose;
+mod recorded;
 mod tables;
 
 use std::{
     path::{Path, PathBuf},
     process::ExitCode,
-    sync::{
-        Arc, Mutex,
-        atomic::AtomicBool,
-    },
+    sync::{Arc, Mutex, atomic::AtomicBool},
     time::Instant,
 };
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Parser, Subcommand};
-use headtail_eval::{Experiment, Outcome, RunOptions, Store, Watch, run, source_hash};
+use headtail_eval::{Experiment, Outcome, Recording, RunOptions, Store, Watch, run, source_hash};
 
 /// Measure experiments (results/*.toml) and build the pages that show their data.
 #[derive(Parser)]
@@ -92,11 +90,11 @@ fn perform(arguments: &Arguments) -> Result<()> {
     let folder = root.join("results");
     match &arguments.command {
         Task::Build { check } => {
-            let site = pages::Site::open(root, Store::new(&folder), &experiments(&folder)?)?;
+            let site = pages::Site::open(root, &Store::new(&folder), &Plans::open(&folder)?)?;
             site.build(*check)
         }
         Task::Stale => {
-            for experiment in experiments(&folder)? {
+            for experiment in Plans::open(&folder)?.experiments {
                 let count = stale_records(&Store::new(&folder), &experiment.name)?;
                 if count > 0 {
                     println!("{}: {count} measurements are of other sources", experiment.name);
@@ -105,11 +103,7 @@ fn perform(arguments: &Arguments) -> Result<()> {
             Ok(())
         }
         Task::Run { names, stale, quick, data, cache, program } => {
-            let all = experiments(&folder)?;
-            for name in names {
-                ensure!(all.iter().any(|own| own.name == *name), "there is no experiment '{name}'");
-            }
-            let chosen = all.iter().filter(|own| names.is_empty() || names.contains(&own.name));
+            let chosen = Plans::open(&folder)?.chosen(names)?;
             let program = program.clone().map_or_else(beside, Ok)?;
             let options = |cache: &Path| RunOptions {
                 data: data.clone(),
@@ -119,17 +113,31 @@ fn perform(arguments: &Arguments) -> Result<()> {
             };
             if *quick {
                 let temporary = std::env::temp_dir().join(format!("headtail-results-{}", std::process::id()));
-                let measured = run_quickly(root, chosen.cloned().collect(), &options(&temporary.join("cache")), &temporary);
+                let measured = run_quickly(root, chosen, &options(&temporary.join("cache")), &temporary);
                 drop(std::fs::remove_dir_all(&temporary));
                 return measured;
             }
             let store = Store::new(&folder);
-            for experiment in chosen {
+            for experiment in &chosen.experiments {
                 if *stale {
                     let current = current_environments(&store)?;
                     store.retain(&experiment.name, |own| current.contains(&own.environment))?;
                 }
                 measure(experiment, &store, &options(cache))?;
+            }
+            for recording in &chosen.recordings {
+                for command in &recording.commands {
+                    let known = recording.output(&store, command)?;
+                    let is_current =
+                        |id: &str| Ok::<_, anyhow::Error>(current_environments(&store)?.iter().any(|own| own == id));
+                    if let Some(known) = known
+                        && (!*stale || is_current(&known.environment)?)
+                    {
+                        continue;
+                    }
+                    eprintln!("{}: {}", recording.name, command.name);
+                    recording.run(&store, command, false, [&program, data, cache])?;
+                }
             }
             Ok(())
         }
@@ -137,10 +145,16 @@ fn perform(arguments: &Arguments) -> Result<()> {
 }
 
 /// Measures miniatures and builds the pages from them in memory.
-fn run_quickly(root: &Path, experiments: Vec<Experiment>, options: &RunOptions, folder: &Path) -> Result<()> {
+fn run_quickly(root: &Path, mut plans: Plans, options: &RunOptions, folder: &Path) -> Result<()> {
     let store = Store::new(&folder.join("data"));
-    let experiments: Vec<Experiment> = experiments.into_iter().map(Experiment::quickly).collect();
-    for experiment in &experiments {
+    plans.experiments = plans.experiments.into_iter().map(Experiment::quickly).collect();
+    for recording in &plans.recordings {
+        for command in recording.commands.iter().filter(|command| !command.quick.is_empty()) {
+            eprintln!("{}: {}", recording.name, command.name);
+            recording.run(&store, command, true, [&options.program, &options.data, folder])?;
+        }
+    }
+    for experiment in &plans.experiments {
         let options = RunOptions {
             most_views: experiment.quick.views,
             data: options.data.clone(),
@@ -150,7 +164,7 @@ fn run_quickly(root: &Path, experiments: Vec<Experiment>, options: &RunOptions, 
         let outcome = measure(experiment, &store, &options)?;
         ensure!(outcome.measured > 0, "{}: no view could be measured", experiment.name);
     }
-    pages::Site::open(root, store, &experiments)?.build_in_memory()
+    pages::Site::open(root, &store, &plans)?.build_in_memory()
 }
 
 fn measure(experiment: &Experiment, store: &Store, options: &RunOptions) -> Result<Outcome> {
@@ -164,13 +178,42 @@ fn measure(experiment: &Experiment, store: &Store, options: &RunOptions) -> Resu
     Ok(outcome)
 }
 
-/// The experiments of a folder, by name.
-fn experiments(folder: &Path) -> Result<Vec<Experiment>> {
-    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
-    let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
-    paths.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
-    paths.sort();
-    paths.iter().map(|path| Ok(Experiment::open(path)?)).collect()
+/// The experiments and recordings of a folder.
+pub struct Plans {
+    /// Measured by the engine.
+    pub experiments: Vec<Experiment>,
+    /// Made by commands.
+    pub recordings: Vec<Recording>,
+}
+
+impl Plans {
+    fn open(folder: &Path) -> Result<Self> {
+        let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+        let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        paths.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+        paths.sort();
+        let mut plans = Self { experiments: Vec::new(), recordings: Vec::new() };
+        for path in paths {
+            if std::fs::read_to_string(&path)?.contains("[[commands]]") {
+                plans.recordings.push(Recording::open(&path)?);
+            } else {
+                plans.experiments.push(Experiment::open(&path)?);
+            }
+        }
+        Ok(plans)
+    }
+
+    /// Those of these names; all if there are none.
+    fn chosen(mut self, names: &[String]) -> Result<Self> {
+        let known: Vec<&String> =
+            self.experiments.iter().map(|own| &own.name).chain(self.recordings.iter().map(|own| &own.name)).collect();
+        for name in names {
+            ensure!(known.contains(&name), "there is no experiment '{name}'");
+        }
+        self.experiments.retain(|own| names.is_empty() || names.contains(&own.name));
+        self.recordings.retain(|own| names.is_empty() || names.contains(&own.name));
+        Ok(self)
+    }
 }
 
 fn current_environments(store: &Store) -> Result<Vec<String>> {
@@ -191,7 +234,10 @@ fn beside() -> Result<PathBuf> {
     if found.exists() {
         Ok(found)
     } else {
-        bail!("{}: there is no such program; build it with `cargo build --release`, or name one with --program", found.display())
+        bail!(
+            "{}: there is no such program; build it with `cargo build --release`, or name one with --program",
+            found.display()
+        )
     }
 }
 

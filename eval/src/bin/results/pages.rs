@@ -5,10 +5,15 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use headtail_eval::{Experiment, Store};
+use headtail_eval::Store;
 use headtail_render::file;
 
-use crate::{block::Block, prose, tables::Data};
+use crate::{
+    Plans,
+    block::Block,
+    prose,
+    tables::{CHART, Data},
+};
 
 const BEGIN: &str = "<!-- results: ";
 const END: &str = "<!-- end of results -->";
@@ -31,7 +36,7 @@ impl Site {
     ///
     /// # Errors
     /// If a folder or the data cannot be read.
-    pub fn open(root: &Path, store: Store, experiments: &[Experiment]) -> Result<Self> {
+    pub fn open(root: &Path, store: &Store, plans: &Plans) -> Result<Self> {
         let mut pages = vec![root.join("README.md"), root.join("RESULTS.md")];
         let mut folders = vec![root.join("docs")];
         while let Some(folder) = folders.pop() {
@@ -45,7 +50,7 @@ impl Site {
             }
         }
         pages.sort();
-        Ok(Self { root: root.to_owned(), pages, data: Data::open(store, experiments)? })
+        Ok(Self { root: root.to_owned(), pages, data: Data::open(store, plans)? })
     }
 
     /// Writes pages and charts, or checks that they are as they should be.
@@ -88,22 +93,32 @@ impl Site {
         Ok(())
     }
 
+    /// A file of the repository as a page links it.
+    fn linked_from(&self, page: &Path, file: &str) -> String {
+        let folder = page.strip_prefix(&self.root).ok().and_then(Path::parent).unwrap_or(Path::new(""));
+        match Path::new(file).strip_prefix(folder) {
+            Ok(rest) => rest.display().to_string(),
+            Err(_) => "../".repeat(folder.components().count()) + file,
+        }
+    }
+
     /// A page with its blocks filled, and the charts that they draw.
     fn page(&self, path: &Path, text: &str) -> Result<Vec<Built>> {
         let (mut content, mut rest, mut built) = (String::new(), text, Vec::new());
         while let Some(begin) = rest.find(BEGIN) {
             let head_end = begin + rest[begin..].find("-->").context("a block's head does not end")? + 3;
             let head = &rest[begin + BEGIN.len()..head_end - 3];
-            let end = head_end + rest[head_end..].find(END).with_context(|| format!("{head}: the block does not end"))?;
+            let end =
+                head_end + rest[head_end..].find(END).with_context(|| format!("{head}: the block does not end"))?;
             let block = Block::parse(head.trim()).with_context(|| path.display().to_string())?;
             let filled = self.data.fill(&block).with_context(|| format!("{}: {head}", path.display()))?;
             content += &rest[..head_end];
             content += "\n\n";
-            content += filled.markdown.trim_end();
+            let chart = filled.chart.as_ref().map_or(String::new(), |(name, _)| self.linked_from(path, name));
+            content += &filled.markdown.trim_end().replace(CHART, &chart);
             content += "\n\n";
             content += END;
             built.extend(filled.chart.map(|(name, svg)| Built { path: self.root.join(name), content: svg }));
-            // An image is named from the page's folder.
             rest = &rest[end + END.len()..];
         }
         content += rest;

@@ -7,7 +7,8 @@ const UNITS: [&str; 11] = ["%", "x", "\u{d7}", "times", "ns", "\u{b5}s", "ms", "
 
 /// A finding for each measured number outside of generated blocks and code, with its line.
 pub fn measured_numbers(name: &Path, text: &str) -> Vec<String> {
-    let is_of_results = name.starts_with("docs/results") || name == Path::new("RESULTS.md") || name == Path::new("README.md");
+    let is_of_results =
+        name.starts_with("docs/results") || name == Path::new("RESULTS.md") || name == Path::new("README.md");
     let (mut is_code, mut is_generated, mut findings) = (false, false, Vec::new());
     for (index, line) in text.lines().enumerate() {
         if line.trim_start().starts_with("```") {
@@ -17,7 +18,10 @@ pub fn measured_numbers(name: &Path, text: &str) -> Vec<String> {
         if !is_code && !is_generated {
             for found in in_line(line, is_of_results) {
                 let number = index + 1;
-                findings.push(format!("{}:{number}: '{found}' is a measured number outside of a generated block", name.display()));
+                findings.push(format!(
+                    "{}:{number}: '{found}' is a measured number outside of a generated block",
+                    name.display()
+                ));
             }
         }
         is_generated &= !line.contains("<!-- end of results -->");
@@ -42,7 +46,8 @@ fn in_line(line: &str, decimals: bool) -> Vec<String> {
         let next = words.get(index + 1).map(|next| trimmed(next)).unwrap_or_default();
         let has_unit = UNITS.contains(&unit) || unit.is_empty() && UNITS.contains(&next.as_str());
         // "256 x 192" is a size.
-        let is_size = next == "x" && words.get(index + 2).is_some_and(|word| word.starts_with(|c: char| c.is_ascii_digit()));
+        let is_size =
+            next == "x" && words.get(index + 2).is_some_and(|word| word.starts_with(|c: char| c.is_ascii_digit()));
         if is_number && (has_unit && !is_size || decimals && digits.contains('.') && unit.is_empty()) {
             found.push(if unit.is_empty() && has_unit { format!("{word} {next}") } else { word });
         }

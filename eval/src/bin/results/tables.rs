@@ -4,18 +4,26 @@ use std::collections::BTreeMap;
 
 use anyhow::{Context, Result, bail, ensure};
 use headtail_eval::{
-    Experiment, MeasurementEnvironment, Record, Store, ViewKey, source_hash,
+    Experiment, MeasurementEnvironment, Output, Record, Store, ViewKey, source_hash,
     summary::{Comparison, Interval, Ratios, ViewRuns, views_of},
 };
 use headtail_render::statistics::{MeanInterval, sidak};
 
-use crate::{block::Block, forest};
+use crate::{Plans, block::Block, forest, recorded};
 
 /// The data of all experiments.
 pub struct Data {
     experiments: Vec<(Experiment, Vec<Record>)>,
+    /// Outputs by recording and command.
+    recorded: Vec<(String, String, Option<Output>)>,
     environments: Vec<(String, MeasurementEnvironment)>,
 }
+
+/// What a block without data becomes.
+const NOT_MEASURED: &str = "*Not measured yet.*";
+
+/// Stands for the chart's file in the text of a block.
+pub const CHART: &str = "{chart}";
 
 /// What a block becomes.
 pub struct Filled {
@@ -42,11 +50,17 @@ impl Data {
     ///
     /// # Errors
     /// If a file cannot be read.
-    pub fn open(store: Store, experiments: &[Experiment]) -> Result<Self> {
+    pub fn open(store: &Store, plans: &Plans) -> Result<Self> {
         let read = |own: &Experiment| Ok((own.clone(), store.records(&own.name)?));
-        let experiments = experiments.iter().map(read).collect::<Result<_>>()?;
+        let experiments = plans.experiments.iter().map(read).collect::<Result<_>>()?;
+        let mut recorded = Vec::new();
+        for recording in &plans.recordings {
+            for command in &recording.commands {
+                recorded.push((recording.name.clone(), command.name.clone(), recording.output(store, command)?));
+            }
+        }
         let environments = store.environments()?;
-        Ok(Self { experiments, environments })
+        Ok(Self { experiments, recorded, environments })
     }
 
     /// Fills a block.
@@ -54,13 +68,21 @@ impl Data {
     /// # Errors
     /// If the experiment or the kind is unknown, or a setting is missing.
     pub fn fill(&self, block: &Block) -> Result<Filled> {
+        if let Some(command) = block.get("command") {
+            let is_it = |(name, own, _): &&(String, String, _)| *name == block.experiment && own == command;
+            let (.., output) =
+                self.recorded.iter().find(is_it).with_context(|| format!("there is no command '{command}'"))?;
+            let Some(output) = output else { return Ok(NOT_MEASURED.to_owned().into()) };
+            return Ok((recorded::fill(output, block)? + &self.provenance(output)).into());
+        }
         let found = self.experiments.iter().find(|(own, _)| own.name == block.experiment);
         let (experiment, records) = found.with_context(|| format!("there is no experiment '{}'", block.experiment))?;
         let keys = experiment.view_keys();
-        let is_wanted = |own: &Record| keys.contains(&own.view()) && block.get("only").is_none_or(|only| own.material == only);
+        let is_wanted =
+            |own: &Record| keys.contains(&own.view()) && block.get("only").is_none_or(|only| own.material == only);
         let records: Vec<Record> = records.iter().filter(|own| is_wanted(own)).cloned().collect();
         if records.is_empty() {
-            return Ok("*Not measured yet.*".to_owned().into());
+            return Ok(NOT_MEASURED.to_owned().into());
         }
         let shown = Shown { experiment, views: views_of(&records) };
         Ok(match &*block.kind {
@@ -76,6 +98,17 @@ impl Data {
         })
     }
 
+    /// Where an output is from.
+    fn provenance(&self, output: &Output) -> String {
+        let found = self.environments.iter().find(|(id, _)| *id == output.environment);
+        let machine = found.map_or("an unknown machine".to_owned(), |(_, own)| {
+            format!("{} ({}), {} threads", own.machine, own.instruction_set, own.threads)
+        });
+        let stale = found.is_none_or(|(_, own)| own.sources != source_hash());
+        let stale = if stale { " **Stale:** samplers or integrator have changed since." } else { "" };
+        format!("\n\n*`{}`, {machine}.*{stale}", output.command)
+    }
+
     /// Where and how the data were measured, and whether they are stale.
     fn conditions(&self, experiment: &Experiment, records: &[Record]) -> String {
         let views = views_of(records);
@@ -85,7 +118,9 @@ impl Data {
             .environments
             .iter()
             .filter(|(id, _)| records.iter().any(|own| own.environment == *id))
-            .map(|(_, own)| format!("{} ({}), {} threads, version {}", own.machine, own.instruction_set, own.threads, own.version))
+            .map(|(_, own)| {
+                format!("{} ({}), {} threads, version {}", own.machine, own.instruction_set, own.threads, own.version)
+            })
             .collect();
         machines.sort();
         machines.dedup();
@@ -105,7 +140,8 @@ impl Data {
             records.len(),
             experiment.name,
         );
-        let is_current = |id: &str| self.environments.iter().any(|(own, with)| own == id && with.sources == source_hash());
+        let is_current =
+            |id: &str| self.environments.iter().any(|(own, with)| own == id && with.sources == source_hash());
         let stale = records.iter().filter(|own| !is_current(&own.environment)).count();
         if stale > 0 {
             text += &format!(
@@ -165,12 +201,14 @@ fn ratios(shown: &Shown<'_>, block: &Block) -> Result<String> {
     let what = match &at {
         Comparison::Samples(samples) => format!("after {samples}"),
         Comparison::Time { seconds, counts_preparation: true } => format!("after {seconds} s, preparation included"),
-        Comparison::Time { seconds, counts_preparation: false } => format!("after {seconds} s, preparation not counted"),
+        Comparison::Time { seconds, counts_preparation: false } => {
+            format!("after {seconds} s, preparation not counted")
+        }
     };
     let named: Vec<String> = baselines.iter().map(|name| format!("`{name}`")).collect();
     let baseline = if named.len() == 1 { named[0].clone() } else { format!("the best of {}", named.join(", ")) };
     let title = format!("MSE of {baseline} over MSE {what}");
-    Ok(table(std::iter::once(title).chain(head).collect(), rows.collect()))
+    Ok(table(&std::iter::once(title).chain(head).collect::<Vec<_>>(), &rows.collect::<Vec<_>>()))
 }
 
 /// A geometric mean with its interval, and the views below 1.
@@ -207,7 +245,8 @@ pub fn digits(value: f64) -> String {
 fn views(shown: &Shown<'_>, block: &Block) -> Result<String> {
     let (at, baselines) = (block.comparison()?, block.names("baselines"));
     let sets = block.sampler_sets();
-    let head = ["scene", "map", "material"].map(str::to_owned).into_iter().chain(sets.iter().map(|set| set.label.clone()));
+    let head =
+        ["scene", "map", "material"].map(str::to_owned).into_iter().chain(sets.iter().map(|set| set.label.clone()));
     let rows = shown.views.iter().map(|view| {
         let ViewKey { scene, map, material } = view.key.clone();
         let cell = |samplers: &[String]| {
@@ -215,7 +254,7 @@ fn views(shown: &Shown<'_>, block: &Block) -> Result<String> {
         };
         [scene, map, material].into_iter().chain(sets.iter().map(|set| cell(&set.samplers))).collect()
     });
-    Ok(table(head.collect(), rows.collect()))
+    Ok(table(&head.collect::<Vec<_>>(), &rows.collect::<Vec<_>>()))
 }
 
 /// The time of a sample over a baseline's by group, and seconds of preparation.
@@ -228,7 +267,8 @@ fn cost(shown: &Shown<'_>, block: &Block) -> Result<String> {
         Some((runs.iter().sum::<f64>() / runs.len() as f64).exp())
     };
     let head = groups.iter().map(|(name, _)| name.clone());
-    let head = std::iter::once(format!("time of a sample over `{baseline}`")).chain(head).chain(["preparation, s".to_owned()]);
+    let head =
+        std::iter::once(format!("time of a sample over `{baseline}`")).chain(head).chain(["preparation, s".to_owned()]);
     let rows = samplers_of(shown).into_iter().map(|sampler| {
         let cells = groups.iter().map(|(_, views)| {
             let ratios = views.iter().filter_map(|view| Some((time(view, &sampler)? / time(view, baseline)?).ln()));
@@ -252,7 +292,7 @@ fn cost(shown: &Shown<'_>, block: &Block) -> Result<String> {
         };
         std::iter::once(format!("`{sampler}`")).chain(cells).chain([ends]).collect()
     });
-    Ok(table(head.collect(), rows.collect()))
+    Ok(table(&head.collect::<Vec<_>>(), &rows.collect::<Vec<_>>()))
 }
 
 /// Samplers in the order of the experiment.
@@ -264,7 +304,8 @@ fn samplers_of(shown: &Shown<'_>) -> Vec<String> {
 /// Relative errors of mean luminances: how many 95 % intervals over runs exclude 0, and the largest.
 fn bias(shown: &Shown<'_>) -> String {
     let rows = samplers_of(shown).into_iter().map(|sampler| {
-        let (mut count, mut excluded, mut largest, mut narrowest, mut widest, mut tiles) = (0, 0, 0.0_f64, f64::MAX, 0.0_f64, 0);
+        let (mut count, mut excluded, mut largest, mut narrowest, mut widest, mut tiles) =
+            (0, 0, 0.0_f64, f64::MAX, 0.0_f64, 0);
         let mut least_p = 1.0_f64;
         for budgets in shown.views.iter().filter_map(|view| view.samplers.get(&sampler)) {
             let Some(runs) = budgets.values().max_by(|a, b| a[0].spp.total_cmp(&b[0].spp)) else { continue };
@@ -286,8 +327,14 @@ fn bias(shown: &Shown<'_>) -> String {
             format!("{least_p:.1e} (1 % level {:.1e})", sidak(0.01, tiles)),
         ]
     });
-    let head = ["sampler", "95 % intervals that exclude 0", "largest difference", "half widths", "smallest p-value of a picture's tiles"];
-    table(head.map(str::to_owned).into(), rows.collect())
+    let head = [
+        "sampler",
+        "95 % intervals that exclude 0",
+        "largest difference",
+        "half widths",
+        "smallest p-value of a picture's tiles",
+    ];
+    table(&head.map(str::to_owned), &rows.collect::<Vec<_>>())
 }
 
 /// The largest contribution of a sample over the mean luminance of its picture: by material, the median over views and the largest.
@@ -318,7 +365,7 @@ fn weights(shown: &Shown<'_>) -> String {
         std::iter::once(format!("`{sampler}`")).chain(cells).collect()
     });
     let head = materials.iter().map(|material| format!("{material}: median, largest"));
-    table(std::iter::once("sampler".to_owned()).chain(head).collect(), rows.collect())
+    table(&std::iter::once("sampler".to_owned()).chain(head).collect::<Vec<_>>(), &rows.collect::<Vec<_>>())
 }
 
 /// The scenes and maps of an experiment, and whether settings were chosen by them.
@@ -334,13 +381,14 @@ fn inputs(shown: &Shown<'_>) -> String {
             used.insert(("map", map.name.clone()), [map.kind.clone(), words(map.tuned)]);
         }
     }
-    let rows = used.into_iter().map(|((what, name), [kind, tuned])| vec![what.to_owned(), name, kind, tuned]).collect();
-    table(["", "name", "kind", "settings"].map(str::to_owned).into(), rows)
+    let rows: Vec<Vec<String>> =
+        used.into_iter().map(|((what, name), [kind, tuned])| vec![what.to_owned(), name, kind, tuned]).collect();
+    table(&["", "name", "kind", "settings"].map(str::to_owned), &rows)
 }
 
 /// A Markdown table.
-fn table(head: Vec<String>, rows: Vec<Vec<String>>) -> String {
+pub fn table(head: &[String], rows: &[Vec<String>]) -> String {
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
     let rule = vec!["---".to_owned(); head.len()];
-    line(&head) + &line(&rule) + &rows.iter().map(|row| line(row)).collect::<String>()
+    line(head) + &line(&rule) + &rows.iter().map(|row| line(row)).collect::<String>()
 }

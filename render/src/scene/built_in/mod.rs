@@ -1,5 +1,6 @@
 //! Scenes that are made by code: always there, and without a licence to follow.
 
+mod arcade;
 mod bedroom;
 mod cloth;
 mod diorama;
@@ -19,14 +20,15 @@ use super::{Camera, Material, Mesh, Scene, Texture, TexturedMetallicRoughness};
 /// Makes the parts of one scene.
 type Generator = fn() -> Model;
 
-/// Every built-in scene by name: stand-ins for the six of the paper, then two for tests.
-const SCENES: [(&str, Generator); 8] = [
+/// Every built-in scene by name: stand-ins for the six of the paper, a second interior, then two for tests.
+const SCENES: [(&str, Generator); 9] = [
     ("temple", temple::model),
     ("dishes", dishes::model),
     ("diorama", diorama::model),
     ("droid", droid::model),
     ("bedroom", bedroom::model),
     ("cloth", cloth::model),
+    ("arcade", arcade::model),
     ("sphere", simple::sphere),
     ("plane", simple::plane),
 ];

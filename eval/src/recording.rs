@@ -1,0 +1,127 @@
+//! Commands whose output is data: benches, `headtail paper`, `headtail stability`.
+
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    time::Instant,
+};
+
+use headtail_render::file;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::{Error, MeasurementEnvironment, Result, Store};
+
+/// Commands that are run once, and whose output is kept.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recording {
+    /// Its name: the stem of its file.
+    #[serde(skip)]
+    pub name: String,
+    /// What it answers, as a question.
+    pub question: String,
+    /// The commands.
+    pub commands: Vec<RecordedCommand>,
+}
+
+/// A command. `{data}` is the folder of maps and scenes, `{out}` a folder that is kept between runs.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecordedCommand {
+    /// The stem of the file of its output.
+    pub name: String,
+    /// Arguments of `headtail`, or of `cargo` where they begin with `bench`.
+    pub run: String,
+    /// The miniature; empty if there is none.
+    #[serde(default)]
+    pub quick: String,
+    /// Whether the output is JSON.
+    #[serde(default)]
+    pub json: bool,
+}
+
+/// What a command wrote.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Output {
+    /// The row of `environments.csv`.
+    pub environment: String,
+    /// The command without folders.
+    pub command: String,
+    /// Seconds that it took.
+    pub seconds: f64,
+    /// A text, or what its JSON holds.
+    pub output: Value,
+}
+
+impl Recording {
+    /// Reads a file; its stem is the name.
+    ///
+    /// # Errors
+    /// If it cannot be read, or a key is unknown.
+    pub fn open(path: &Path) -> Result<Self> {
+        let text = file::read_text(path).map_err(|error| Error::file(path, error))?;
+        let mut recording: Self = toml::from_str(&text).map_err(|error| Error::file(path, error.to_string()))?;
+        recording.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(recording)
+    }
+
+    /// The file of a command's output in a store.
+    pub fn path(&self, store: &Store, command: &RecordedCommand) -> PathBuf {
+        store.folder().join(&self.name).join(format!("{}.json", command.name))
+    }
+
+    /// What a command wrote, if it was run.
+    ///
+    /// # Errors
+    /// If its file is there and cannot be read.
+    pub fn output(&self, store: &Store, command: &RecordedCommand) -> Result<Option<Output>> {
+        let path = self.path(store, command);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let text = file::read_text(&path).map_err(|error| Error::file(&path, error))?;
+        serde_json::from_str(&text).map(Some).map_err(|error| Error::file(&path, error))
+    }
+
+    /// Runs a command and keeps its output.
+    ///
+    /// # Errors
+    /// If the program cannot be started or fails, or its output is not what it should be.
+    pub fn run(
+        &self,
+        store: &Store,
+        command: &RecordedCommand,
+        is_quick: bool,
+        [program, data, out]: [&Path; 3],
+    ) -> Result<()> {
+        let words = if is_quick { &command.quick } else { &command.run };
+        let program = if words.starts_with("bench") { Path::new("cargo") } else { program };
+        let out = out.join(&self.name).join(&command.name);
+        std::fs::create_dir_all(&out).map_err(|error| Error::file(&out, error))?;
+        let place = |word: &str| {
+            word.replace("{data}", &data.display().to_string()).replace("{out}", &out.display().to_string())
+        };
+        let arguments: Vec<String> = words.split_whitespace().map(place).collect();
+        let start = Instant::now();
+        let done = Command::new(program).args(&arguments).stdin(Stdio::null()).stderr(Stdio::inherit()).output();
+        let done = done.map_err(|error| Error::file(program, error))?;
+        if !done.status.success() {
+            return Err(Error::argument(format!("{} {words}", program.display()), "the command failed"));
+        }
+        let text = String::from_utf8_lossy(&done.stdout).into_owned();
+        let output = if command.json {
+            serde_json::from_str(&text).map_err(|error| Error::argument(words.clone(), error.to_string()))?
+        } else {
+            Value::String(text)
+        };
+        let seconds = start.elapsed().as_secs_f64().round();
+        let environment = store.id_of(&MeasurementEnvironment::current())?;
+        let kept = Output { environment, command: words.clone(), seconds, output };
+        let path = self.path(store, command);
+        let folder = path.parent().unwrap_or(Path::new("."));
+        std::fs::create_dir_all(folder).map_err(|error| Error::file(folder, error))?;
+        let text = serde_json::to_string(&kept).map_err(|error| Error::file(&path, error))?;
+        Ok(file::replace(&path, (text + "\n").as_bytes())?)
+    }
+}
