@@ -190,7 +190,7 @@ fn a_run_that_is_killed_ends_with_the_bytes_of_one_that_is_not() {
     assert_eq!(left, checkpoints(here.path()).len(), "nothing half done is left");
 }
 
-/// The loop of RESULTS.md: `cargo test --release --test training -- --ignored --nocapture twenty`.
+/// Run by hand: `cargo test --release --test training -- --ignored --nocapture twenty`.
 #[test]
 #[ignore = "takes minutes"]
 fn twenty_kills_leave_the_result_as_it_is() {
