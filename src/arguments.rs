@@ -28,7 +28,7 @@ pub const VISIBILITY_MEGABYTES: u32 = (LearnedVisibility::MEMORY >> 20) as u32;
 /// Which picture to take.
 #[derive(Args, Clone, Debug)]
 pub struct ViewArguments {
-    /// A built-in scene (temple, dishes, diorama, droid, bedroom, cloth, sphere, plane) or a glTF 2.0 file (.glb, .gltf).
+    /// A built-in scene (temple, dishes, diorama, droid, bedroom, cloth, arcade, sphere, plane) or a glTF 2.0 file (.glb, .gltf).
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub scene: String,
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.

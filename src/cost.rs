@@ -1,6 +1,7 @@
 //! About how long work takes, to be said before it begins.
 
-use headtail_render::{statistics::Effort, tail::TailKind};
+use headtail_eval::DirectionEffort;
+use headtail_render::tail::TailKind;
 use headtail_train::FitConfig;
 
 /// Seconds of one core for a training point of a network with few bins, measured on an AMD EPYC (Zen 3) with AVX2, as all numbers here.
@@ -44,7 +45,7 @@ pub fn fit(config: &FitConfig) -> f64 {
 }
 
 /// Seconds that a regime of the stability suite takes on the threads that there are.
-pub fn regime(config: &FitConfig, effort: Effort) -> f64 {
+pub fn regime(config: &FitConfig, effort: DirectionEffort) -> f64 {
     let points = effort.conditions as f64 * (effort.strata.0.pow(2) + effort.strata.1.pow(2) + effort.draws) as f64;
     // Alone, and with a learned share; the rest takes one of these.
     2.0 * fit(config) + points * MEASURED_POINT

@@ -12,6 +12,7 @@
 //! | `engine.rs`, `calibration.rs` | the measuring loop; how many samples fit into a time |
 //! | `measurement.rs` | one record per run |
 //! | `independent_runs.rs`, `timing_baseline.rs` | variance without a reference, and times as ratios to a baseline |
+//! | `direction_statistics.rs`, `quadrature.rs` | divergences and weights of a sampler at single shading points |
 //! | `sample_time.rs` | the time of one light estimate |
 //! | `experiment.rs`, `artifact.rs`, `runner.rs`, `store.rs` | experiments, the files that their samplers need, and their data |
 //! | `recording.rs` | commands whose output is data |
@@ -22,12 +23,14 @@ mod artifact;
 mod budget;
 mod calibration;
 mod clock;
+mod direction_statistics;
 mod engine;
 mod error;
 mod experiment;
 mod independent_runs;
 mod measurement;
 mod point_choice;
+mod quadrature;
 mod recording;
 mod reference;
 mod runner;
@@ -40,6 +43,7 @@ mod view;
 pub use artifact::Artifact;
 pub use budget::Budget;
 pub use clock::processor_seconds;
+pub use direction_statistics::{DirectionBench, DirectionEffort, DirectionStatistics, variance_ratio};
 pub use engine::{Entry, Plan, Run, Watch, measure};
 pub use error::{Error, Result};
 pub use experiment::{BudgetEntry, Experiment, MapEntry, MaterialEntry, SamplerEntry, SceneEntry, ViewKey};

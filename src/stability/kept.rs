@@ -3,10 +3,8 @@
 use std::{fs, path::PathBuf};
 
 use anyhow::Result;
-use headtail_render::{
-    file,
-    statistics::{Effort, Figures},
-};
+use headtail_eval::{DirectionEffort, DirectionStatistics};
+use headtail_render::file;
 use headtail_train::FitConfig;
 use serde::{Deserialize, Serialize};
 
@@ -32,7 +30,7 @@ struct Record {
 #[derive(Serialize, Deserialize)]
 struct KeptRow {
     method: String,
-    figures: Option<Figures>,
+    figures: Option<DirectionStatistics>,
     /// Why there are no figures.
     stopped: Option<String>,
     skipped: usize,
@@ -50,7 +48,7 @@ impl Kept {
     }
 
     /// What was measured of a regime with the same settings; `None` also where the file is damaged.
-    pub fn read(&self, regime: &Regime, config: &FitConfig, effort: Effort) -> Option<(Vec<Row>, Pictures)> {
+    pub fn read(&self, regime: &Regime, config: &FitConfig, effort: DirectionEffort) -> Option<(Vec<Row>, Pictures)> {
         let record: Record = toml::from_str(&fs::read_to_string(self.path(regime)).ok()?).ok()?;
         let row = |kept: KeptRow| {
             Some(Row {
@@ -73,7 +71,7 @@ impl Kept {
         &self,
         regime: &Regime,
         config: &FitConfig,
-        effort: Effort,
+        effort: DirectionEffort,
         rows: &[Row],
         pictures: Pictures,
     ) -> Result<Pictures> {
@@ -96,7 +94,7 @@ impl Kept {
 }
 
 /// All that the figures of a regime depend on.
-fn key(regime: &Regime, config: &FitConfig, effort: Effort) -> String {
+fn key(regime: &Regime, config: &FitConfig, effort: DirectionEffort) -> String {
     let settings = serde_json::to_string(config).unwrap_or_default();
     let (version, map) = (env!("CARGO_PKG_VERSION"), regime.environment.hash());
     let content = format!(

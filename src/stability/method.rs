@@ -6,6 +6,7 @@ use std::{
 };
 
 use anyhow::{Context, Result};
+use headtail_eval::{DirectionBench, DirectionEffort, DirectionStatistics};
 use headtail_render::{
     environment::Environment,
     head::{Head, Linear},
@@ -14,7 +15,6 @@ use headtail_render::{
         BrdfSampler, CompactEmitters, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler, Sampler,
         WithCompactEmitters,
     },
-    statistics::{Bench, Effort, Figures},
     tail::TailKind,
     tile::ShadingPoint,
 };
@@ -55,7 +55,7 @@ pub struct Row {
     /// One of [`METHODS`].
     pub method: &'static str,
     /// The figures, or why there are none.
-    pub outcome: Result<Figures, String>,
+    pub outcome: Result<DirectionStatistics, String>,
     /// Steps that training left out.
     pub skipped: usize,
     /// What there is to say of the training.
@@ -75,7 +75,7 @@ struct Trained {
 /// Everything that is measured in a regime.
 pub struct Laboratory<'a> {
     regime: &'a Regime,
-    bench: Bench,
+    bench: DirectionBench,
     config: FitConfig,
     rows: Vec<Row>,
     pictures: Pictures,
@@ -91,11 +91,11 @@ impl<'a> Laboratory<'a> {
     pub fn run(
         regime: &'a Regime,
         config: FitConfig,
-        effort: Effort,
+        effort: DirectionEffort,
         stop: &'a AtomicBool,
     ) -> Result<(Vec<Row>, Pictures)> {
         let light = EnvironmentLight::new(regime.environment.clone(), TailKind::Hierarchical)?;
-        let bench = Bench::new(&regime.name, &light, effort, |index| regime.shading_point(index));
+        let bench = DirectionBench::new(&regime.name, &light, effort, |index| regime.shading_point(index));
         let brightest = bench.brightest().filter(|_| bench.lit() > 1);
         let brightest = brightest.with_context(|| format!("{}: no shading point sees light", regime.name))?;
         let pictures = Pictures::new(&brightest, &regime.environment);

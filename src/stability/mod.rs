@@ -11,8 +11,8 @@ use std::{path::PathBuf, sync::atomic::Ordering};
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use headtail_eval::machine;
-use headtail_render::{file, statistics::Effort};
+use headtail_eval::{DirectionEffort, machine};
+use headtail_render::file;
 use headtail_train::{Backend, GradientForm};
 
 use crate::terminal::{self, out};
@@ -64,9 +64,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
     let output = OutputFolder::take(&arguments.out, &["stability.csv", "stability.html"])?;
     let effort = if arguments.quick {
-        Effort { conditions: 10, strata: (72, 40), draws: 2_000 }
+        DirectionEffort { conditions: 10, strata: (72, 40), draws: 2_000 }
     } else {
-        Effort { conditions: 40, strata: (128, 80), draws: 10_000 }
+        DirectionEffort { conditions: 40, strata: (128, 80), draws: 10_000 }
     };
     let (mut regimes, mut missing) = regime::regimes(arguments.maps.as_deref())?;
     let wanted = |name: &str| arguments.only.is_empty() || arguments.only.iter().any(|text| name.contains(&**text));

@@ -1,7 +1,7 @@
 //! `stability.csv`: a row for each regime and method, in full precision.
 
 use anyhow::Result;
-use headtail_render::statistics::{Figures, variance_ratio};
+use headtail_eval::{DirectionStatistics, variance_ratio};
 use serde_json::Value;
 
 use super::method::{MIS, Row};
@@ -84,9 +84,18 @@ pub fn objects(csv: &[u8]) -> Result<Vec<serde_json::Map<String, Value>>> {
     reader.records().map(|record| Ok(object(record?))).collect()
 }
 
-fn numbers(figures: &Figures) -> Vec<String> {
-    let Figures { kl, chi_square, integral_error, largest_weight, weight_9999, effective, uncovered, bias, .. } =
-        figures;
+fn numbers(figures: &DirectionStatistics) -> Vec<String> {
+    let DirectionStatistics {
+        kl,
+        chi_square,
+        integral_error,
+        largest_weight,
+        weight_9999,
+        effective,
+        uncovered,
+        bias,
+        ..
+    } = figures;
     [kl, chi_square, integral_error, largest_weight, weight_9999, effective, uncovered, &bias.0, &bias.1]
         .map(f64::to_string)
         .to_vec()
@@ -97,7 +106,7 @@ mod tests {
     use super::*;
 
     fn row(method: &'static str, outcome: Result<f64, &str>) -> Row {
-        let figures = |variance: f64| Figures {
+        let figures = |variance: f64| DirectionStatistics {
             kl: 0.1,
             chi_square: variance,
             integral_error: 0.0,

@@ -97,7 +97,7 @@ fn built_in_scenes_are_listed_and_pictured() {
     let here = folder();
     let path = here.path();
     let said = succeed(path, "scenes --out pictures --spp 1 --width 16 --env overcast");
-    for name in ["temple", "dishes", "diorama", "droid", "bedroom", "cloth", "sphere", "plane"] {
+    for name in ["temple", "dishes", "diorama", "droid", "bedroom", "cloth", "arcade", "sphere", "plane"] {
         assert!(said.contains(&format!("\n{name} ")), "{said}");
         assert!(is_png(&path.join("pictures").join(name).with_extension("png")));
     }
@@ -139,7 +139,7 @@ fn gltf_files_are_scenes() {
     assert!(fail(here.path(), &format!("{view} broken.gltf")).starts_with("broken.gltf: "));
     assert!(
         fail(here.path(), &format!("{view} nowhere"))
-            .contains("temple, dishes, diorama, droid, bedroom, cloth, sphere, plane")
+            .contains("temple, dishes, diorama, droid, bedroom, cloth, arcade, sphere, plane")
     );
 }
 

@@ -4,23 +4,19 @@
 //! Everything here computes in `f64`.
 
 mod chi_square;
-mod figures;
 mod flip;
 mod hdr_flip;
 mod interval;
 mod metric;
-mod quadrature;
 mod relative_variance;
 mod tiles;
 mod welch;
 
 pub use chi_square::{ChiSquareReport, SphereChiSquare};
-pub use figures::{Bench, Effort, Figures, variance_ratio};
 pub use flip::{PIXELS_PER_DEGREE, flip};
 pub use hdr_flip::HdrFlip;
 pub use interval::{MeanInterval, RatioInterval};
 pub use metric::{ErrorMetrics, RELATIVE_EPSILON, TRIMMED_FRACTION, ttuv};
-pub use quadrature::{Quadrature, QuadratureShape, Term};
 pub use relative_variance::{relative_variance, relative_variance_of_log_moment};
 pub use tiles::{TileTest, compare_images, compare_runs};
 pub use welch::{Moments, TTest};

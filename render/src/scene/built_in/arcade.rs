@@ -2,22 +2,20 @@
 
 use std::f32::consts::{PI, TAU};
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
 use super::{
     Model, Paint,
-    shapes::{block, curve, cushion, fluted_lathe, lathe, line, prism, sheet, tube},
+    shapes::{arch, block, curve, cushion, fluted_lathe, lathe, sheet, tube},
 };
-use crate::scene::Mesh;
 
-/// Half the inner width and half the length; the arches are on the side of -x. Thickness of the walls.
+/// Half the inner width and half the length, and the thickness of the walls.
 const HALF: [f32; 2] = [1.9, 9.0];
 const WALL: f32 = 0.4;
-/// The positions of the columns and of the arches along z, and half the distance between columns.
+/// Positions along z of the columns at the side of -x, 3 m apart, and of the arches between them.
 const COLUMNS: [f32; 7] = [-9.0, -6.0, -3.0, 0.0, 3.0, 6.0, 9.0];
 const ARCHES: [f32; 6] = [-7.5, -4.5, -1.5, 1.5, 4.5, 7.5];
-const HALF_BAY: f32 = 1.5;
-/// Heights at which the arches and vaults start and at which the roof starts, and the rise of the vaults.
+/// Heights of the springing of arches and vaults and of the roof, and the rise of the vaults.
 const SPRINGING: f32 = 2.6;
 const ROOF: f32 = 4.6;
 const RISE: f32 = 1.6;
@@ -42,64 +40,42 @@ fn walls(model: &mut Model, lime: Paint) {
     let [x, z] = HALF;
     model.add(plaster, block([x, x + WALL], [-0.3, ROOF], [-z - WALL, z + WALL]));
     model.add(brown, block([x - 0.04, x], [0.0, 0.9], [-z, z]));
+    model.add_at(brown, &block([x - 0.03, x], [1.18, 2.62], [-0.72, 0.72]), ARCHES.map(|z| [0.0, 0.0, z]));
     for (z, panel) in ARCHES.into_iter().zip(panels.into_iter().cycle()) {
-        let layer = |half: f32, depth: f32| block([x - depth, x], [1.9 - half, 1.9 + half], [z - half, z + half]);
-        model.add(brown, layer(0.72, 0.03));
-        model.add(panel, layer(0.64, 0.04));
+        model.add(panel, block([x - 0.04, x], [1.26, 2.54], [z - 0.64, z + 0.64]));
     }
-    for end in [[-z - WALL, -z], [z, z + WALL]] {
-        model.add(plaster, block([-x - WALL, x], [-0.3, ROOF], end));
-    }
+    model.add_at(plaster, &block([-x - WALL, x], [-0.3, ROOF], [0.0, WALL]), [-z - WALL, z].map(|z| [0.0, 0.0, z]));
     model.add(lime, block([-x - 1.3, x + WALL], [ROOF, ROOF + 0.2], [-z - WALL, z + WALL]));
     // Each of the four webs is a half cylinder cut along the diagonals; it extends into the walls and ribs.
     for [dx, dz] in [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]] {
         let web = sheet([32, 2], |u, v| {
             let (across, up) = (PI * (u - 0.5)).sin_cos();
             let along = across.abs() + v * (1.06 - across.abs());
-            let [along_x, along_z] = [dx * along - dz * across, dz * along + dx * across];
-            Vec3::new(x * along_x, SPRINGING + RISE * up, HALF_BAY * along_z)
+            Vec3::new(x * (dx * along - dz * across), SPRINGING + RISE * up, 1.5 * (dz * along + dx * across))
         });
         model.add_at(lime, &web, ARCHES.map(|z| [0.0, 0.0, z]));
     }
 }
 
-/// A wall from the springing to the roof above an elliptical arch in the xy plane.
-fn arch(half_width: f32, opening: [f32; 2], half_depth: f32) -> Mesh {
-    let angles = (0..=24).map(|i| PI * (i as f32 / 24.0 - 0.5));
-    let mut soffit = vec![Vec2::new(-half_width, SPRINGING)];
-    soffit.extend(angles.map(|a| Vec2::new(opening[0] * a.sin(), SPRINGING + opening[1] * a.cos().max(0.0))));
-    soffit.push(Vec2::new(half_width, SPRINGING));
-    let mut arch = Mesh::default();
-    for [a, b] in soffit.array_windows() {
-        arch.append(&prism(&[*a, *b, b.with_y(ROOF), a.with_y(ROOF)], [-half_depth, half_depth]));
-    }
-    arch
-}
-
 /// The row of columns with its arches, and the ribs from there to pilasters at the back wall.
 fn arcade(model: &mut Model, lime: Paint, marble: Paint) {
-    let [x, _] = HALF;
-    let line_x = -x - 0.5 * WALL;
-    let opening = HALF_BAY - 0.27;
-    let wall = arch(HALF_BAY, [opening; 2], 0.5 * WALL);
-    let roll: Vec<Vec3> =
-        (0..=24).map(|i| (opening + 0.1) * Vec2::from_angle(PI * i as f32 / 24.0).extend(0.0)).collect();
+    let [x, line] = [HALF[0], -HALF[0] - 0.5 * WALL];
+    let wall = arch(1.5, [1.23; 2], [SPRINGING, ROOF], [-0.5 * WALL, 0.5 * WALL]);
     for z in ARCHES {
-        model.add_turned(lime, &wall, 90.0, [line_x, 0.0, z]);
-        model.add_turned(marble, &tube(&roll, &[0.06; 25], 12), 90.0, [-x, SPRINGING, z]);
+        model.add_turned(lime, &wall, 90.0, [line, 0.0, z]);
     }
     let column = [
-        curve([[0.25, 0.12], [0.29, 0.17], [0.25, 0.23]], 4),
-        curve([[0.23, 0.23], [0.20, 0.28], [0.22, 0.33]], 4),
+        curve([[0.25, 0.12], [0.29, 0.17], [0.25, 0.23], [0.20, 0.27], [0.22, 0.33]], 4),
         curve([[0.19, 0.33], [0.19, 1.2], [0.165, 2.22]], 3),
         curve([[0.165, 2.2], [0.2, 2.22], [0.165, 2.24]], 4),
         curve([[0.165, 2.24], [0.18, 2.36], [0.27, 2.48]], 4),
     ];
     let slab = |y: [f32; 2]| block([-0.3, 0.3], y, [-0.3, 0.3]);
     for part in [lathe(&column, 32), slab([0.0, 0.12]), slab([2.48, SPRINGING])] {
-        model.add_at(marble, &part, COLUMNS.map(|z| [line_x, 0.0, z]));
+        model.add_at(marble, &part, COLUMNS.map(|z| [line, 0.0, z]));
     }
-    model.add_at(lime, &arch(x, [x - 0.1, RISE - 0.12], 0.16), COLUMNS.map(|z| [0.0, 0.0, z]));
+    let rib = arch(x, [x - 0.1, RISE - 0.12], [SPRINGING, ROOF], [-0.16, 0.16]);
+    model.add_at(lime, &rib, COLUMNS.map(|z| [0.0, 0.0, z]));
     model.add_at(lime, &block([-0.12, 0.0], [0.0, 2.48], [-0.2, 0.2]), COLUMNS.map(|z| [x, 0.0, z]));
     model.add_at(marble, &block([-0.2, 0.0], [2.48, SPRINGING], [-0.28, 0.28]), COLUMNS.map(|z| [x, 0.0, z]));
 }
@@ -109,8 +85,7 @@ fn floor(model: &mut Model, marble: Paint) {
     let porphyry = model.gloss([0.20, 0.09, 0.06], 0.0, 0.3);
     let ground = model.paint([0.34, 0.32, 0.25]);
     let [x, z] = [HALF[0] + WALL, HALF[1]];
-    model.add(ground, block([-16.0, -x], [-0.6, -0.3], [-z - 8.0, z + 8.0]));
-    model.add(ground, block([-x, HALF[0]], [-0.5, -0.006], [-z, z]));
+    model.add(ground, block([-16.0, HALF[0]], [-0.3, -0.006], [-z - 8.0, z + 8.0]));
     let tile = block([0.003, 0.597], [-0.04, 0.0], [0.003, 0.597]);
     for (i, k) in (0..7).flat_map(|i| (0..30).map(move |k| (i, k))) {
         let paint = if (i + k) % 2 == 0 { marble } else { porphyry };
@@ -118,7 +93,7 @@ fn floor(model: &mut Model, marble: Paint) {
     }
 }
 
-/// A bronze figure on a pedestal before the far end, benches, vases.
+/// A bronze figure on a pedestal before the far end, a bench, vases.
 fn furniture(model: &mut Model, marble: Paint) {
     let bronze = model.gloss([0.62, 0.42, 0.22], 1.0, 0.35);
     let wood = model.gloss([0.30, 0.17, 0.09], 0.0, 0.5);
@@ -130,22 +105,14 @@ fn furniture(model: &mut Model, marble: Paint) {
     model.add(marble, block([-0.3, 0.7], [0.0, 0.9], [-8.1, -7.1]));
     model.add_at(bronze, &robe, [place.into()]);
     model.add_at(bronze, &cushion(Vec3::new(0.1, 0.14, 0.12), 2.0, 32), [(place + 1.7 * Vec3::Y).into()]);
+    let arm = curve([[0.2, 1.36], [0.33, 1.12], [0.08, 1.04]], 6);
     for side in [-1.0, 1.0] {
-        let at = |t: f32| {
-            place + Vec3::new(side * (0.2 + 0.5 * t * (1.0 - t) - 0.12 * t), 1.36 - 0.5 * t + 0.2 * t * t, 0.28 * t * t)
-        };
-        let arm: Vec<Vec3> = (0..=12).map(|i| at(i as f32 / 12.0)).collect();
+        let arm: Vec<Vec3> = arm.iter().map(|p| place + Vec3::new(side * p.x, p.y, 0.9 * (1.36 - p.y))).collect();
         model.add(bronze, tube(&arm, &[0.065; 13], 16));
     }
-    for z in [-3.0, 3.0] {
-        model.add_at(wood, &cushion(Vec3::new(0.24, 0.05, 0.85), 12.0, 40), [[1.5, 0.45, z]]);
-        model.add_at(wood, &block([-0.18, 0.18], [0.0, 0.42], [-0.06, 0.06]), [-0.6, 0.6].map(|dz| [1.5, 0.0, z + dz]));
-    }
-    let vase = [
-        curve([[0.14, 0.0], [0.17, 0.04], [0.28, 0.36], [0.25, 0.58], [0.12, 0.74], [0.12, 0.82], [0.18, 0.9]], 4),
-        line([0.18, 0.9], [0.1, 0.8]),
-    ];
-    let vase = lathe(&vase, 40);
+    model.add_at(wood, &cushion(Vec3::new(0.24, 0.05, 0.85), 12.0, 40), [[1.5, 0.45, -3.0]]);
+    model.add_at(wood, &block([-0.18, 0.18], [0.0, 0.42], [-0.06, 0.06]), [[1.5, 0.0, -3.6], [1.5, 0.0, -2.4]]);
+    let vase = lathe(&[curve([[0.14, 0.0], [0.28, 0.4], [0.11, 0.76], [0.18, 0.9], [0.1, 0.78]], 6)], 40);
     model.add_at(glaze, &vase, [[1.5, 0.0, -1.4], [1.5, 0.0, 6.2]]);
     model.add_at(clay, &vase, [[-1.5, 0.0, -3.7], [1.45, 0.0, -4.6], [-1.5, 0.0, 5.2]]);
 }

@@ -20,7 +20,7 @@ use super::{Camera, Material, Mesh, Scene, Texture, TexturedMetallicRoughness};
 /// Makes the parts of one scene.
 type Generator = fn() -> Model;
 
-/// Every built-in scene by name: stand-ins for the six of the paper, a second interior, then two for tests.
+/// Every built-in scene by name: stand-ins for the six of the paper, a second interior, two for tests.
 const SCENES: [(&str, Generator); 9] = [
     ("temple", temple::model),
     ("dishes", dishes::model),

@@ -6,8 +6,8 @@ use std::{sync::Arc, time::Instant};
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 
-use super::{Quadrature, QuadratureShape, Term};
-use crate::{
+use crate::quadrature::{Quadrature, QuadratureShape, Term};
+use headtail_render::{
     color::luminance,
     columns::Arena,
     environment::Environment,
@@ -28,7 +28,7 @@ const TIMED: usize = 256;
 
 /// How much is computed.
 #[derive(Clone, Copy, Debug)]
-pub struct Effort {
+pub struct DirectionEffort {
     /// Shading points.
     pub conditions: u64,
     /// Strata along a side of Y, which are also the rows of strata of X, and along a side of BRDF samples.
@@ -39,7 +39,7 @@ pub struct Effort {
 
 /// Means over shading points that see light, for one sampler.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Figures {
+pub struct DirectionStatistics {
     /// KL(target || sampler) in nats.
     pub kl: f64,
     /// Chi-square divergence: the relative variance of one sample.
@@ -63,10 +63,10 @@ pub struct Figures {
 }
 
 /// Shading points with their quadrature, shared by the samplers that are measured.
-pub struct Bench {
+pub struct DirectionBench {
     points: Vec<Point>,
     environment: Arc<Environment>,
-    effort: Effort,
+    effort: DirectionEffort,
     /// Of the draws.
     seed: u64,
 }
@@ -81,7 +81,7 @@ struct Point {
     error: f64,
 }
 
-/// Figures of one shading point.
+/// DirectionStatistics of one shading point.
 struct One {
     kl: f64,
     chi_square: f64,
@@ -90,13 +90,13 @@ struct One {
     weights: Vec<f64>,
 }
 
-impl Bench {
+impl DirectionBench {
     /// Those of the shading points `point(0..effort.conditions)` that see light. `light` has an exact tail of the whole map. Benches of other
     /// names draw other numbers: they must not share their luck.
     pub fn new(
         name: &str,
         light: &EnvironmentLight,
-        effort: Effort,
+        effort: DirectionEffort,
         point: impl Fn(u64) -> ShadingPoint + Sync,
     ) -> Self {
         let shape = |seed| QuadratureShape {
@@ -135,7 +135,7 @@ impl Bench {
     }
 
     /// Measures a sampler.
-    pub fn measure(&self, sampler: &dyn Sampler) -> Figures {
+    pub fn measure(&self, sampler: &dyn Sampler) -> DirectionStatistics {
         let ones: Vec<One> =
             self.points.par_iter().enumerate().map(|(index, point)| self.one(sampler, point, index as u64)).collect();
         let count = ones.len() as f64;
@@ -154,7 +154,7 @@ impl Bench {
         };
         let of_draws = ones.iter().map(variance).sum::<f64>();
         let of_integrals = self.points.iter().map(|point| point.error).sum::<f64>();
-        Figures {
+        DirectionStatistics {
             kl: mean(&|one| one.kl),
             chi_square: mean(&|one| one.chi_square),
             integral_error: (mean(&|one| one.integral) - 1.0).abs(),

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 
-use crate::{
+use headtail_render::{
     color::luminance,
     latlong,
     random::{Purpose, Stream},
@@ -123,7 +123,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::{
+    use headtail_render::{
         brdf::{Ggx, Lambert, Surface},
         environment::built_in,
         tail::TailKind,
@@ -132,8 +132,8 @@ mod tests {
     /// What a white diffuse surface and a mirror-like one reflect of a constant map, and the solid angle of a hemisphere.
     #[test]
     fn integrals_over_a_constant_map_are_known() {
-        let image = crate::image::Image { width: 8, height: 5, pixels: vec![[2.0; 3]; 40] };
-        let map = Arc::new(crate::environment::Environment::from_image("constant", image).unwrap());
+        let image = headtail_render::image::Image { width: 8, height: 5, pixels: vec![[2.0; 3]; 40] };
+        let map = Arc::new(headtail_render::environment::Environment::from_image("constant", image).unwrap());
         let light = EnvironmentLight::new(map, TailKind::Hierarchical).unwrap();
         let quadrature =
             Quadrature::new(&light, QuadratureShape { strata: 100, map_rows: 50, brdf_strata: 40, seed: Some(1) });
@@ -170,8 +170,12 @@ mod tests {
     fn dim_parts_of_the_sphere_are_not_stepped_over() {
         let (width, height) = (64, 32);
         let value = |k: usize| if k % width < width / 2 { 1.0 } else { 1e-6 };
-        let image = crate::image::Image { width, height, pixels: (0..width * height).map(|k| [value(k); 3]).collect() };
-        let map = Arc::new(crate::environment::Environment::from_image("halves", image).unwrap());
+        let image = headtail_render::image::Image {
+            width,
+            height,
+            pixels: (0..width * height).map(|k| [value(k); 3]).collect(),
+        };
+        let map = Arc::new(headtail_render::environment::Environment::from_image("halves", image).unwrap());
         let n = Vec3A::new(-0.8, 0.6, 0.0);
         let surface = Lambert { albedo: glam::Vec3::ONE }.into();
         let at = ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface };
