@@ -23,8 +23,8 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use clap::{Parser, Subcommand};
-use headtail_eval::{Experiment, Outcome, Recording, RunOptions, Store, Watch, run, source_hash};
+use clap::{Args, Parser, Subcommand};
+use headtail_eval::{Experiment, Outcome, Record, Recording, RunOptions, Store, ViewKey, Watch, run, source_hash};
 
 /// Measure experiments (results/*.toml) and build the pages that show their data.
 #[derive(Parser)]
@@ -53,6 +53,14 @@ enum Task {
     },
     /// List experiments whose samplers or integrator have changed since they were measured.
     Stale,
+    /// Render the first run of every stored measurement with a budget of samples again, and compare it bit for bit: whether a rebuilding has changed
+    /// what samplers draw.
+    Verify {
+        /// Experiments by name; all if none is named.
+        names: Vec<String>,
+        #[command(flatten)]
+        files: Files,
+    },
     /// Measure what is missing of experiments.
     Run {
         /// Experiments by name; all if none is named.
@@ -63,16 +71,30 @@ enum Task {
         /// Measure miniatures in a temporary folder, and build the pages from them without writing them.
         #[arg(long)]
         quick: bool,
-        /// Folder of maps and scenes. Views whose files are missing are skipped.
-        #[arg(long, value_name = "DIR", default_value = "data")]
-        data: PathBuf,
-        /// Folder of references and of samplers' files.
-        #[arg(long, value_name = "DIR", default_value = "out/results")]
-        cache: PathBuf,
-        /// The program headtail, which makes samplers' files. Default: the one beside this program.
-        #[arg(long, value_name = "FILE")]
-        program: Option<PathBuf>,
+        #[command(flatten)]
+        files: Files,
     },
+}
+
+/// Where files are found and kept.
+#[derive(Args)]
+struct Files {
+    /// Folder of maps and scenes. Views whose files are missing are skipped.
+    #[arg(long, value_name = "DIR", default_value = "data")]
+    data: PathBuf,
+    /// Folder of references and of samplers' files.
+    #[arg(long, value_name = "DIR", default_value = "out/results")]
+    cache: PathBuf,
+    /// The program headtail, which makes samplers' files. Default: the one beside this program.
+    #[arg(long, value_name = "FILE")]
+    program: Option<PathBuf>,
+}
+
+impl Files {
+    fn options(&self) -> Result<RunOptions> {
+        let program = self.program.clone().map_or_else(beside, Ok)?;
+        Ok(RunOptions { data: self.data.clone(), cache: self.cache.clone(), program, most_views: usize::MAX })
+    }
 }
 
 fn main() -> ExitCode {
@@ -102,20 +124,13 @@ fn perform(arguments: &Arguments) -> Result<()> {
             }
             Ok(())
         }
-        Task::Run { names, stale, quick, data, cache, program } => {
-            let chosen = Plans::open(&folder)?.chosen(names)?;
-            let program = program.clone().map_or_else(beside, Ok)?;
-            let options = |cache: &Path| RunOptions {
-                data: data.clone(),
-                cache: cache.to_owned(),
-                program: program.clone(),
-                most_views: usize::MAX,
-            };
+        Task::Verify { names, files } => {
+            verify(&Plans::open(&folder)?.chosen(names)?, &Store::new(&folder), &files.options()?)
+        }
+        Task::Run { names, stale, quick, files } => {
+            let (chosen, options) = (Plans::open(&folder)?.chosen(names)?, files.options()?);
             if *quick {
-                let temporary = std::env::temp_dir().join(format!("headtail-results-{}", std::process::id()));
-                let measured = run_quickly(root, chosen, &options(&temporary.join("cache")), &temporary);
-                drop(std::fs::remove_dir_all(&temporary));
-                return measured;
+                return in_temporary_folder(|temporary| run_quickly(root, chosen, &options, temporary));
             }
             let store = Store::new(&folder);
             for experiment in &chosen.experiments {
@@ -123,25 +138,72 @@ fn perform(arguments: &Arguments) -> Result<()> {
                     let current = current_environments(&store)?;
                     store.retain(&experiment.name, |own| current.contains(&own.environment))?;
                 }
-                measure(experiment, &store, &options(cache))?;
+                measure(experiment, &store, &options)?;
             }
             for recording in &chosen.recordings {
                 for command in &recording.commands {
                     let known = recording.output(&store, command)?;
-                    let is_current =
-                        |id: &str| Ok::<_, anyhow::Error>(current_environments(&store)?.iter().any(|own| own == id));
-                    if let Some(known) = known
-                        && (!*stale || is_current(&known.environment)?)
-                    {
+                    let current = current_environments(&store)?;
+                    if known.is_some_and(|known| !*stale || current.contains(&known.environment)) {
                         continue;
                     }
                     eprintln!("{}: {}", recording.name, command.name);
-                    recording.run(&store, command, false, [&program, data, cache])?;
+                    recording.run(&store, command, false, [&options.program, &options.data, &options.cache])?;
                 }
             }
             Ok(())
         }
     }
+}
+
+/// Calls with a new folder, which is removed afterwards.
+fn in_temporary_folder<T>(call: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
+    let folder = std::env::temp_dir().join(format!("headtail-results-{}", std::process::id()));
+    let result = call(&folder);
+    drop(std::fs::remove_dir_all(&folder));
+    result
+}
+
+/// Renders the first runs of stored measurements again and compares their errors, means and weights.
+///
+/// # Errors
+/// Names the measurements that differ.
+fn verify(plans: &Plans, known: &Store, options: &RunOptions) -> Result<()> {
+    let (mut count, mut different) = (0, Vec::new());
+    in_temporary_folder(|temporary| {
+        let again = Store::new(temporary);
+        for experiment in &plans.experiments {
+            let mut experiment = experiment.clone();
+            experiment.budgets.retain(|entry| entry.0.seconds().is_none());
+            experiment.runs = 1;
+            if experiment.budgets.is_empty() {
+                eprintln!("{}: budgets of time depend on the machine; nothing to verify", experiment.name);
+                continue;
+            }
+            measure(&experiment, &again, options)?;
+            let rendered = again.records(&experiment.name)?;
+            for own in known.records(&experiment.name)? {
+                let is_same = |other: &&Record| {
+                    (other.view(), &other.sampler, &other.budget, other.run)
+                        == (own.view(), &own.sampler, &own.budget, own.run)
+                };
+                let Some(other) = rendered.iter().find(is_same) else { continue };
+                count += 1;
+                // Of the picture alone: errors depend on how far the reference was refined.
+                let numbers = |record: &Record| {
+                    [record.mean_luminance, record.max_weight, record.rays_per_sample].map(f64::to_bits)
+                };
+                if numbers(&own) != numbers(other) {
+                    let ViewKey { scene, map, material } = own.view();
+                    different.push(format!("{}: {scene} under {map}, {material}: {}", experiment.name, own.sampler));
+                }
+            }
+        }
+        Ok(())
+    })?;
+    ensure!(different.is_empty(), "{} of {count} measurements differ:\n{}", different.len(), different.join("\n"));
+    println!("{count} measurements are the same");
+    Ok(())
 }
 
 /// Measures miniatures and builds the pages from them in memory.
@@ -158,7 +220,7 @@ fn run_quickly(root: &Path, mut plans: Plans, options: &RunOptions, folder: &Pat
         let options = RunOptions {
             most_views: experiment.quick.views,
             data: options.data.clone(),
-            cache: options.cache.clone(),
+            cache: folder.join("cache"),
             program: options.program.clone(),
         };
         let outcome = measure(experiment, &store, &options)?;

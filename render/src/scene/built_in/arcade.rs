@@ -105,7 +105,7 @@ fn furniture(model: &mut Model, marble: Paint) {
     model.add(marble, block([-0.3, 0.7], [0.0, 0.9], [-8.1, -7.1]));
     model.add_at(bronze, &robe, [place.into()]);
     model.add_at(bronze, &cushion(Vec3::new(0.1, 0.14, 0.12), 2.0, 32), [(place + 1.7 * Vec3::Y).into()]);
-    let arm = curve([[0.2, 1.36], [0.33, 1.12], [0.08, 1.04]], 6);
+    let arm = curve([[0.2, 1.36], [0.33, 1.12], [0.0, 1.04]], 6);
     for side in [-1.0, 1.0] {
         let arm: Vec<Vec3> = arm.iter().map(|p| place + Vec3::new(side * p.x, p.y, 0.9 * (1.36 - p.y))).collect();
         model.add(bronze, tube(&arm, &[0.065; 13], 16));
