@@ -251,7 +251,7 @@ impl Loop<'_> {
         let Calibration { samples, off } = calibrate(seconds, render)?;
         if let Some(taken) = off {
             self.watch.warning(&format!(
-                "{}: renderings of {seconds} s take {taken:.2} s where they were to be equally long: the machine does other things, too; its \
+                "{}: renderings of {seconds} s take {taken:.3} s where they were to be equally long: the machine does other things, too; its \
                  equal-time ratios say little",
                 entry.name
             ));
