@@ -116,10 +116,26 @@ fn perform(arguments: &Arguments) -> Result<()> {
             site.build(*check)
         }
         Task::Stale => {
-            for experiment in Plans::open(&folder)?.experiments {
-                let count = stale_records(&Store::new(&folder), &experiment.name)?;
-                if count > 0 {
-                    println!("{}: {count} measurements are of other sources", experiment.name);
+            let (plans, store) = (Plans::open(&folder)?, Store::new(&folder));
+            let current = current_environments(&store)?;
+            for experiment in &plans.experiments {
+                let records = store.records(&experiment.name)?;
+                let stale = records.iter().filter(|own| !current.contains(&own.environment)).count();
+                match (records.len(), stale) {
+                    (0, _) => println!("{}: not measured", experiment.name),
+                    (_, 0) => {}
+                    (all, _) => println!("{}: {stale} of {all} measurements are of other sources", experiment.name),
+                }
+            }
+            for recording in &plans.recordings {
+                for command in &recording.commands {
+                    match recording.output(&store, command)? {
+                        None => println!("{}, {}: not recorded", recording.name, command.name),
+                        Some(own) if !current.contains(&own.environment) => {
+                            println!("{}, {}: recorded with other sources", recording.name, command.name);
+                        }
+                        Some(_) => {}
+                    }
                 }
             }
             Ok(())
@@ -281,12 +297,6 @@ impl Plans {
 fn current_environments(store: &Store) -> Result<Vec<String>> {
     let known = store.environments()?;
     Ok(known.into_iter().filter(|(_, own)| own.sources == source_hash()).map(|(id, _)| id).collect())
-}
-
-/// Measurements of an experiment that are of other sources than this program's.
-fn stale_records(store: &Store, experiment: &str) -> Result<usize> {
-    let current = current_environments(store)?;
-    Ok(store.records(experiment)?.iter().filter(|own| !current.contains(&own.environment)).count())
 }
 
 /// The program `headtail` in this program's folder.
