@@ -11,15 +11,8 @@ use std::{
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use headtail_eval::{Budget, Entry, OpenedView, Plan, Reference, ReferencePolicy, machine};
-use headtail_render::{
-    export::{ExportedSampler, Intermediate},
-    image::write_exr,
-    memory,
-    rival::RivalFile,
-    spec::{SamplerSpec, Source},
-    visibility::SceneVisibility,
-};
+use headtail_eval::{Budget, Entry, FilePreparation, OpenedView, Plan, Reference, ReferencePolicy, machine};
+use headtail_render::{image::write_exr, memory, spec::SamplerSpec};
 use samplers::SamplerList;
 use work::Work;
 
@@ -248,71 +241,17 @@ fn check_different(what: &str, names: impl Iterator<Item = String>) -> Result<()
     Ok(())
 }
 
-/// A sampler that is ready to render, and what that took: its file counts with the time that the file says it took.
+/// A sampler that is ready to render, and what that took: its files count with the times that they say.
 fn prepare(spec: &SamplerSpec, opened: &OpenedView) -> Result<(Entry, Preparation)> {
-    let label = spec.to_string();
+    let sampler = spec.to_string();
     let start = Instant::now();
-    let busy = progress::busy(&label);
+    let busy = progress::busy(&sampler);
     let estimator = opened.estimator(spec)?;
     drop(busy);
     let built = start.elapsed().as_secs_f64();
-    let mut preparation = Preparation { sampler: label.clone(), seconds: built, text: "tables built".into() };
     note_use(spec)?;
     note_surfaces(spec, opened)?;
-    if let Some((_, file)) = spec.path() {
-        let exported = ExportedSampler::read(file)?;
-        if let Some(training) = &exported.training {
-            preparation.text =
-                format!("file read; trained before for {} steps on {}", training.steps, training.backend);
-            if let Intermediate::Head(head) = &exported.intermediate {
-                let parameters: usize =
-                    head.layers().iter().map(|(_, layer)| (layer.inputs() + 1) * layer.outputs()).sum();
-                preparation.text += &format!("; {parameters} parameters");
-            }
-            if let Some(seconds) = training.seconds {
-                preparation.seconds += seconds;
-                preparation.text += &format!(" ({seconds:.1} s)");
-            }
-            match (&exported.intermediate, training.tabulated_seconds) {
-                (Intermediate::Head(_), _) => {}
-                (_, Some(seconds)) => {
-                    preparation.seconds += seconds;
-                    preparation.text += &format!("; tabulated ({seconds:.1} s)");
-                }
-                (_, None) => preparation.text += "; the time of tabulating the head is not known",
-            }
-        } else {
-            preparation.text = "file read; the time of its bake is not in the file".into();
-        }
-    }
-    preparation.add_learned(spec)?;
-    Ok((Entry { name: label, estimator, preparation: preparation.seconds }, preparation))
-}
-
-impl Preparation {
-    /// Counts what a file of learned visibility and one of samplers for materials took to be made.
-    fn add_learned(&mut self, spec: &SamplerSpec) -> Result<()> {
-        let mut source = spec.source();
-        while let Source::Mixture(inner) = source {
-            source = inner;
-        }
-        let trained = match source {
-            Source::Rival { file, .. } => Some(("trained for materials", RivalFile::read(file)?.seconds)),
-            _ => None,
-        };
-        let learned = match spec {
-            SamplerSpec::Learning { known: Some(file), .. } => {
-                Some(("visibility learned", SceneVisibility::read(file)?.seconds))
-            }
-            _ => None,
-        };
-        for (what, seconds) in trained.into_iter().chain(learned) {
-            self.seconds += seconds.unwrap_or(0.0);
-            self.text += &match seconds {
-                Some(seconds) => format!("; {what} before ({seconds:.1} s)"),
-                None => format!("; {what} before, whose time is not known"),
-            };
-        }
-        Ok(())
-    }
+    let FilePreparation { seconds, text } = FilePreparation::of(spec)?;
+    let preparation = Preparation { sampler: sampler.clone(), seconds: built + seconds, text };
+    Ok((Entry { name: sampler, estimator, preparation: preparation.seconds }, preparation))
 }

@@ -13,6 +13,7 @@
 //! | `measurement.rs` | one record per run |
 //! | `independent_runs.rs`, `timing_baseline.rs` | variance without a reference, and times as ratios to a baseline |
 //! | `direction_statistics.rs`, `quadrature.rs` | divergences and weights of a sampler at single shading points |
+//! | `preparation.rs` | what the files of a sampler took to be made |
 //! | `sample_time.rs` | the time of one light estimate |
 //! | `experiment.rs`, `artifact.rs`, `runner.rs`, `store.rs` | experiments, the files that their samplers need, and their data |
 //! | `recording.rs` | commands whose output is data |
@@ -30,6 +31,7 @@ mod experiment;
 mod independent_runs;
 mod measurement;
 mod point_choice;
+mod preparation;
 mod quadrature;
 mod recording;
 mod reference;
@@ -50,6 +52,7 @@ pub use experiment::{BudgetEntry, Experiment, MapEntry, MaterialEntry, SamplerEn
 pub use independent_runs::IndependentRuns;
 pub use measurement::{Environment as MeasurementEnvironment, Measurement, machine, mean_luminance, source_hash};
 pub use point_choice::PointChoice;
+pub use preparation::FilePreparation;
 pub use recording::{Output, RecordedCommand, Recording};
 pub use reference::{Noise, Reference, ReferencePolicy, covered, select};
 pub use runner::{Outcome, RunOptions, run};

@@ -6,11 +6,18 @@ use std::{
     time::Instant,
 };
 
+use headtail_render::statistics::sidak;
+
 use crate::{
     Entry, Error, Experiment, Measurement, MeasurementEnvironment, Plan, Reference, ReferencePolicy, Result, Store,
     ViewKey, Watch, engine,
     experiment::{SamplerEntry, is_there},
 };
+
+/// By which factor the samples of a reference may grow.
+const MOST_REFINEMENT: u32 = 16;
+/// The chance of a warning about a view whose samplers all have the reference's mean.
+const SIGNIFICANCE: f64 = 0.001;
 
 /// Where an experiment finds and keeps files.
 pub struct RunOptions {
@@ -113,7 +120,10 @@ fn measure_view(
         entries.push(Entry { name: sampler.name.clone(), estimator, preparation });
     }
     let references = options.cache.join("references");
-    let policy = ReferencePolicy::new(experiment.reference_samples, experiment.seed);
+    let policy = ReferencePolicy {
+        most_samples: experiment.reference_samples.saturating_mul(MOST_REFINEMENT),
+        ..ReferencePolicy::new(experiment.reference_samples, experiment.seed)
+    };
     let mut reference = Reference::obtain(&view, policy, Some(&references), stop, &|_| {})?;
     let plan = Plan {
         scene: key.scene.clone(),
@@ -124,5 +134,14 @@ fn measure_view(
         seed: experiment.seed,
         cache: Some(references),
     };
-    engine::measure(&view, &entries, &mut reference, &plan, (stop, watch), &mut |_| Ok(()))
+    let measured = engine::measure(&view, &entries, &mut reference, &plan, (stop, watch), &mut |_| Ok::<_, Error>(()))?;
+    // Samplers are independent techniques: each must have the reference's mean in every tile.
+    let level = sidak(SIGNIFICANCE, measured.len());
+    for own in measured.iter().filter(|own| own.tile_p < level) {
+        watch.warning(&format!(
+            "{} under {}, {}: {} at {} differs from the reference in a tile (p = {:.1e}, level {level:.1e})",
+            own.scene, own.env, own.material, own.sampler, own.budget, own.tile_p
+        ));
+    }
+    Ok(measured)
 }

@@ -11,18 +11,13 @@ use std::{
     time::{Duration, Instant},
 };
 
-use headtail_eval::{Entry, Noise, OpenedView, Plan, Reference, ReferencePolicy, measure};
-use headtail_render::{
-    rival::RivalFile,
-    spec::{SamplerSpec, Source},
-    visibility::SceneVisibility,
-};
+use headtail_eval::{Entry, FilePreparation, Noise, OpenedView, Plan, Reference, ReferencePolicy, measure};
 use numpy::{PyReadonlyArray3, ToPyArray, ndarray::Array2};
 use pyo3::{prelude::*, types::PyDict};
 
 use crate::{
     environment::{Environment, array_of},
-    error::{of_eval, of_render, refused},
+    error::{of_eval, refused},
     render::{Scene, ViewArguments, Watch, budget},
     sampler::Sampler,
 };
@@ -96,29 +91,12 @@ fn entry(sampler: &Sampler, view: &OpenedView) -> PyResult<Entry> {
     let start = Instant::now();
     let estimator = sampler.estimator(view)?;
     let built = start.elapsed().as_secs_f64();
-    let training = sampler.exported.as_ref().and_then(|exported| exported.training.as_ref());
-    let training = training.into_iter().flat_map(|training| [training.seconds, training.tabulated_seconds]);
-    let files = file_seconds(sampler.spec.as_ref()).map_err(of_render)?;
-    let preparation = built + training.chain(files).flatten().sum::<f64>();
-    Ok(Entry { name: sampler.name.clone(), estimator, preparation })
-}
-
-/// Seconds that precomputed visibility and samplers for materials took, where their files say so.
-fn file_seconds(spec: Option<&SamplerSpec>) -> headtail_render::Result<[Option<f64>; 2]> {
-    let Some(spec) = spec else { return Ok([None; 2]) };
-    let visibility = match spec {
-        SamplerSpec::Learning { known: Some(file), .. } => SceneVisibility::read(file)?.seconds,
-        _ => None,
+    let files = match (&sampler.spec, &sampler.exported) {
+        (Some(spec), _) => FilePreparation::of(spec).map_err(of_eval)?.seconds,
+        (None, Some(exported)) => FilePreparation::of_exported(exported).seconds,
+        (None, None) => 0.0,
     };
-    let mut source = spec.source();
-    while let Source::Mixture(inner) = source {
-        source = inner;
-    }
-    let rival = match source {
-        Source::Rival { file, .. } => RivalFile::read(file)?.seconds,
-        _ => None,
-    };
-    Ok([visibility, rival])
+    Ok(Entry { name: sampler.name.clone(), estimator, preparation: built + files })
 }
 
 /// Works on another thread while this one, which may be Python's main thread, handles signals. `work` gets the bits of the fraction that is done.

@@ -126,3 +126,85 @@ impl Site {
         Ok(built)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use headtail_eval::{Experiment, Measurement, MeasurementEnvironment};
+
+    use super::*;
+
+    const EXPERIMENT: &str = r#"
+        question = "Which?"
+        width = 8
+        height = 6
+        budgets = ["4spp"]
+        runs = 2
+        threads = 1
+        reference_samples = 16
+        scenes = [{ name = "plane", file = "plane", tuned = true }]
+        maps = [{ name = "studio", file = "studio", kind = "lamps", tuned = true }]
+        materials = [{ name = "own" }]
+        views = [{ scenes = ["plane"], maps = ["studio"], materials = ["own"] }]
+        samplers = [{ name = "mis", spec = "mis" }, { name = "patches", spec = "patches" }]
+        quick = { views = 1, width = 8, height = 6, budgets = ["1spp"], runs = 1 }
+    "#;
+
+    /// A repository with one experiment, whose data were measured with these sources.
+    fn repository(sources: &str) -> (tempfile::TempDir, Plans) {
+        let root = tempfile::tempdir().unwrap();
+        fs::create_dir_all(root.path().join("docs")).unwrap();
+        fs::write(root.path().join("README.md"), "A page.\n").unwrap();
+        let page = "# Results\n\n<!-- results: ratios small samples=4spp baselines=mis samplers=patches -->\n<!-- end of results -->\n\n\
+                    <!-- results: conditions small -->\n<!-- end of results -->\n";
+        fs::write(root.path().join("RESULTS.md"), page).unwrap();
+        let folder = root.path().join("results");
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(folder.join("small.toml"), EXPERIMENT).unwrap();
+        let run = |sampler: &str, run: u32, mse: f64| Measurement {
+            scene: "plane".into(),
+            env: "studio".into(),
+            material: "own".into(),
+            sampler: sampler.into(),
+            budget: "4spp".into(),
+            run,
+            mse,
+            ..Measurement::unknown()
+        };
+        let runs = [run("mis", 0, 3.0), run("mis", 1, 5.0), run("patches", 0, 1.5), run("patches", 1, 2.5)];
+        let environment = MeasurementEnvironment { sources: sources.into(), ..MeasurementEnvironment::current() };
+        Store::new(&folder).add("small", &runs, &environment).unwrap();
+        let plans = Plans { experiments: vec![Experiment::open(&folder.join("small.toml")).unwrap()], recordings: Vec::new() };
+        (root, plans)
+    }
+
+    fn site(root: &Path, plans: &Plans) -> Site {
+        Site::open(root, &Store::new(&root.join("results")), plans).unwrap()
+    }
+
+    #[test]
+    fn pages_are_rebuilt_byte_for_byte_and_a_changed_digit_is_found() {
+        let (root, plans) = repository(headtail_eval::source_hash());
+        let page = root.path().join("RESULTS.md");
+        assert!(site(root.path(), &plans).build(true).is_err(), "the blocks are empty");
+        site(root.path(), &plans).build(false).unwrap();
+        let built = fs::read_to_string(&page).unwrap();
+        assert!(built.contains("| `patches` | 2.00 [") && !built.contains("Stale"), "{built}");
+        site(root.path(), &plans).build(false).unwrap();
+        assert_eq!(fs::read_to_string(&page).unwrap(), built);
+        site(root.path(), &plans).build(true).unwrap();
+        fs::write(&page, built.replace("2.00 [", "2.01 [")).unwrap();
+        assert!(site(root.path(), &plans).build(true).unwrap_err().to_string().contains("differs from its data"));
+        fs::write(&page, built.replace("# Results", "It is 2.3x better.")).unwrap();
+        assert!(site(root.path(), &plans).build(true).unwrap_err().to_string().contains("'2.3x' is a measured number"));
+    }
+
+    #[test]
+    fn tables_of_other_sources_say_so() {
+        let (root, plans) = repository("0123456789abcdef");
+        site(root.path(), &plans).build(false).unwrap();
+        let built = fs::read_to_string(root.path().join("RESULTS.md")).unwrap();
+        assert!(built.contains("**Stale:** samplers or integrator have changed since 4 of 4 runs"), "{built}");
+    }
+}

@@ -1,0 +1,78 @@
+//! What the files of a sampler took to be made, as far as they say so.
+
+use headtail_render::{
+    export::{ExportedSampler, Intermediate},
+    rival::RivalFile,
+    spec::{SamplerSpec, Source},
+    visibility::SceneVisibility,
+};
+
+use crate::Result;
+
+/// The time of a sampler's files, and a sentence about them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FilePreparation {
+    /// Seconds; times that files do not say count as 0.
+    pub seconds: f64,
+    /// What was done: "file read; trained before for 1000 steps on flex (3.2 s)".
+    pub text: String,
+}
+
+impl FilePreparation {
+    /// That of all files of a SPEC.
+    ///
+    /// # Errors
+    /// If a file cannot be read.
+    pub fn of(spec: &SamplerSpec) -> Result<Self> {
+        let mut own = match spec.path() {
+            Some((_, file)) => Self::of_exported(&ExportedSampler::read(file)?),
+            None => Self { seconds: 0.0, text: "tables built".into() },
+        };
+        let mut source = spec.source();
+        while let Source::Mixture(inner) = source {
+            source = inner;
+        }
+        if let Source::Rival { file, .. } = source {
+            own.add("trained for materials", RivalFile::read(file)?.seconds);
+        }
+        if let SamplerSpec::Learning { known: Some(file), .. } = spec {
+            own.add("visibility learned", SceneVisibility::read(file)?.seconds);
+        }
+        Ok(own)
+    }
+
+    /// That of an exported sampler.
+    pub fn of_exported(exported: &ExportedSampler) -> Self {
+        let Some(training) = &exported.training else {
+            return Self { seconds: 0.0, text: "file read; the time of its bake is not in the file".into() };
+        };
+        let mut text = format!("file read; trained before for {} steps on {}", training.steps, training.backend);
+        if let Intermediate::Head(head) = &exported.intermediate {
+            let parameters: usize =
+                head.layers().iter().map(|(_, layer)| (layer.inputs() + 1) * layer.outputs()).sum();
+            text += &format!("; {parameters} parameters");
+        }
+        let mut own = Self { seconds: 0.0, text };
+        if let Some(seconds) = training.seconds {
+            own.seconds += seconds;
+            own.text += &format!(" ({seconds:.1} s)");
+        }
+        match (&exported.intermediate, training.tabulated_seconds) {
+            (Intermediate::Head(_), _) => {}
+            (_, Some(seconds)) => {
+                own.seconds += seconds;
+                own.text += &format!("; tabulated ({seconds:.1} s)");
+            }
+            (_, None) => own.text += "; the time of tabulating the head is not known",
+        }
+        own
+    }
+
+    fn add(&mut self, what: &str, seconds: Option<f64>) {
+        self.seconds += seconds.unwrap_or(0.0);
+        self.text += &match seconds {
+            Some(seconds) => format!("; {what} before ({seconds:.1} s)"),
+            None => format!("; {what} before, whose time is not known"),
+        };
+    }
+}
