@@ -61,7 +61,8 @@ pub struct Measurement {
     pub reference_mse: f64,
     /// Mean luminance of the reference over the measured pixels.
     pub reference_luminance: f64,
-    /// Smallest p-value of a test that a tile has the reference's mean, corrected for the number of tiles; NaN where it does not apply.
+    /// Smallest p-value of a test that a tile has the reference's mean, corrected for the number of tiles; NaN where it does not apply, as below 64 samples
+    /// per pixel.
     pub tile_p: f64,
 }
 

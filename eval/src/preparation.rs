@@ -48,8 +48,7 @@ impl FilePreparation {
         };
         let mut text = format!("file read; trained before for {} steps on {}", training.steps, training.backend);
         if let Intermediate::Head(head) = &exported.intermediate {
-            let parameters: usize =
-                head.layers().iter().map(|(_, layer)| (layer.inputs() + 1) * layer.outputs()).sum();
+            let parameters: usize = head.layers().iter().map(|(_, layer)| (layer.inputs() + 1) * layer.outputs()).sum();
             text += &format!("; {parameters} parameters");
         }
         let mut own = Self { seconds: 0.0, text };

@@ -84,7 +84,7 @@ fn draw(shown: &Shown<'_>, rows: &[Row], baselines: &[String]) -> String {
     text(
         (LEFT, 16.0),
         "start",
-        &format!("MSE of the best of {} over ours (log scale); bars: 95 % intervals", baselines.join(", ")),
+        &format!("MSE of the best of {} over ours; bars: 95 % intervals", baselines.join(", ")),
     );
     text((WIDTH - RIGHT + 8.0, 16.0), "start", "geometric mean");
     for tick in [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0] {
@@ -113,7 +113,9 @@ fn draw(shown: &Shown<'_>, rows: &[Row], baselines: &[String]) -> String {
             );
         }
     }
-    let colour = |scene: &str| COLOURS[scenes.iter().position(|own| *own == scene).unwrap_or(0) % COLOURS.len()];
+    let place = |scene: &str| scenes.iter().position(|own| *own == scene).unwrap_or(0);
+    let colour = |scene: &str| COLOURS[place(scene) % COLOURS.len()];
+    let is_square = |scene: &str| place(scene) >= COLOURS.len();
     for (index, row) in rows.iter().enumerate() {
         let middle = TOP + ROW * (index as f64 + 0.5);
         let count = row.dots.len() as f64;
@@ -126,21 +128,23 @@ fn draw(shown: &Shown<'_>, rows: &[Row], baselines: &[String]) -> String {
                 x(interval.low),
                 x(interval.high)
             );
-            dot(&mut svg, (x(interval.value), y), colour, *tuned);
+            dot(&mut svg, (x(interval.value), y), (colour, is_square(scene)), *tuned);
         }
     }
     for (index, scene) in scenes.iter().enumerate() {
         let (column, line) = ((index % 4) as f64, (index / 4) as f64);
-        dot(&mut svg, (LEFT - 100.0 + 150.0 * column, legend + 16.0 * line), colour(scene), true);
+        dot(&mut svg, (LEFT - 100.0 + 150.0 * column, legend + 16.0 * line), (colour(scene), is_square(scene)), true);
     }
     svg + "</svg>\n"
 }
 
-/// A dot; hollow where map or scene are untuned.
-fn dot(svg: &mut String, (x, y): (f64, f64), colour: &str, is_full: bool) {
+/// A dot, round or square; hollow where map or scene are untuned.
+fn dot(svg: &mut String, (x, y): (f64, f64), (colour, is_square): (&str, bool), is_full: bool) {
     let fill = if is_full { colour } else { "white" };
-    let _ = writeln!(
-        svg,
-        "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.8\" fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.2\"/>"
-    );
+    let shape = if is_square {
+        format!("rect x=\"{:.1}\" y=\"{:.1}\" width=\"5.2\" height=\"5.2\"", x - 2.6, y - 2.6)
+    } else {
+        format!("circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.8\"")
+    };
+    let _ = writeln!(svg, "<{shape} fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.2\"/>");
 }

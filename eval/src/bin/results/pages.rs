@@ -175,7 +175,8 @@ mod tests {
         let runs = [run("mis", 0, 3.0), run("mis", 1, 5.0), run("patches", 0, 1.5), run("patches", 1, 2.5)];
         let environment = MeasurementEnvironment { sources: sources.into(), ..MeasurementEnvironment::current() };
         Store::new(&folder).add("small", &runs, &environment).unwrap();
-        let plans = Plans { experiments: vec![Experiment::open(&folder.join("small.toml")).unwrap()], recordings: Vec::new() };
+        let plans =
+            Plans { experiments: vec![Experiment::open(&folder.join("small.toml")).unwrap()], recordings: Vec::new() };
         (root, plans)
     }
 
