@@ -53,7 +53,7 @@ def main():
     def run(*arguments):
         subprocess.run([given.headtail, *map(str, arguments), "--force", "--quiet"], check=True)
 
-    spp = 16 if given.quick else 512
+    spp = 16 if given.quick else 384
     tiles = []
     for scene, env in SCENES.items():
         picture = given.work / f"{scene}.exr"
@@ -72,7 +72,7 @@ def main():
         run("view", "--env", env, "--azimuth", azimuth, "--pitch", pitch, "--width", 720, "--height", 480, "--out", photo)
         folder = given.work / f"composite-{number}"
         camera = ["--photo", photo, "--camera", photo.with_suffix(".fspy")]
-        samples = ["--spp", 8 if given.quick else 256]
+        samples = ["--spp", 8 if given.quick else 192]
         run("composite", *camera, "--env", env, "--scene", given.data / "scenes" / scene, *placed, *samples, "--out", folder)
         before.append((label, Image.open(photo.with_suffix(".png"))))
         after.append((f"{label}: composite", Image.open(folder / "composite.png")))

@@ -298,7 +298,14 @@ fn cost(shown: &Shown<'_>, block: &Block) -> Result<String> {
 /// Samplers in the order of the experiment.
 fn samplers_of(shown: &Shown<'_>) -> Vec<String> {
     let is_there = |name: &&String| shown.views.iter().any(|view| view.samplers.contains_key(*name));
-    shown.experiment.samplers.iter().map(|own| &own.name).filter(is_there).cloned().collect()
+    let mut names: Vec<String> = Vec::new();
+    for name in shown.experiment.samplers.iter().map(|own| &own.name).filter(is_there) {
+        // One name may be of several files, each for other materials.
+        if !names.contains(name) {
+            names.push(name.clone());
+        }
+    }
+    names
 }
 
 /// Relative errors of mean luminances: how many 95 % intervals over runs exclude 0, and the largest.
