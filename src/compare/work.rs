@@ -67,11 +67,14 @@ impl<'a> Work<'a> {
     /// If results cannot be written; those of the runs before stay.
     pub fn run_all(&mut self, reference: &mut Reference, plan: &Plan) -> Result<()> {
         let (opened, entries, stop) = (self.opened, self.entries, self.stop);
-        let watch = Bars::default();
+        let (watch, samples) = (Bars::default(), reference.samples);
         let measured = measure(opened, entries, reference, plan, (stop, &watch), &mut |run| self.add(&run));
         watch.finish();
         let measured = measured?;
         // Refined after the first runs.
+        if reference.samples != samples {
+            write_exr(&self.output.file("reference.exr")?, &reference.image, &reference.attributes())?;
+        }
         self.comparison.reference = reference.image.clone();
         self.reference_note = reference.note();
         self.noise = reference.noise;
