@@ -7,10 +7,12 @@ use clap::Args;
 use glam::Vec3A;
 use headtail_eval::{Budget, CameraSettings, OpenedView, PointChoice, ViewSettings};
 use headtail_render::{
-    environment::Environment,
+    environment::{Environment, MapSpec},
     estimator::LearnedVisibility,
     export::{ExportedSampler, Intermediate},
     head::Condition,
+    image::MapLayout,
+    remark::Remark,
     scene::{Camera, MaterialSpec, Scene},
     spec::{FileKind, SamplerSpec, Source},
     tail::TailKind,
@@ -20,7 +22,7 @@ use crate::crop::Crop;
 use crate::given::given;
 use crate::light::LightArguments;
 use crate::progress;
-use crate::terminal::{detail, note, warning};
+use crate::terminal::{self, detail, note};
 
 /// What may be learned of a scene, unless another number is given.
 pub const VISIBILITY_MEGABYTES: u32 = (LearnedVisibility::MEMORY >> 20) as u32;
@@ -28,14 +30,20 @@ pub const VISIBILITY_MEGABYTES: u32 = (LearnedVisibility::MEMORY >> 20) as u32;
 /// Which picture to take.
 #[derive(Args, Clone, Debug)]
 pub struct ViewArguments {
-    /// A built-in scene (temple, dishes, diorama, droid, bedroom, cloth, arcade, sphere, plane) or a glTF 2.0 file (.glb, .gltf).
+    /// A built-in scene (temple, dishes, diorama, droid, bedroom, cloth, arcade, sphere, plane) or a glTF 2.0 file (.glb, .gltf); FILE#NAME
+    /// is another of the file's scenes than the default.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub scene: String,
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub env: String,
     #[command(flatten)]
+    pub map: MapArguments,
+    #[command(flatten)]
     pub camera: CameraArguments,
+    /// The camera of that name, or number from 0 on, in the scene's file. Default: its first perspective one.
+    #[arg(long = "camera", value_name = "NAME", conflicts_with = "look_from")]
+    pub own_camera: Option<String>,
     /// Put a grey diffuse plane under the scene, which reaches to the horizon.
     #[arg(long)]
     pub ground: bool,
@@ -84,6 +92,31 @@ pub struct CameraArguments {
     /// Vertical field of view in degrees.
     #[arg(long, value_name = "DEGREES")]
     pub fov: Option<f32>,
+}
+
+/// What a map's file leaves open.
+#[derive(Args, Clone, Debug, Default)]
+pub struct MapArguments {
+    /// How directions lie in the map's picture: latlong, equal-area (pbrt's square), cube (six faces in a row or a column), cross (an unfolded cube)
+    /// or angular (a light probe). Default: what the file says, else latlong.
+    #[arg(long, value_name = "LAYOUT")]
+    pub env_layout: Option<MapLayout>,
+    /// The layer of an OpenEXR map that is the light, or the end of its name. Default: R, G and B, else a layer called as pictures are.
+    #[arg(long, value_name = "NAME")]
+    pub env_layer: Option<String>,
+}
+
+impl MapArguments {
+    /// The map's name with what is known of it.
+    pub fn of(&self, env: &str) -> String {
+        match (self.env_layout, &self.env_layer, MapSpec::parse(env)) {
+            (None, None, _) | (.., Err(_)) => env.to_owned(),
+            (layout, layer, Ok(spec)) => {
+                let (layout, layer) = (layout.or(spec.layout), layer.clone().or(spec.layer));
+                MapSpec { name: spec.name, layout, layer }.to_string()
+            }
+        }
+    }
 }
 
 impl CameraArguments {
@@ -163,7 +196,9 @@ impl ViewArguments {
         Self {
             scene: scene.to_owned(),
             env: env.to_owned(),
+            map: MapArguments::default(),
             camera,
+            own_camera: None,
             ground: false,
             material: None,
             unshadowed: false,
@@ -185,7 +220,8 @@ impl ViewArguments {
             points: self.points,
             visibility_bytes: (self.visibility_memory as usize) << 20,
             visibility_always: self.visibility_always,
-            ..ViewSettings::new(&self.scene, &self.env, self.camera.settings())
+            own_camera: self.own_camera.clone(),
+            ..ViewSettings::new(&self.scene, &self.map.of(&self.env), self.camera.settings())
         }
     }
 
@@ -195,7 +231,9 @@ impl ViewArguments {
             // A second call in one process keeps the first number; the commands call this once.
             rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
         }
-        let opened = self.settings().open_under(open_environment(&self.env)?)?;
+        let settings = self.settings();
+        let opened = settings.open_under(open_environment(&settings.env)?)?;
+        say_remarks(&self.scene, opened.remarks())?;
         if self.material.is_some() {
             opened.scene().brdf_notes().for_each(|said| note!("material {said}"));
         }
@@ -215,15 +253,28 @@ impl ViewArguments {
     }
 }
 
-/// Opens an environment and says on standard error what had to be repaired in it.
+/// Says on standard error what was decided about a file.
+///
+/// # Errors
+/// With `--strict`, the first warning.
+pub fn say_remarks(file: &str, remarks: &[Remark]) -> Result<()> {
+    remarks.iter().try_for_each(|remark| terminal::say_remark(file, remark))
+}
+
+/// Opens a scene and says on standard error what of its file is not shown; without `materials`, those of a file are not read.
+pub fn open_scene(name_or_path: &str, materials: bool) -> Result<Scene> {
+    let scene = Scene::open_dressed(name_or_path, materials)?;
+    say_remarks(name_or_path, scene.remarks())?;
+    Ok(scene)
+}
+
+/// Opens an environment and says on standard error what was converted or had to be repaired in it.
 pub fn open_environment(name_or_path: &str) -> Result<Arc<Environment>> {
     let busy = progress::busy("map");
     let environment = Environment::open(name_or_path)?;
     drop(busy);
     detail!("{name_or_path}: {} x {} pixels, hash {}", environment.width(), environment.height(), environment.hash());
-    for repair in environment.repairs() {
-        warning!("{name_or_path}: {repair}");
-    }
+    say_remarks(name_or_path, environment.remarks())?;
     Ok(Arc::new(environment))
 }
 

@@ -14,7 +14,7 @@ use headtail_render::{
 };
 use headtail_train::learned_bake_watched;
 
-use crate::arguments::{Grid, TailArgument, open_environment};
+use crate::arguments::{Grid, MapArguments, TailArgument, open_environment};
 use crate::given::given;
 use crate::output::OutputFile;
 use crate::progress;
@@ -45,6 +45,8 @@ pub struct Arguments {
     /// The map for --direct and --visibility: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
     #[arg(long, value_name = "MAP", conflicts_with = "from", value_parser = given::<String>())]
     env: Option<String>,
+    #[command(flatten)]
+    map: MapArguments,
     /// The tail warp for --direct.
     #[arg(long, default_value = "hierarchical", conflicts_with = "from")]
     tail: TailArgument,
@@ -65,7 +67,8 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
     let output = OutputFile::take(&arguments.out)?;
-    if let (true, Some(map)) = (arguments.visibility, &arguments.env) {
+    let env = arguments.env.as_ref().map(|env| arguments.map.of(env));
+    if let (true, Some(map)) = (arguments.visibility, &env) {
         let learned = arguments.view.bake(map)?;
         output.write(|path| learned.write(path))?;
         say!("{} written after {:.2} s", arguments.out.display(), start.elapsed().as_secs_f64());
@@ -73,7 +76,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let normals = NormalGrid::new(arguments.normals.0, arguments.normals.1).context("--normals")?;
     let cells = CellGrid::new(arguments.cells.0, arguments.cells.1).context("--cells")?;
-    let baked = match (&arguments.from, &arguments.env) {
+    let baked = match (&arguments.from, &env) {
         (Some(file), _) => {
             let exported = ExportedSampler::read(file)?;
             let head = exported.head_over_tail().map_err(|error| error.in_file(file))?;

@@ -6,10 +6,11 @@ use anyhow::{Result, bail};
 use clap::Args;
 use headtail_render::{
     brdf::{NeuralTexture, neural},
-    environment::Environment,
+    environment::{Environment, MapSpec},
     export::{ExportedSampler, Intermediate},
     file::read_text,
-    image::{read_radiance, text_attributes},
+    image::{Picture, read_picture, text_attributes},
+    remark::Remark,
     rival::{RivalFile, RivalKind},
     scene::{FspyProject, Scene, UpAxis},
     spec::SamplerSpec,
@@ -106,21 +107,31 @@ fn sampler(path: &Path) -> Result<Facts> {
 }
 
 fn picture(path: &Path) -> Result<Facts> {
-    let image = read_radiance(path)?;
+    let Picture { image, layout, remarks } = read_picture(path, None)?;
     let attributes = text_attributes(path).unwrap_or_default();
     let mut facts = vec![fact("file", "a linear picture"), fact("size", format!("{} x {}", image.width, image.height))];
     let finite = image.pixels.iter().flatten().filter(|value| value.is_finite());
     let (least, most) = finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), &value| (a.min(value), b.max(value)));
     facts.push(fact("values", format!("{least} to {most}")));
-    if attributes.is_empty() && image.width == 2 * image.height {
-        facts[0].1 = "a lat-long map or a picture of 2 : 1".into();
-        let name = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-        let environment = Environment::from_image(&name, image)?;
+    if let Some(layout) = layout {
+        facts.push(fact("layout", layout.to_string()));
+    }
+    if layout.is_some() || attributes.is_empty() && image.width == 2 * image.height {
+        facts[0].1 =
+            if layout.is_some() { "an environment map" } else { "a lat-long map or a picture of 2 : 1" }.into();
+        let environment = Environment::load(path, &MapSpec::default())?;
         facts.push(fact("hash", environment.hash()));
-        facts.extend(environment.repairs().iter().map(|repair| fact("repaired", repair.clone())));
+        facts.extend(remarks_of(environment.remarks()));
+    } else {
+        facts.extend(remarks_of(&remarks));
     }
     facts.extend(attributes.into_iter().map(|(name, value)| (name, value.into())));
     Ok(facts)
+}
+
+/// What was decided about a file.
+fn remarks_of(remarks: &[Remark]) -> impl Iterator<Item = (String, Value)> {
+    remarks.iter().map(|remark| fact(if remark.is_warning() { "warning" } else { "note" }, remark.text()))
 }
 
 fn visibility(path: &Path) -> Result<Facts> {
@@ -177,14 +188,17 @@ fn scene(path: &Path) -> Result<Facts> {
     let scene = Scene::load(path)?;
     let [x, y, z] = scene.bounds().extent().to_array();
     let names: Vec<&str> = scene.mesh_names().into_iter().collect();
-    Ok(vec![
+    let cameras: Vec<&str> = scene.camera_names().collect();
+    let facts = vec![
         fact("file", "a glTF 2.0 scene"),
         fact("triangles", scene.triangle_count()),
         fact("size in metres", format!("{x} x {y} x {z}")),
         fact("surfaces", if scene.is_diffuse() { "diffuse" } else { "diffuse and glossy" }),
         fact("meshes", json!(names)),
+        fact("cameras", json!(cameras)),
         fact("hash", scene.content_hash()),
-    ])
+    ];
+    Ok(facts.into_iter().chain(remarks_of(scene.remarks())).collect())
 }
 
 fn project(path: &Path) -> Result<Facts> {

@@ -3,6 +3,7 @@
 //! A folder with results holds a record, with the command that made them and the names of its files. Its lock excludes others who write
 //! the whole folder; the system takes it back from a process that is killed.
 
+mod claim;
 mod file;
 mod record;
 
@@ -12,13 +13,15 @@ use std::{
     io::ErrorKind,
     path::{Path, PathBuf},
     sync::{
-        Mutex, PoisonError,
+        Mutex, Once, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
 };
 
 use anyhow::{Context, Result, bail};
 
+use crate::terminal::warning;
+pub use claim::Claim;
 pub use file::OutputFile;
 use record::{Entry, RECORD};
 
@@ -172,23 +175,46 @@ pub fn make_folder(folder: &Path) -> Result<()> {
 }
 
 /// The right to write something, if nobody has it: a file with a lock that lasts until it is dropped or the process ends, however it ends. A
-/// file system without locks excludes nobody.
+/// file system without locks excludes nobody, which is warned of once.
 ///
 /// # Errors
 /// If the file cannot be opened.
 pub fn lock_file(path: &Path) -> std::io::Result<Option<File>> {
+    Ok(lock_or_open(path)?.map(|(file, _)| file))
+}
+
+/// [`lock_file`], and whether there is a lock.
+///
+/// # Errors
+/// If the file cannot be opened.
+pub fn lock_or_open(path: &Path) -> std::io::Result<Option<(File, bool)>> {
     loop {
         let file = OpenOptions::new().create(true).truncate(false).read(true).append(true).open(path)?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => return Ok(None),
-            Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => return Ok(Some(file)),
+            Err(TryLockError::Error(error)) if has_no_locks(&error) => {
+                static WARNED: Once = Once::new();
+                let folder = path.parent().unwrap_or(Path::new(".")).display();
+                WARNED.call_once(|| {
+                    warning!("{folder}: its file system has no locks ({error}); write each result by one command")
+                });
+                return Ok(Some((file, false)));
+            }
             Err(TryLockError::Error(error)) => return Err(error),
         }
         if is_still_there(path, &file) {
-            return Ok(Some(file));
+            return Ok(Some((file, true)));
         }
     }
+}
+
+/// Whether an error of locking is that of a file system without locks: Lustre without `flock`, NFS without its daemon, autofs.
+pub fn has_no_locks(error: &std::io::Error) -> bool {
+    /// `ENOLCK`, `ENOSYS` and the kernel's own `ENOTSUPP`, on Linux.
+    const CODES: [i32; 3] = [37, 38, 524];
+    let is_code = cfg!(target_os = "linux") && error.raw_os_error().is_some_and(|code| CODES.contains(&code));
+    error.kind() == ErrorKind::Unsupported || is_code
 }
 
 /// Whether a name still leads to an open file: its last holder may have removed it.

@@ -18,6 +18,7 @@ use std::{
 
 use anyhow::{Context, Result};
 use clap::Args;
+use headtail_render::remark::Remark;
 use indicatif::{ProgressBar, WeakProgressBar};
 
 /// How much is said, and where besides the terminal.
@@ -26,6 +27,9 @@ pub struct Voice {
     /// Say nothing but data, warnings and errors.
     #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = "Messages")]
     quiet: bool,
+    /// Stop where a file would be rendered otherwise than it is meant: each warning about one becomes an error.
+    #[arg(long, global = true, help_heading = "Messages")]
+    strict: bool,
     /// Say what is opened, what is written, and the memory that it takes.
     #[arg(short, long, global = true, help_heading = "Messages")]
     verbose: bool,
@@ -128,6 +132,21 @@ pub fn print_note(text: fmt::Arguments<'_>) {
 /// See [`warning!`].
 pub fn print_warning(text: fmt::Arguments<'_>) {
     message("warning", &text.to_string(), true);
+}
+
+/// Says what was decided about a file: a note, or a warning, which `--strict` makes an error.
+///
+/// # Errors
+/// The warning, with `--strict`.
+pub fn say_remark(file: &str, remark: &Remark) -> Result<()> {
+    match remark {
+        Remark::Note(text) => note!("{file}: {text}"),
+        Remark::Warning(text) if TERMINAL.get().is_some_and(|terminal| terminal.voice.strict) => {
+            anyhow::bail!("{file}: {text} (an error because of --strict)")
+        }
+        Remark::Warning(text) => warning!("{file}: {text}"),
+    }
+    Ok(())
 }
 
 /// See [`detail!`].

@@ -14,7 +14,7 @@ use headtail_render::{
     scene::{Camera, FspyProject, UpAxis},
 };
 
-use crate::arguments::open_environment;
+use crate::arguments::{MapArguments, open_environment};
 use crate::given::given;
 use crate::output::OutputFile;
 use crate::terminal::say;
@@ -32,6 +32,8 @@ pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a .hdr or .exr map.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     env: String,
+    #[command(flatten)]
+    map: MapArguments,
     /// Where the camera looks to, in degrees around the vertical; 0 is the middle of Mitsuba's map (-Z), 90 is +X.
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_hyphen_values = true)]
     azimuth: f32,
@@ -72,7 +74,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let exr_file = OutputFile::take(&arguments.out)?;
     let beside = |extension: &str| OutputFile::take(&arguments.out.with_extension(extension));
     let (png_file, fspy_file) = (beside("png")?, beside("fspy")?);
-    let environment = open_environment(&arguments.env)?;
+    let environment = open_environment(&arguments.map.of(&arguments.env))?;
     let camera = camera(arguments)?;
     let (width, height) = (arguments.width as usize, arguments.height as usize);
     memory::require_pictures(width, height, 0)?;
@@ -141,6 +143,7 @@ mod tests {
     fn arguments(azimuth: f32, pitch: f32) -> Arguments {
         Arguments {
             env: String::new(),
+            map: MapArguments::default(),
             azimuth,
             pitch,
             fov: 45.0,

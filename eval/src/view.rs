@@ -8,6 +8,7 @@ use headtail_render::{
     estimator::{Estimator, LearnedVisibility},
     integrator::{self, Part, Rendering, View},
     points::Points,
+    remark::Remark,
     scene::{Camera, MaterialSpec, Scene},
     spec::{Place, SamplerSpec},
 };
@@ -45,6 +46,9 @@ impl CameraSettings {
     /// If the numbers do not make a camera.
     pub fn open(&self, scene: &Scene) -> Result<Camera> {
         let own = scene.camera_for(self.width as f32 / self.height as f32);
+        if (self.look_from, self.look_at, self.fov) == (None, None, None) {
+            return Ok(own);
+        }
         let from = self.look_from.map_or(own.look_from(), Vec3A::from_array);
         let at = self.look_at.map_or(own.look_at(), Vec3A::from_array);
         Ok(Camera::new(from, at, self.fov.unwrap_or(own.vertical_fov()))?)
@@ -60,6 +64,8 @@ pub struct ViewSettings {
     pub env: String,
     /// Camera and size.
     pub camera: CameraSettings,
+    /// The name or number of the camera of the scene's file; `None` is its first.
+    pub own_camera: Option<String>,
     /// Whether a grey diffuse plane is put under the scene.
     pub ground: bool,
     /// What every surface is made of; `None` keeps the scene's materials.
@@ -83,6 +89,7 @@ impl ViewSettings {
             scene: scene.to_owned(),
             env: env.to_owned(),
             camera,
+            own_camera: None,
             ground: false,
             material: None,
             unshadowed: false,
@@ -106,7 +113,13 @@ impl ViewSettings {
     /// # Errors
     /// As [`Self::open`].
     pub fn open_under(&self, environment: Arc<Environment>) -> Result<OpenedView> {
-        let mut scene = Scene::open(&self.scene)?;
+        // A material for all surfaces needs none of the file's.
+        let is_dressed = self.material.as_ref().is_some_and(MaterialSpec::is_for_all);
+        let mut scene = Scene::open_dressed(&self.scene, !is_dressed)?;
+        let remarks = scene.remarks().to_vec();
+        if let Some(name) = &self.own_camera {
+            scene.use_camera(name)?;
+        }
         // The camera frames the scene as it is, not the plane below it.
         let camera = self.camera.open(&scene)?;
         let bounds = scene.bounds();
@@ -124,6 +137,7 @@ impl ViewSettings {
             points: self.points,
             visibility_bytes: self.visibility_bytes,
             visibility_always: self.visibility_always,
+            remarks,
             ..OpenedView::new(Arc::new(scene), camera, environment, (width, height))
         })
     }
@@ -150,6 +164,7 @@ pub struct OpenedView {
     rotation: f32,
     scale: Vec3A,
     part: Option<Part>,
+    remarks: Vec<Remark>,
 }
 
 impl OpenedView {
@@ -175,6 +190,7 @@ impl OpenedView {
             rotation: 0.0,
             scale: Vec3A::ONE,
             part: None,
+            remarks: Vec::new(),
         }
     }
 
@@ -203,6 +219,11 @@ impl OpenedView {
     /// The scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// What the scene's file has that is not shown, and what was converted.
+    pub fn remarks(&self) -> &[Remark] {
+        &self.remarks
     }
 
     /// Most bytes that are learned of the scene.

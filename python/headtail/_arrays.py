@@ -7,6 +7,10 @@ from ._native import HeadtailError
 
 def view(value, name):
     """A numpy array of anything that is one: numpy's, DLPack's on the CPU, lists."""
+    if isinstance(value, np.ma.MaskedArray):
+        if np.ma.is_masked(value):
+            raise HeadtailError(f"{name}: is a masked array; say what its masked elements are, as in array.filled(0)")
+        return value.data
     if isinstance(value, np.ndarray):
         return value
     if hasattr(value, "__dlpack__"):

@@ -1,6 +1,7 @@
 """Environment maps."""
 
 import os
+import warnings
 
 from . import _native
 from ._arrays import floats, result, rows
@@ -9,18 +10,26 @@ from ._arrays import floats, result, rows
 class Environment:
     """An environment map: a built-in one (overcast, window, studio, sunset), a Radiance .hdr or OpenEXR file, or an array."""
 
-    def __init__(self, name_or_path):
-        self._native = _native.Environment.open(os.fspath(name_or_path))
+    def __init__(self, name_or_path, *, layout=None, layer=None):
+        """Opens a map. `layout` is one of latlong, equal-area, cube, cross and angular, where the file does not say so itself; `layer`
+        names the layer of an OpenEXR file that is the light. Values that had to be repaired are warned of; see `warnings` and `notes`."""
+        self._native = _native.Environment.open(os.fspath(name_or_path), layout, layer)
+        self._warn(name_or_path)
 
     @classmethod
-    def from_array(cls, texels, name="array"):
-        """A map of linear Rec.709 radiance `[height, width, 3]`, rows from the top."""
+    def from_array(cls, texels, name="array", *, layout=None):
+        """A map of linear Rec.709 radiance `[height, width, 3]`, rows from the top; other layouts than latlong are converted."""
         texels = floats(texels, "texels")
         if texels.ndim != 3 or texels.shape[2] != 3:
             raise _native.HeadtailError(f"texels: has the shape {texels.shape}, not [height, width, 3]")
         self = cls.__new__(cls)
-        self._native = _native.Environment.from_array(texels, name)
+        self._native = _native.Environment.from_array(texels, name, layout)
+        self._warn(name)
         return self
+
+    def _warn(self, name):
+        for text in self.warnings:
+            warnings.warn(f"{name}: {text}", stacklevel=3)
 
     @property
     def name(self):
@@ -38,9 +47,14 @@ class Environment:
         return self._native.hash
 
     @property
-    def repairs(self):
+    def notes(self):
+        """One sentence for each conversion that the file asked for, and for the layer that was chosen."""
+        return self._native.notes
+
+    @property
+    def warnings(self):
         """One sentence for each kind of value that had to be repaired."""
-        return self._native.repairs
+        return self._native.warnings
 
     def array(self):
         """The repaired texels `[height, width, 3]`."""

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -24,10 +25,23 @@ class Rendering(NamedTuple):
 
 
 class Scene:
-    """A built-in scene (temple, dishes, ...) or a glTF 2.0 file; material and ground as on the command line."""
+    """A built-in scene (temple, dishes, ...) or a glTF 2.0 file; material, ground and camera as on the command line."""
 
-    def __init__(self, name_or_path, *, material=None, ground=False):
-        self._native = _native.Scene.open(os.fspath(name_or_path), material, ground)
+    def __init__(self, name_or_path, *, material=None, ground=False, camera=None):
+        """Opens a scene; what of its file is not shown is warned of, see `warnings` and `notes`."""
+        self._native = _native.Scene.open(os.fspath(name_or_path), material, ground, camera)
+        for text in self.warnings:
+            warnings.warn(f"{name_or_path}: {text}", stacklevel=2)
+
+    @property
+    def notes(self):
+        """One sentence for each conversion that the file asked for."""
+        return self._native.notes
+
+    @property
+    def warnings(self):
+        """One sentence for each thing of the file that is not shown."""
+        return self._native.warnings
 
     @property
     def triangle_count(self):

@@ -2,7 +2,13 @@
 
 use std::sync::Arc;
 
-use headtail_render::{batch, environment, image::Image};
+use headtail_render::{
+    batch,
+    environment::{self, MapSpec},
+    Error,
+    image::{Image, MapLayout},
+    remark::Remark,
+};
 use numpy::{
     PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyUntypedArrayMethods, ToPyArray, ndarray::Array3,
 };
@@ -17,16 +23,28 @@ pub struct Environment(pub Arc<environment::Environment>);
 #[pymethods]
 impl Environment {
     #[staticmethod]
-    fn open(py: Python<'_>, name_or_path: &str) -> PyResult<Self> {
-        let map = py.detach(|| environment::Environment::open(name_or_path)).map_err(of_render)?;
+    fn open(py: Python<'_>, name_or_path: &str, layout: Option<&str>, layer: Option<String>) -> PyResult<Self> {
+        let open = || {
+            let spec = MapSpec::parse(name_or_path)?;
+            let layout = layout.map(layout_of).transpose()?.or(spec.layout);
+            environment::Environment::open(&MapSpec { name: spec.name, layout, layer: layer.or(spec.layer) }.to_string())
+        };
+        let map = py.detach(open).map_err(of_render)?;
         Ok(Self(Arc::new(map)))
     }
 
     #[staticmethod]
-    fn from_array(py: Python<'_>, texels: PyReadonlyArray3<'_, f32>, name: &str) -> PyResult<Self> {
+    fn from_array(
+        py: Python<'_>,
+        texels: PyReadonlyArray3<'_, f32>,
+        name: &str,
+        layout: Option<&str>,
+    ) -> PyResult<Self> {
         let (height, width) = (texels.shape()[0], texels.shape()[1]);
         let pixels = texels.as_slice()?.as_chunks().0.to_vec();
-        let map = py.detach(|| environment::Environment::from_image(name, Image { width, height, pixels }));
+        let layout = layout.map(layout_of).transpose().map_err(of_render)?.unwrap_or_default();
+        let image = Image { width, height, pixels };
+        let map = py.detach(|| environment::Environment::from_image_in(name, image, layout));
         Ok(Self(Arc::new(map.map_err(of_render)?)))
     }
 
@@ -51,8 +69,13 @@ impl Environment {
     }
 
     #[getter]
-    fn repairs(&self) -> Vec<String> {
-        self.0.repairs().to_vec()
+    fn notes(&self) -> Vec<String> {
+        remarks(self.0.remarks(), false)
+    }
+
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        remarks(self.0.remarks(), true)
     }
 
     fn array<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
@@ -69,6 +92,15 @@ impl Environment {
         let (wi, out) = (rows(&wi)?, out.as_slice_mut()?.as_chunks_mut().0);
         py.detach(|| batch::radiance(&self.0, wi, out)).map_err(of_render)
     }
+}
+
+/// The texts of warnings, or those of notes.
+pub fn remarks(remarks: &[Remark], warnings: bool) -> Vec<String> {
+    remarks.iter().filter(|remark| remark.is_warning() == warnings).map(|remark| remark.text().to_owned()).collect()
+}
+
+fn layout_of(name: &str) -> Result<MapLayout, Error> {
+    name.parse().map_err(|reason| Error::argument(format!("layout '{name}'"), reason))
 }
 
 /// An image as `[height, width, 3]`.

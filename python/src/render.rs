@@ -8,13 +8,14 @@ use std::sync::{
 use headtail_eval::{Budget, CameraSettings, OpenedView, PointChoice};
 use headtail_render::{
     environment, memory,
+    remark::Remark,
     scene::{self, MaterialSpec},
 };
 use numpy::{PyArray3, ToPyArray, ndarray::Array2};
 use pyo3::{prelude::*, types::PyDict};
 
 use crate::{
-    environment::array_of,
+    environment::{array_of, remarks},
     error::{of_eval, of_render, refused},
     sampler::Sampler,
 };
@@ -25,15 +26,27 @@ pub struct Scene {
     scene: Arc<scene::Scene>,
     /// The material that every surface was given; empty for the scene's own.
     pub material: String,
+    remarks: Vec<Remark>,
 }
 
 #[pymethods]
 impl Scene {
     #[staticmethod]
-    fn open(py: Python<'_>, name_or_path: &str, material: Option<&str>, ground: bool) -> PyResult<Self> {
+    fn open(
+        py: Python<'_>,
+        name_or_path: &str,
+        material: Option<&str>,
+        ground: bool,
+        camera: Option<&str>,
+    ) -> PyResult<Self> {
         py.detach(|| {
             let spec: Option<MaterialSpec> = material.map(str::parse).transpose()?;
-            let mut scene = scene::Scene::open(name_or_path)?;
+            let is_dressed = spec.as_ref().is_some_and(MaterialSpec::is_for_all);
+            let mut scene = scene::Scene::open_dressed(name_or_path, !is_dressed)?;
+            let remarks = scene.remarks().to_vec();
+            if let Some(name) = camera {
+                scene.use_camera(name)?;
+            }
             let bounds = scene.bounds();
             if ground {
                 scene.add_ground();
@@ -41,7 +54,7 @@ impl Scene {
             if let Some(spec) = spec {
                 scene = spec.dress(scene, &bounds)?;
             }
-            Ok(Self { scene: Arc::new(scene), material: material.unwrap_or_default().to_owned() })
+            Ok(Self { scene: Arc::new(scene), material: material.unwrap_or_default().to_owned(), remarks })
         })
         .map_err(of_render)
     }
@@ -54,6 +67,16 @@ impl Scene {
     #[getter]
     fn triangle_count(&self) -> usize {
         self.scene.triangle_count()
+    }
+
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        remarks(&self.remarks, false)
+    }
+
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        remarks(&self.remarks, true)
     }
 
     /// The vertices of all triangles, `[triangles, 3, 3]`.

@@ -137,6 +137,50 @@ def test_the_sampler_follows_the_map(variant):
     assert np.array(mi.render(own, spp=64)).mean() == pytest.approx(2 * before, rel=0.02)
 
 
+def lamp(column, width=64):
+    """A dim map of one lamp."""
+    texels = np.full((32, width, 3), 0.05, np.float32)
+    texels[10, column] = 100
+    return texels
+
+
+def padded(texels):
+    """As Mitsuba 3.9 keeps texels."""
+    return mi.TensorXf(np.concatenate([texels[:, -1:], texels, texels[:, :1]], 1))
+
+
+@pytest.mark.parametrize("width", [64, 48])
+def test_the_sampler_follows_texels_that_are_replaced(variant, width):
+    if is_grey(variant):
+        pytest.skip("its maps have one channel")
+    first, second = {"map": {"type": "envmap", "bitmap": mi.Bitmap(lamp(10))}}, lamp(width * 5 // 8, width)
+    changed = scene("diffuse", {"type": "headtail_direct"}, **first)
+    mi.render(changed, spp=1)
+    parameters = mi.traverse(changed)
+    parameters["map.data"] = padded(second)
+    parameters.update()
+    new = scene("diffuse", {"type": "headtail_direct"}, map={"type": "envmap", "bitmap": mi.Bitmap(second)})
+    # The same sampler of the same map: the same picture.
+    pictures = [np.array(mi.render(each, spp=16, seed=3)) for each in (changed, new)]
+    np.testing.assert_allclose(*pictures, rtol=1e-4, atol=1e-5)
+
+
+def test_columns_that_are_not_known_are_refused():
+    from headtail.mitsuba._integrators import unpadded
+
+    texels = lamp(10)
+    np.testing.assert_array_equal(unpadded(np.array(padded(texels))), texels)
+    for data in (texels, np.concatenate([texels, texels[:, :1]], 1), texels[:, :3]):
+        with pytest.raises(headtail.HeadtailError, match="do not repeat"):
+            unpadded(data)
+
+
+def test_black_maps_give_black_pictures(variant):
+    black = {"map": {"type": "envmap", "bitmap": mi.Bitmap(np.zeros((4, 8, 3), np.float32))}}
+    for kind in ("headtail_direct", "headtail_path"):
+        assert not np.array(mi.render(scene("glossy", {"type": kind}, **black), spp=1)).any()
+
+
 def test_what_cannot_be_is_refused_with_a_sentence(variant, tmp_path):
     other = {"lamp": {"type": "point", "position": [0, 5, 0]}}
     stretch = mi.ScalarTransform4f().scale([1, 2, 1])

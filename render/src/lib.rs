@@ -30,6 +30,7 @@ pub mod patches;
 pub mod path_text;
 pub mod points;
 pub mod random;
+pub mod remark;
 pub mod rival;
 pub mod sampler;
 pub mod scene;

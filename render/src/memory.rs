@@ -1,6 +1,6 @@
 //! How much memory there is, so that what is too large is refused by a sentence instead of by the system.
 
-use std::fs;
+use std::{fs, path::Path};
 
 use crate::error::{Error, Result};
 
@@ -54,12 +54,43 @@ pub fn available() -> Option<u64> {
     [of_machine, of_control_group(), of_address_space()].into_iter().flatten().min()
 }
 
-/// What the control group leaves, of version 2 or 1.
+/// What the process's control group and those around it leave, of version 2 and 1.
 fn of_control_group() -> Option<u64> {
-    let number = |name: &str| fs::read_to_string(format!("/sys/fs/cgroup/{name}")).ok()?.trim().parse::<u64>().ok();
-    let left = |limit: &str, used: &str| Some(number(limit)?.saturating_sub(number(used)?));
-    left("memory.max", "memory.current")
-        .or_else(|| left("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"))
+    let own = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
+    left_by_groups(&own, Path::new("/sys/fs/cgroup"))
+}
+
+/// The least that a group leaves: `own` is `/proc/self/cgroup`, whose lines are `number:controllers:path`, and groups are folders below `root`.
+fn left_by_groups(own: &str, root: &Path) -> Option<u64> {
+    // Where the process sees its groups under other names, as in a container, the outermost one is its own.
+    let mut least = [left_by(root, V2), left_by(&root.join("memory"), V1)].into_iter().flatten().min();
+    for line in own.lines() {
+        let mut parts = line.splitn(3, ':');
+        let (Some(_), Some(controllers), Some(path)) = (parts.next(), parts.next(), parts.next()) else { continue };
+        let (root, files) = match controllers {
+            "" => (root.to_owned(), V2),
+            _ if controllers.split(',').any(|name| name == "memory") => (root.join("memory"), V1),
+            _ => continue,
+        };
+        let group = Path::new(path.trim_start_matches('/'));
+        let left = group.ancestors().filter_map(|group| left_by(&root.join(group), files)).min();
+        least = [least, left].into_iter().flatten().min();
+    }
+    least
+}
+
+/// Names of a group's limit, of what it uses, and of the field of `memory.stat` that says how much of that is a cache which gives way.
+type Files = [&'static str; 3];
+const V2: Files = ["memory.max", "memory.current", "inactive_file"];
+const V1: Files = ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"];
+
+/// What a group's own limit leaves, if it has one.
+fn left_by(group: &Path, [limit, used, cached]: Files) -> Option<u64> {
+    let number = |name: &str| fs::read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
+    let limit = number(limit)?;
+    let statistics = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
+    let cached = field(&statistics, cached).unwrap_or(0);
+    Some(limit.saturating_sub(number(used)?.saturating_sub(cached)))
 }
 
 /// What `ulimit -v` leaves.
@@ -94,6 +125,37 @@ mod tests {
         assert!(refused.starts_with("a batch: takes about 1152921504.6 GB; "), "{refused}");
         let refused = require_pictures(1 << 24, 1 << 24, 3).unwrap_err().to_string();
         assert!(refused.contains("16777216 x 16777216 pixels and 3 more of that size: takes about 90071"), "{refused}");
+    }
+
+    /// Groups as folders: (path, limit, use).
+    fn groups(files: Files, groups: &[(&str, &str, u64)]) -> tempfile::TempDir {
+        let root = tempfile::tempdir().unwrap();
+        for (path, limit, used) in groups {
+            let folder = root.path().join(path);
+            fs::create_dir_all(&folder).unwrap();
+            fs::write(folder.join(files[0]), format!("{limit}\n")).unwrap();
+            fs::write(folder.join(files[1]), format!("{used}\n")).unwrap();
+        }
+        root
+    }
+
+    #[test]
+    fn limits_of_a_job_stand_in_the_groups_around_its_own() {
+        let step = "system.slice/slurmstepd.scope/job_1/step_0/user/task_0";
+        let job = "system.slice/slurmstepd.scope/job_1";
+        let root = groups(V2, &[(step, "max", 1000), (job, "5000", 2000)]);
+        let own = format!("0::/{step}\n");
+        assert_eq!(left_by_groups(&own, root.path()), Some(3000));
+        // What a cache takes can be had back.
+        fs::write(root.path().join(job).join("memory.stat"), "anon 900\ninactive_file 1100\n").unwrap();
+        assert_eq!(left_by_groups(&own, root.path()), Some(4100));
+        assert_eq!(left_by_groups("0::/elsewhere\n", root.path()), None);
+
+        let root = groups(V1, &[("memory/slurm/uid_0/job_7", "700", 100), ("memory", "9000", 0)]);
+        let own = "11:cpu,cpuacct:/slurm\n10:memory:/slurm/uid_0/job_7/step_0\n0::/\n";
+        assert_eq!(left_by_groups(own, root.path()), Some(600));
+        // Seen under another name from within a container.
+        assert_eq!(left_by_groups("10:memory:/docker/abc\n", root.path()), Some(9000));
     }
 
     #[test]

@@ -20,7 +20,7 @@ use headtail_render::{
 
 use crate::terminal::{self, note, say, warning};
 use crate::{
-    arguments::{Triple, note_use},
+    arguments::{MapArguments, Triple, note_use},
     given::given,
     light::LightArguments,
     output::OutputFolder,
@@ -62,6 +62,8 @@ pub struct Arguments {
     /// The light: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr map.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub env: String,
+    #[command(flatten)]
+    pub map: MapArguments,
     #[command(flatten)]
     pub light: LightArguments,
     /// The object: a built-in scene or a glTF 2.0 file (.glb, .gltf).

@@ -10,11 +10,11 @@ use headtail_render::{
     environment::Environment,
     image::{Image, Photograph},
     memory,
-    scene::{Camera, FspyProject, Scene, UpAxis},
+    scene::{Camera, FspyProject, MaterialSpec, Scene, UpAxis},
 };
 
 use super::{Arguments, Up};
-use crate::arguments::open_environment;
+use crate::arguments::{open_environment, open_scene};
 use crate::light::{Factors, LightArguments};
 use crate::terminal::note;
 
@@ -42,7 +42,7 @@ impl Setting {
     /// Opens what the arguments name.
     pub fn open(arguments: &Arguments) -> Result<Self> {
         let (photograph, camera) = photograph_and_camera(arguments)?;
-        let environment = open_environment(&arguments.env)?;
+        let environment = open_environment(&arguments.map.of(&arguments.env))?;
         let LightArguments { env_rotate, env_scale: Factors(scale) } = arguments.light;
         arguments.light.check()?;
         ensure!(scale.min_element() > 0.0, "--env-scale: a composite needs light in all three channels");
@@ -118,7 +118,8 @@ fn sized(arguments: &Arguments, photograph: Photograph) -> Result<Photograph> {
 
 /// The object on its catcher, in the coordinates of the map.
 fn stage(arguments: &Arguments, camera: &Camera, turn: &Affine3A) -> Result<Stage> {
-    let mut scene = Scene::open(&arguments.scene)?;
+    let is_dressed = arguments.material.as_ref().is_some_and(MaterialSpec::is_for_all);
+    let mut scene = open_scene(&arguments.scene, !is_dressed)?;
     if let Some(spec) = &arguments.material {
         let bounds = scene.bounds();
         scene = spec.dress(scene, &bounds)?;

@@ -10,7 +10,7 @@ use headtail_train::{
 };
 
 use crate::{
-    arguments::{CameraArguments, TailArgument},
+    arguments::{CameraArguments, MapArguments, TailArgument},
     given::given,
     run::{Checkpoints, Picture, RunTable},
 };
@@ -31,6 +31,8 @@ pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
     #[arg(long, value_name = "MAP", required_unless_present_any = ["print_config", "config"], value_parser = given::<String>())]
     env: Option<String>,
+    #[command(flatten)]
+    map: MapArguments,
     /// The settings to begin with: paper-cosine, paper-ggx, fast-cosine, fast-ggx, over-patches. Default: the fast one for the material, or with --over
     /// patches the last one.
     #[arg(long)]
@@ -204,7 +206,7 @@ impl Arguments {
         let mut table = file.unwrap_or_default();
         let camera = &self.camera;
         if let Some(env) = &self.env {
-            table.set_env(env.clone());
+            table.set_env(self.map.of(env));
         }
         match &self.conditions_from {
             Some(scene) => table.set_viewpoints(Picture::new(scene.clone(), camera)),

@@ -18,7 +18,7 @@ use headtail_render::{
 };
 
 use crate::{
-    arguments::{CameraArguments, open_environment},
+    arguments::{CameraArguments, open_environment, open_scene},
     given::given,
     report::{
         chart::{Panel, Sides, densities},
@@ -53,7 +53,7 @@ pub struct Arguments {
 /// The cells in false colours and, for one pixel, the sky as learned and as it is; with what that shows in words.
 pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, String)> {
     let environment = open_environment(map)?;
-    let mut scene = Scene::open(arguments.scene.as_deref().context("--scene: name the scene")?)?;
+    let mut scene = open_scene(arguments.scene.as_deref().context("--scene: name the scene")?, true)?;
     let camera = arguments.camera.open(&scene)?;
     if arguments.ground {
         scene.add_ground();

@@ -8,12 +8,7 @@ use std::{
 use anyhow::{Context, Result, bail};
 use headtail_eval::nanoseconds_per_sample;
 use headtail_render::{
-    environment::Environment,
-    file,
-    head::Condition,
-    scene::{MaterialSpec, Scene},
-    spec::SamplerSpec,
-    tail::TailKind,
+    environment::Environment, file, head::Condition, scene::MaterialSpec, spec::SamplerSpec, tail::TailKind,
 };
 use headtail_train::{
     CheckpointFolder, DensityPair, Fitted, FlowSummary, Material, MetricsFile, Progress, Run, Summary, TensorBoard,
@@ -27,7 +22,7 @@ use super::{
 };
 use crate::terminal::{note, say, warning};
 use crate::{
-    arguments::open_environment,
+    arguments::{open_environment, open_scene},
     output::make_folder,
     progress,
     report::{
@@ -231,7 +226,7 @@ fn fit_light(
 
 /// What a camera sees of a scene.
 fn seen(picture: &Picture, material: Material, seed: u64) -> Result<Viewpoints> {
-    let mut scene = Scene::open(&picture.scene)?;
+    let mut scene = open_scene(&picture.scene, true)?;
     let camera = picture.camera().open(&scene)?;
     if picture.ground {
         scene.add_ground();

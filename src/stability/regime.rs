@@ -6,7 +6,7 @@ use anyhow::Result;
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
     brdf::{Ggx, Lambert},
-    environment::{Environment, built_in},
+    environment::{Environment, MapSpec, built_in},
     image::Image,
     latlong,
     random::{Purpose, Stream},
@@ -162,7 +162,7 @@ pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<Missing>)> {
     {
         let path = maps.map(|folder| folder.join(format!("{name}_1k.hdr"))).filter(|path| path.exists());
         match path {
-            Some(path) => all.push(lambert(name, file, Arc::new(Environment::load(&path)?))),
+            Some(path) => all.push(lambert(name, file, Arc::new(Environment::load(&path, &MapSpec::default())?))),
             None => missing.push((name.to_owned(), format!("{name}_1k.hdr"))),
         }
     }

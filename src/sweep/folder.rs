@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::{Context, Result};
 
-use crate::output;
+use crate::output::{self, Claim};
 
 /// The folder of a sweep.
 #[derive(Clone, Debug)]
@@ -15,7 +15,12 @@ pub struct SweepFolder(PathBuf);
 
 /// The right to work on something, held until it is dropped or the process ends, however it ends.
 #[derive(Debug)]
-pub struct Lock(#[expect(dead_code, reason = "held, never read")] File);
+pub enum Lock {
+    /// A lock of the file system.
+    File(#[expect(dead_code, reason = "held, never read")] File),
+    /// A file that only one can create, where there are no locks.
+    Claim(#[expect(dead_code, reason = "held, never read")] Claim),
+}
 
 impl SweepFolder {
     /// The folder at this place; it need not be there yet.
@@ -63,8 +68,12 @@ impl SweepFolder {
 
     /// Whether somebody works on a trial.
     pub fn is_locked(&self, id: &str) -> bool {
-        let file = File::open(self.trial(id).join("lock"));
-        file.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+        let path = self.trial(id).join("lock");
+        File::open(&path).is_ok_and(|file| match file.try_lock_shared() {
+            Ok(()) => false,
+            Err(TryLockError::WouldBlock) => true,
+            Err(TryLockError::Error(error)) => output::has_no_locks(&error) && Claim::is_taken(&claim_beside(&path)),
+        })
     }
 
     /// The right to make the next configuration of adaptive search.
@@ -78,8 +87,20 @@ impl SweepFolder {
 
 fn try_lock(path: &Path) -> Result<Option<Lock>> {
     let made = fs::create_dir_all(path.parent().unwrap_or(Path::new(".")));
-    let file = made.and_then(|()| output::lock_file(path)).with_context(|| path.display().to_string())?;
-    Ok(file.map(Lock))
+    let file = made.and_then(|()| output::lock_or_open(path)).with_context(|| path.display().to_string())?;
+    match file {
+        Some((file, true)) => Ok(Some(Lock::File(file))),
+        Some((_, false)) => {
+            let path = claim_beside(path);
+            let claim = Claim::take(&path).with_context(|| path.display().to_string())?;
+            Ok(claim.map(Lock::Claim))
+        }
+        None => Ok(None),
+    }
+}
+
+fn claim_beside(path: &Path) -> PathBuf {
+    path.with_extension("claim")
 }
 
 #[cfg(test)]

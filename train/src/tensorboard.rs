@@ -16,6 +16,7 @@ use crate::{Error, Progress, Result};
 pub struct TensorBoard {
     path: PathBuf,
     file: BufWriter<File>,
+    has_begun: bool,
 }
 
 impl TensorBoard {
@@ -33,7 +34,7 @@ impl TensorBoard {
             File::create(&path)
         };
         let file = BufWriter::new(create().map_err(|error| output_error(folder, &error))?);
-        let mut board = Self { path, file };
+        let mut board = Self { path, file, has_begun: false };
         let mut event = Vec::new();
         double(1, now, &mut event);
         bytes(3, b"brain.Event:2", &mut event);
@@ -41,11 +42,16 @@ impl TensorBoard {
         Ok(board)
     }
 
-    /// Adds the scalars of a step.
+    /// Adds the scalars of a step. The first one begins a session: readers forget what earlier files of the folder have of it and of later steps,
+    /// which a run that was cut off had written after its last checkpoint.
     ///
     /// # Errors
     /// [`Error::Output`] if the file cannot be written.
     pub fn add(&mut self, progress: &Progress) -> Result<()> {
+        if !std::mem::replace(&mut self.has_begun, true) {
+            let event = session_start(now(), progress.step as u64);
+            self.record(&event)?;
+        }
         let mut scalars =
             vec![("train/loss", f64::from(progress.loss)), ("train/learning_rate", progress.learning_rate)];
         if let Some(divergence) = progress.divergence {
@@ -84,6 +90,16 @@ impl TensorBoard {
         };
         write().map_err(|error| output_error(&self.path, &error))
     }
+}
+
+/// An event with `SessionLog.START`.
+fn session_start(now: f64, step: u64) -> Vec<u8> {
+    let (mut log, mut event) = (Vec::new(), Vec::new());
+    integer(1, 1, &mut log);
+    double(1, now, &mut event);
+    integer(2, step, &mut event);
+    bytes(7, &log, &mut event);
+    event
 }
 
 fn output_error(path: &Path, error: &std::io::Error) -> Error {
@@ -145,6 +161,15 @@ mod tests {
     fn the_checksum_is_crc_32c() {
         assert_eq!(crc32c(b"123456789"), 0xe306_9283);
         assert_eq!(crc32c(b""), 0);
+    }
+
+    #[test]
+    fn a_session_starts_at_its_first_step() {
+        // Field 1 as 64 bits, field 2 as a varint, field 7 as a message of two bytes: status START.
+        let mut expected = vec![0x09];
+        expected.extend(2.5_f64.to_le_bytes());
+        expected.extend([0x10, 0xac, 0x02, 0x3a, 0x02, 0x08, 0x01]);
+        assert_eq!(session_start(2.5, 300), expected);
     }
 
     /// The examples of the documentation of protocol buffers' encoding.

@@ -6,6 +6,8 @@ not, for the scene's map);
 `constant`).
 """
 
+import functools
+
 import mitsuba as mi
 
 from headtail import HeadtailError
@@ -23,10 +25,30 @@ def register():
         for name in ("headtail_direct", "headtail_path"):
             mi.register_integrator(name, _refuse(name, variant))
         return
+    _show_causes()
     from ._integrators import make
 
     for name, integrator in make().items():
         mi.register_integrator(name, integrator)
+
+
+def _show_causes():
+    """Lets `mitsuba.render` fail with the error of an integrator of headtail instead of Dr.Jit's about an error."""
+    render = mi.render
+    if hasattr(render, "shows_headtail_errors"):
+        return
+
+    @functools.wraps(render)
+    def shown(*arguments, **settings):
+        try:
+            return render(*arguments, **settings)
+        except RuntimeError as error:
+            if isinstance(error.__cause__, HeadtailError):
+                raise error.__cause__ from None
+            raise
+
+    shown.shows_headtail_errors = True
+    mi.render = shown
 
 
 def _refuse(name, variant):

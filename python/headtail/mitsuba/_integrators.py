@@ -16,18 +16,45 @@ from ._warp import remap
 
 
 def environment_of(emitter):
-    """(a map of headtail's, its resolution) of Mitsuba's environment emitter, in the emitter's own frame."""
+    """A map of headtail's of Mitsuba's environment emitter, in the emitter's own frame; None where it is black."""
     kind, parameters = emitter.class_name(), mi.traverse(emitter)
     if kind == "ConstantBackgroundEmitter":
         return headtail.Environment.from_array(np.ones((1, 1, 3), np.float32), "constant")
     if kind != "EnvironmentMapEmitter":
         raise HeadtailError(f"environment: there are samplers for envmap and constant, not for {kind}")
-    # Mitsuba repeats the last column before the first and the first after the last.
-    texels = np.array(parameters["data"])[:, 1:-1, :]
+    texels = unpadded(np.array(parameters["data"]))
     scale = np.array(parameters["scale"]).ravel()[0]
     if texels.shape[2] == 1:
         texels = np.repeat(texels, 3, 2)
-    return headtail.Environment.from_array(texels[..., :3] * scale, "scene")
+    texels = texels[..., :3] * scale
+    return headtail.Environment.from_array(texels, "scene") if (texels > 0).any() else None
+
+
+def unpadded(data):
+    """The texels of `data` without the columns that Mitsuba 3.9 adds: the last one before the first, and the first one after the last."""
+    if data.shape[1] < 4 or not (np.array_equal(data[:, 0], data[:, -2]) and np.array_equal(data[:, -1], data[:, 1])):
+        raise HeadtailError(
+            f"environment: data of the shape {data.shape} do not repeat their first and last columns as those of Mitsuba 3.9 do; "
+            f"this is Mitsuba {mi.__version__}"
+        )
+    return data[:, 1:-1]
+
+
+class State:
+    """What a sampler was made for: texels, their scale and the map's orientation."""
+
+    def __init__(self, scene):
+        self.scene, self.environment = scene, scene.environment()
+        parameters = {} if self.environment is None else mi.traverse(self.environment)
+        # Kept, so that its number is not given to another array, and what is written into it becomes a new one.
+        self.data = parameters["data"].array if "data" in parameters else None
+        self.scale = np.array(parameters["scale"]).ravel().tolist() if "scale" in parameters else None
+        self.axes = None if self.environment is None else np.array(self.environment.world_transform().matrix).ravel().tolist()
+
+    def __eq__(self, other):
+        index = lambda state: None if state.data is None else state.data.index
+        same = self.scene is other.scene and self.environment == other.environment
+        return same and index(self) == index(other) and (self.scale, self.axes) == (other.scale, other.axes)
 
 
 def product_of(arrays, loops=None):
@@ -56,6 +83,9 @@ class Light:
         if not np.allclose(axes @ axes.T, np.eye(3), atol=1e-4):
             raise HeadtailError("environment: its to_world is no rotation")
         map = environment_of(environment)
+        if map is None:
+            self.product = None
+            return
         if file:
             sampler = headtail.Sampler.open(file, map)
         elif spec == "table":
@@ -73,6 +103,8 @@ class Light:
 
     def estimate(self, scene, sampler, ray, si, bsdf, active):
         """Directions of light at hits: for each (wi in world space, BSDF x cosine / pdf with its weight, where there is one)."""
+        if self.product is None:
+            return []
         toward = dr.dot(si.sh_frame.n, -ray.d)
         n, wo = self.to_map @ mi.Vector3f(dr.mulsign(si.sh_frame.n, toward)), self.to_map @ mi.Vector3f(-ray.d)
         if isinstance(self.product, Patches):
@@ -178,17 +210,14 @@ def make():
             self.hide_emitters = bool(props.get("hide_emitters", False))
             if self.spec not in ("table", "patches", "patches:fine"):
                 raise HeadtailError(f"sampler '{self.spec}': is not one of table, patches, patches:fine")
-            self._light, self._scene = None, None
+            self._light, self._state = None, None
 
         def light(self, scene):
-            """The scene's light; made anew for another scene, and by `parameters_changed`."""
-            if self._light is None or self._scene is not scene:
-                self._light, self._scene = Light(scene, self.file, self.spec), scene
+            """The scene's light; made anew for another scene, map or orientation. Mitsuba does not tell integrators of changed emitters."""
+            state = State(scene)
+            if self._light is None or self._state != state:
+                self._light, self._state = Light(scene, self.file, self.spec), state
             return self._light
-
-        def parameters_changed(self, keys=()):
-            """Forgets samplers: the map may have changed."""
-            self._light = None
 
         def aov_names(self):
             return []

@@ -69,7 +69,7 @@ pub fn compose(composition: Composition<'_>, settings: Settings, stop: &AtomicBo
 fn learn<'a>(composition: Composition<'a>, settings: Settings, stop: &AtomicBool) -> Option<Box<dyn Learner + 'a>> {
     let Settings { width, height, spp, seed, .. } = settings;
     let camera = composition.camera;
-    let setting = Setting { eye: camera.look_from(), pixel: camera.pixel_angle(height), pixels: width * height };
+    let setting = Setting { eye: camera.look_from(), pixel: camera.pixel_spread(height), pixels: width * height };
     let mut learner = composition.estimator.learner(setting)?;
     Lesson::before(spp, 0).in_parts(&mut *learner, |lesson, learner| {
         let mut tiles = Pixels::tiles(width, height, |key| lesson.has(key));

@@ -33,7 +33,7 @@ pub fn built_in(name: &str) -> Option<Environment> {
     for (index, pixel) in image.pixels.iter_mut().enumerate() {
         *pixel = texel_mean(radiance, index % WIDTH, index / WIDTH).to_array();
     }
-    Some(Environment::of_any_size(name, image).expect("built-in environments are lit"))
+    Some(Environment::of_any_size(name, image, Vec::new()).expect("built-in environments are lit"))
 }
 
 /// The mean over 4 x 4 points around a texel centre: edges of lamps are not aliased.

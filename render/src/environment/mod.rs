@@ -4,13 +4,15 @@ mod bilinear;
 mod built_in;
 mod compact;
 mod density;
+mod map_file;
 
 pub use bilinear::{Corners, invert_linear, sample_linear};
 pub use built_in::{BUILT_IN_NAMES, built_in};
 pub use compact::{compact_emitters, without_compact_emitters};
 pub use density::BilinearDensity;
+pub use map_file::MapSpec;
 
-use std::{path::Path, sync::Arc};
+use std::sync::Arc;
 
 use glam::{Vec2, Vec3A, Vec4};
 
@@ -18,10 +20,10 @@ use crate::{
     color::luminance,
     columns::vectorized,
     error::{Error, Result},
-    image::{Image, read_radiance},
+    image::{Image, MapLayout, to_lat_long},
     large::Large,
     latlong, memory,
-    path_text::path_of,
+    remark::Remark,
     simd::{LANES, Lanes},
 };
 
@@ -43,56 +45,35 @@ pub struct Environment {
     /// Radiance, and the density of the map's light over X.
     texels: Arc<Large<[f32; 4]>>,
     density: BilinearDensity,
-    repairs: Vec<String>,
+    remarks: Vec<Remark>,
     hash: String,
 }
 
 impl Environment {
-    /// A built-in environment by name, else a map from a file.
-    ///
-    /// # Errors
-    /// The name is neither, or the file cannot be used; see [`Self::load`].
-    pub fn open(name_or_path: &str) -> Result<Self> {
-        if let Some(environment) = built_in(name_or_path) {
-            return Ok(environment);
-        }
-        let path = &path_of(name_or_path);
-        if !path.exists() {
-            let names = BUILT_IN_NAMES.join(", ");
-            return Err(Error::argument(
-                format!("environment '{name_or_path}'"),
-                format!("there is no such file; name a .hdr or .exr file or one of {names}"),
-            ));
-        }
-        Self::load(path)
-    }
-
-    /// Reads a Radiance .hdr or OpenEXR map.
-    ///
-    /// # Errors
-    /// The file is not such an image, is damaged, or holds no light at all.
-    pub fn load(path: &Path) -> Result<Self> {
-        let image = read_radiance(path)?;
-        let name = path.file_stem().map_or_else(|| "map".into(), |stem| stem.to_string_lossy().into_owned());
-        Self::from_image(&name, image).map_err(|error| match error {
-            Error::Argument { reason, .. } => Error::invalid(path, "pixels", reason),
-            other => other,
-        })
-    }
-
     /// Makes an environment of an image, repairing what has no meaning as radiance: NaN and negative values become 0, values
-    /// that are infinite or above 1e15 become the largest usable value of the map. [`Self::repairs`] says what was done.
+    /// that are infinite or above 1e15 become the largest usable value of the map. [`Self::remarks`] says what was done.
     ///
     /// # Errors
     /// The image is empty or has 2^31 texels or more, or no texel is lit; or the map needs more memory than there is.
     pub fn from_image(name: &str, image: Image) -> Result<Self> {
+        Self::from_image_in(name, image, MapLayout::LatLong)
+    }
+
+    /// [`Self::from_image`] of an image in another layout, which is converted to latitude and longitude.
+    ///
+    /// # Errors
+    /// As [`Self::from_image`], or if the image has another size than the layout asks for.
+    pub fn from_image_in(name: &str, mut image: Image, layout: MapLayout) -> Result<Self> {
+        // Before texels are blended with their neighbours.
+        let remarks = repair(&mut image.pixels);
+        let image = to_lat_long(image, layout)?;
         let Image { width, height, ref pixels } = image;
         memory::require(pixels.len() as u64 * BYTES_PER_TEXEL, || format!("a map of {width} x {height} pixels"))?;
-        Self::of_any_size(name, image)
+        Self::of_any_size(name, image, remarks)
     }
 
     /// The same however large it is.
-    fn of_any_size(name: &str, image: Image) -> Result<Self> {
+    fn of_any_size(name: &str, image: Image, remarks: Vec<Remark>) -> Result<Self> {
         let Image { width, mut height, mut pixels } = image;
         if pixels.is_empty() || width.checked_mul(height) != Some(pixels.len()) {
             let reason = format!("{} texels cannot be {width} x {height}, at least 1 x 1", pixels.len());
@@ -102,8 +83,8 @@ impl Environment {
         if width.checked_mul(height.max(2)).is_none_or(|texels| i32::try_from(texels).is_err()) {
             return Err(Error::argument("environment map", "has 2^31 texels or more"));
         }
-        let repairs = repair(&mut pixels);
         if pixels.iter().flatten().all(|&value| value == 0.0) {
+            let repairs: Vec<&str> = remarks.iter().map(Remark::text).collect();
             let found = if repairs.is_empty() {
                 "is black everywhere".to_owned()
             } else {
@@ -122,7 +103,7 @@ impl Environment {
         let texels: Vec<[f32; 4]> = pixels.iter().zip(density.nodes()).map(texel).collect();
         let texels = Arc::new(Large::from(texels));
         let density = density.in_texels(&texels);
-        Ok(Self { name: name.to_owned(), width, height, texels, density, repairs, hash })
+        Ok(Self { name: name.to_owned(), width, height, texels, density, remarks, hash })
     }
 
     /// The map's short name.
@@ -140,9 +121,9 @@ impl Environment {
         self.height
     }
 
-    /// One sentence for each kind of value that had to be repaired.
-    pub fn repairs(&self) -> &[String] {
-        &self.repairs
+    /// What was decided where the file or the image is unusual: conversions, the layer that was chosen, values that had to be repaired.
+    pub fn remarks(&self) -> &[Remark] {
+        &self.remarks
     }
 
     /// Hexadecimal BLAKE3 hash of the size and the texels: what a sampler file uses to recognise its map.
@@ -256,8 +237,8 @@ impl Texels {
 /// What a map takes while it is opened, besides its image: texels, running sums, and the tables of a hierarchical tail.
 const BYTES_PER_TEXEL: u64 = 72;
 
-/// Replaces values without meaning; one sentence for each kind found.
-fn repair(pixels: &mut [[f32; 3]]) -> Vec<String> {
+/// Replaces values without meaning; one remark for each kind found.
+fn repair(pixels: &mut [[f32; 3]]) -> Vec<Remark> {
     let usable = |value: f32| (0.0..=LARGEST_RADIANCE).contains(&value);
     let largest = pixels.iter().flatten().copied().filter(|&value| usable(value)).fold(0.0, f32::max);
     let (mut nan, mut negative, mut huge) = (0_usize, 0_usize, 0_usize);
@@ -280,7 +261,7 @@ fn repair(pixels: &mut [[f32; 3]]) -> Vec<String> {
     ]
     .into_iter()
     .filter(|(count, ..)| *count > 0)
-    .map(|(count, kind, by)| format!("{count} channel values were {kind} and were replaced by {by}"))
+    .map(|(count, kind, by)| Remark::Warning(format!("{count} channel values were {kind} and were replaced by {by}")))
     .collect()
 }
 
@@ -311,7 +292,7 @@ mod tests {
         assert_eq!(map.texels[0][..3], [0.0, 1.0, 0.0]);
         assert_eq!(map.texels[1][..3], [3.0, 3.0, 0.0]);
         assert_eq!(map.texels[3][..3], [3.0, 0.5, -0.0]);
-        assert_eq!(map.repairs().len(), 3);
+        assert_eq!(map.remarks().len(), 3);
     }
 
     #[test]

@@ -1,13 +1,17 @@
-//! Linear RGB images: reading radiance maps, writing results.
+//! Linear Rec.709 images: reading radiance maps, writing results.
 
 mod attributes;
 mod compressed;
 mod dwa;
 mod layered;
+mod layers;
+mod layout;
 mod openexr;
 mod photograph;
+mod primaries;
 mod radiance;
 mod read;
+mod rgbe;
 mod size;
 mod without_panic;
 mod write;
@@ -15,8 +19,10 @@ mod write;
 pub use attributes::text_attributes;
 pub(crate) use compressed::decode_compressed;
 pub use layered::{Channel, encode_layered_exr};
+pub use layout::MapLayout;
+pub(crate) use layout::to_lat_long;
 pub use photograph::{Photograph, srgb_code};
-pub use read::read_radiance;
+pub use read::{Picture, read_picture, read_radiance};
 pub use size::MAX_PIXELS;
 pub(crate) use without_panic::without_panic;
 pub use write::{Attribute, AttributeValue, encode_exr, encode_png, encode_png_rgb8, latin_1, write_exr, write_png};

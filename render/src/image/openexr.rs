@@ -1,8 +1,8 @@
 //! Reading OpenEXR files: scan lines or tiles, the largest level of mip and rip maps, 16- and 32-bit floats and integers.
 //!
-//! The first layer with channels R, G and B is taken, be they called so or with a layer prefix (`beauty.R`); failing
-//! that, the first with a luminance channel Y, as grey. The image is the data window. Deep and subsampled images are
-//! refused.
+//! Which channels are read is up to [`super::layers`]. The image is the display window: texels that the data window lacks are black, and
+//! those outside are left out. Colours of other primaries (attribute `chromaticities`) become Rec.709. Infinity of 16 bits, which is what
+//! brighter values than 65504 became when the file was written, is 65504. Deep and subsampled images are refused.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -15,13 +15,16 @@ use exr::block::reader::ChunksReader;
 use exr::compression::Compression;
 use exr::math::Vec2;
 use exr::meta::BlockDescription;
-use exr::meta::attribute::{ChannelList, SampleType};
+use exr::meta::attribute::{ChannelList, Chromaticities, EnvironmentMap, IntegerBounds, SampleType};
 use exr::meta::header::Header;
 use exr::prelude::f16;
 
+use super::layers::{self, Source};
+use super::primaries::{self, Primaries};
 use super::size::check_size;
-use super::{Image, dwa};
+use super::{Image, MapLayout, Picture, dwa};
 use crate::error::{Error, Result};
+use crate::remark::Remark;
 
 /// The first bytes of every OpenEXR file.
 pub(super) const MAGIC: &[u8] = &exr::meta::magic_number::BYTES;
@@ -29,52 +32,127 @@ pub(super) const MAGIC: &[u8] = &exr::meta::magic_number::BYTES;
 /// The largest block (tile, or rows that are compressed together) that is read, in bytes.
 const MAX_BLOCK_BYTES: usize = 1 << 30;
 
-/// Reads the open `file` of `file_size` bytes; `path` is for the messages.
-pub(super) fn read(path: &Path, file: File, file_size: u64) -> Result<Image> {
+/// Reads the open `file` of `file_size` bytes; `path` is for the messages, `layer` the name of the layer to read, if not the default.
+pub(super) fn read(path: &Path, file: File, file_size: u64, layer: Option<&str>) -> Result<Picture> {
     let reader = exr::block::read(BufReader::new(file), false).map_err(|e| invalid(path, "header", &e))?;
     check_headers(path, reader.headers(), file_size)?;
-    let source = choose_channels(path, reader.headers())?;
-    let header = &reader.headers()[source.layer];
+    let chosen = layers::choose(reader.headers(), layer);
+    let (source, remark) = chosen.map_err(|reason| Error::invalid(path, "channels", reason))?;
+    let header = reader.headers()[source.part].clone();
     if header.deep {
         return Err(Error::invalid(path, "type", "deep images cannot be read"));
     }
     if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
         return Err(Error::invalid(path, "channels", "subsampled channels cannot be read"));
     }
-    let (channels, size) = (header.channels.clone(), header.layer_size);
-    let mut image = Image::black(size.width(), size.height());
-
-    let chunks = reader
-        .filter_chunks(false, |_, _, block| block.layer == source.layer && block.level == Vec2(0, 0))
-        .map_err(|e| invalid(path, "offset table", &e))?;
-    let meta_data = chunks.meta_data().clone();
-    let mut blocks_read = HashSet::new();
-    for chunk in chunks {
-        let chunk = chunk.map_err(|e| invalid(path, "pixels", &e))?;
-        dwa::check_sizes(&meta_data.headers[chunk.layer_index], &chunk)
-            .map_err(|reason| Error::invalid(path, "pixels", reason))?;
-        let block = UncompressedBlock::decompress_chunk(chunk, &meta_data, false);
-        let block = block.map_err(|e| invalid(path, "pixels", &e))?;
-        // The table has one entry for each block that is wanted, so that none is missing if none comes twice.
-        let wanted = block.index.layer == source.layer && block.index.level == Vec2(0, 0);
-        if !wanted || !blocks_read.insert((block.index.pixel_position.x(), block.index.pixel_position.y())) {
-            return Err(Error::invalid(path, "offset table", "an entry leads to a block of another place"));
-        }
-        for line in block.lines(&channels) {
-            store(&mut image, &source, &channels, &line);
+    let mut remarks: Vec<Remark> = remark.into_iter().collect();
+    let mut decoder = Decoder {
+        image: Image::black(header.layer_size.width(), header.layer_size.height()),
+        source,
+        channels: header.channels.clone(),
+        overflown: 0,
+    };
+    decoder.decode(path, reader)?;
+    if decoder.overflown > 0 {
+        let count = decoder.overflown;
+        remarks
+            .push(Remark::Warning(format!("{count} channel values were too bright for 16 bits and are read as 65504")));
+    }
+    let mut image = displayed(path, decoder.image, &header, &mut remarks)?;
+    if let Some(chromaticities) = &header.shared_attributes.chromaticities {
+        let matrix = primaries_of(chromaticities).to_rec_709();
+        if let Some(matrix) = matrix.map_err(|reason| Error::invalid(path, "chromaticities", reason))? {
+            primaries::convert(&mut image.pixels, &matrix);
+            remarks.push(Remark::Note("its colours are converted from the primaries that it names to Rec.709".into()));
         }
     }
+    let layout = header.own_attributes.environment_map.map(|map| match map {
+        EnvironmentMap::LatitudeLongitude => MapLayout::LatLong,
+        EnvironmentMap::Cube => MapLayout::Cube,
+    });
+    Ok(Picture { image, layout, remarks })
+}
+
+/// The display window of a picture of which the data window was read.
+fn displayed(path: &Path, data: Image, header: &Header, remarks: &mut Vec<Remark>) -> Result<Image> {
+    let IntegerBounds { position: origin, size } = header.shared_attributes.display_window;
+    let position = header.own_attributes.layer_position;
+    let (width, height) = (size.width(), size.height());
+    if position == origin && (width, height) == (data.width, data.height) {
+        return Ok(data);
+    }
+    check_size(path, "displayWindow", width, height)?;
+    let mut image = Image::black(width, height);
+    let left = i64::from(position.x()) - i64::from(origin.x());
+    let top = i64::from(position.y()) - i64::from(origin.y());
+    // Columns of the data that are in the display window.
+    let first = (-left).clamp(0, data.width as i64) as usize;
+    let last = (width as i64 - left).clamp(first as i64, data.width as i64) as usize;
+    for (row, pixels) in data.pixels.chunks_exact(data.width).enumerate() {
+        let y = top + row as i64;
+        if first < last && (0..height as i64).contains(&y) {
+            let start = y as usize * width + (left + first as i64) as usize;
+            image.pixels[start..start + last - first].copy_from_slice(&pixels[first..last]);
+        }
+    }
+    remarks.push(Remark::Note(format!(
+        "the {} x {} pixels of its data window are placed in its display window of {width} x {height}",
+        data.width, data.height
+    )));
     Ok(image)
 }
 
-/// Where the colours of an image are: the layer, and the index of the channel of each colour.
-struct Source {
-    layer: usize,
-    rgb: [usize; 3],
+fn primaries_of(chromaticities: &Chromaticities) -> Primaries {
+    let of = |Vec2(x, y): Vec2<f32>| [f64::from(x), f64::from(y)];
+    let Chromaticities { red, green, blue, white } = *chromaticities;
+    Primaries { colors: [of(red), of(green), of(blue)], white: of(white) }
 }
 
-/// Copies a row of samples of one channel to every colour that is read from it.
-fn store(image: &mut Image, source: &Source, channels: &ChannelList, line: &LineRef) {
+/// A picture that is filled block by block.
+struct Decoder {
+    /// The data window.
+    image: Image,
+    source: Source,
+    /// All channels of the part.
+    channels: ChannelList,
+    /// How many values of 16 bits were infinite.
+    overflown: usize,
+}
+
+impl Decoder {
+    /// Reads all blocks of the largest level.
+    fn decode<R: std::io::Read + std::io::Seek>(
+        &mut self,
+        path: &Path,
+        reader: exr::block::reader::Reader<R>,
+    ) -> Result<()> {
+        let part = self.source.part;
+        let chunks = reader
+            .filter_chunks(false, |_, _, block| block.layer == part && block.level == Vec2(0, 0))
+            .map_err(|e| invalid(path, "offset table", &e))?;
+        let meta_data = chunks.meta_data().clone();
+        let mut blocks_read = HashSet::new();
+        for chunk in chunks {
+            let chunk = chunk.map_err(|e| invalid(path, "pixels", &e))?;
+            dwa::check_sizes(&meta_data.headers[chunk.layer_index], &chunk)
+                .map_err(|reason| Error::invalid(path, "pixels", reason))?;
+            let block = UncompressedBlock::decompress_chunk(chunk, &meta_data, false);
+            let block = block.map_err(|e| invalid(path, "pixels", &e))?;
+            // The table has one entry for each block that is wanted, so that none is missing if none comes twice.
+            let wanted = block.index.layer == part && block.index.level == Vec2(0, 0);
+            if !wanted || !blocks_read.insert((block.index.pixel_position.x(), block.index.pixel_position.y())) {
+                return Err(Error::invalid(path, "offset table", "an entry leads to a block of another place"));
+            }
+            for line in block.lines(&self.channels) {
+                store(&mut self.image, &self.source, &self.channels, &line, &mut self.overflown);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Copies a row of samples of one channel to every colour that is read from it, and counts infinite values of 16 bits.
+fn store(image: &mut Image, source: &Source, channels: &ChannelList, line: &LineRef, overflown: &mut usize) {
     let Vec2(x, y) = line.location.position;
     let start = y * image.width + x;
     let row = &mut image.pixels[start..start + line.location.sample_count];
@@ -85,8 +163,12 @@ fn store(image: &mut Image, source: &Source, channels: &ChannelList, line: &Line
         let stored = row.iter_mut().map(|pixel| &mut pixel[colour]);
         match channels.list[line.location.channel].sample_type {
             SampleType::F16 => {
-                let samples = line.value.as_chunks().0.iter();
-                stored.zip(samples).for_each(|(to, &from)| *to = f16::from_ne_bytes(from).to_f32());
+                for (to, &from) in stored.zip(line.value.as_chunks().0) {
+                    let value = f16::from_ne_bytes(from);
+                    *overflown += usize::from(value.is_infinite());
+                    // NaN stays.
+                    *to = value.clamp(f16::MIN, f16::MAX).to_f32();
+                }
             }
             SampleType::F32 => {
                 let samples = line.value.as_chunks().0.iter();
@@ -147,41 +229,6 @@ fn best_ratio(compression: Compression) -> u64 {
         Compression::DWAA(_) | Compression::DWAB(_) => 1 << 16,
         _ => 2048,
     }
-}
-
-/// Finds the channels to read; R, G and B of any layer come before Y of any layer.
-fn choose_channels(path: &Path, headers: &[Header]) -> Result<Source> {
-    let names: Vec<Vec<String>> = headers
-        .iter()
-        .map(|header| header.channels.list.iter().map(|channel| channel.name.to_string()).collect())
-        .collect();
-    let find = |wanted: &[&str; 3]| {
-        names.iter().enumerate().find_map(|(layer, names)| {
-            prefixes(names).into_iter().find_map(|prefix| {
-                let index = |colour: &str| {
-                    names.iter().position(|name| name.eq_ignore_ascii_case(&format!("{prefix}{colour}")))
-                };
-                Some(Source { layer, rgb: [index(wanted[0])?, index(wanted[1])?, index(wanted[2])?] })
-            })
-        })
-    };
-    find(&["R", "G", "B"]).or_else(|| find(&["Y", "Y", "Y"])).ok_or_else(|| {
-        let found: Vec<_> = names.iter().flatten().take(12).map(|name| name.escape_debug().to_string()).collect();
-        let reason = format!("found only {}; R, G and B are needed, or Y", found.join(", "));
-        Error::invalid(path, "channels", reason)
-    })
-}
-
-/// The layer prefixes of channel names, with their dot, in order of appearance; no prefix comes first.
-fn prefixes(names: &[String]) -> Vec<&str> {
-    let mut prefixes = vec![""];
-    for name in names {
-        let prefix = &name[..name.rfind('.').map_or(0, |dot| dot + 1)];
-        if !prefixes.contains(&prefix) {
-            prefixes.push(prefix);
-        }
-    }
-    prefixes
 }
 
 fn invalid(path: &Path, field: &str, error: &exr::error::Error) -> Error {

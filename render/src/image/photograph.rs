@@ -3,7 +3,7 @@
 use std::{io::Read, path::Path};
 
 use glam::{Vec2, Vec3A};
-use image::{DynamicImage, ImageDecoder};
+use image::{DynamicImage, ImageDecoder, metadata::Orientation};
 
 use super::{Image, MAX_PIXELS, compressed::decode_compressed, read_radiance};
 use crate::{
@@ -58,10 +58,19 @@ impl Photograph {
         Self { image, is_radiance: true }
     }
 
-    /// Decodes a PNG or JPEG file; the error is the end of a sentence that begins with the image.
+    /// Decodes a PNG or JPEG file, turned as its EXIF data ask for; the error is the end of a sentence that begins with the image.
     pub fn decode(bytes: &[u8]) -> std::result::Result<Self, String> {
+        Self::decode_turned(bytes, orientation(bytes))
+    }
+
+    /// The same without a turn: what programs that do not look at EXIF data have shown.
+    pub fn decode_stored(bytes: &[u8]) -> std::result::Result<Self, String> {
+        Self::decode_turned(bytes, Orientation::NoTransforms)
+    }
+
+    fn decode_turned(bytes: &[u8], orientation: Orientation) -> std::result::Result<Self, String> {
         let mut decoded = decode_compressed(bytes, MAX_PIXELS as u64)?;
-        decoded.apply_orientation(orientation(bytes));
+        decoded.apply_orientation(orientation);
         let (width, height) = (decoded.width() as usize, decoded.height() as usize);
         let is_deep = matches!(
             decoded,
@@ -134,10 +143,10 @@ fn cover(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
 }
 
 /// How an image is to be turned before it is shown.
-fn orientation(bytes: &[u8]) -> image::metadata::Orientation {
+fn orientation(bytes: &[u8]) -> Orientation {
     let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().ok();
     let turned = super::without_panic(|| reader?.into_decoder().ok()?.orientation().ok()).flatten();
-    turned.unwrap_or(image::metadata::Orientation::NoTransforms)
+    turned.unwrap_or(Orientation::NoTransforms)
 }
 
 /// The 8-bit sRGB code of a linear value, clipped at 1: the inverse of what [`Photograph::decode`] reads.

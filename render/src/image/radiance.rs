@@ -1,55 +1,225 @@
-//! Reading Radiance RGBE files (`#?RADIANCE`, `#?RGBE`): run-length coded or not, rows from the top left (`-Y h +X w`).
+//! Reading Radiance pictures (`#?RADIANCE`, `#?RGBE`): headers and resolution strings as Radiance means them.
+//!
+//! `EXPOSURE` and `COLORCORR`, which may come several times, are divided out. `PRIMARIES` other than Rec.709 are converted; all zeros stand for
+//! none. Rows may go in any of the eight directions. Lines may end as on any system.
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::Read;
 use std::path::Path;
 
-use image::ImageDecoder;
-use image::codecs::hdr::HdrDecoder;
+use glam::DMat3;
 
-use super::Image;
+use super::primaries::{self, Primaries};
+use super::rgbe;
 use super::size::check_size;
+use super::{Image, Picture};
 use crate::error::{Error, Result};
+use crate::remark::Remark;
 
-/// The first bytes of every Radiance file; what program wrote it follows.
-pub(super) const MAGIC: &[u8] = b"#?";
+/// The longest header that is read, in bytes.
+const MAX_HEADER: usize = 1 << 20;
+
+/// The largest file that is read, in bytes: twice what the largest image takes without coding.
+const MAX_BYTES: u64 = 1 << 30;
 
 /// Runs of runs could code any row by a few bytes. What writers make of a constant picture has about a thousand pixels to a byte.
 const MOST_PIXELS_PER_BYTE: u64 = 1 << 12;
 
+/// Whether a file that starts so is a Radiance picture: by its first line, or, of old programs, by its format.
+pub(super) fn is_radiance(start: &[u8]) -> bool {
+    start.starts_with(b"#?") || start.split(|&byte| byte == b'\n').any(|line| line.starts_with(b"FORMAT=32-bit_rle_"))
+}
+
 /// Reads the open `file` of `file_size` bytes; `path` is for the messages.
-pub(super) fn read(path: &Path, file: File, file_size: u64) -> Result<Image> {
-    // Not strict: the decoder would insist on `#?RADIANCE`, and refuse a map for a comment it cannot parse.
-    let decoder = HdrDecoder::new_nonstrict(BufReader::new(file)).map_err(|e| invalid(path, "header", &e))?;
-    let (width, height) = decoder.dimensions();
-    let (width, height) = (width as usize, height as usize);
+pub(super) fn read(path: &Path, file: File, file_size: u64) -> Result<Picture> {
+    let mut bytes = Vec::new();
+    file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(|source| Error::io(path, source))?;
+    let mut rest: &[u8] = &bytes;
+    let header = Header::read(&mut rest).map_err(|reason| Error::invalid(path, "header", reason))?;
+    let resolution = next_line(&mut rest).and_then(|line| Resolution::parse(&line));
+    let resolution = resolution.map_err(|reason| Error::invalid(path, "resolution", reason))?;
+    let Resolution { lines, length, .. } = resolution;
+    let (width, height) = resolution.size();
     check_size(path, "dimensions", width, height)?;
-    let least = (least_row_bytes(width) * height as u64).max((width * height) as u64 / MOST_PIXELS_PER_BYTE);
+    let least = (least_line_bytes(length) * lines as u64).max((width * height) as u64 / MOST_PIXELS_PER_BYTE);
     if file_size < least {
         let reason = format!("{width} x {height} pixels take at least {least} bytes, the file has {file_size}");
         return Err(Error::invalid(path, "dimensions", reason));
     }
     let mut image = Image::black(width, height);
-    decoder.read_image(bytemuck::cast_slice_mut(&mut image.pixels)).map_err(|e| invalid(path, "pixels", &e))?;
-    Ok(image)
+    let mut line = vec![[0; 4]; length];
+    for number in 0..lines {
+        rgbe::read_line(&mut rest, &mut line)
+            .map_err(|reason| Error::invalid(path, "pixels", format!("{reason} (line {number} of {lines})")))?;
+        for (k, &pixel) in line.iter().enumerate() {
+            image.pixels[resolution.index(number, k)] = rgbe::to_linear(pixel);
+        }
+    }
+    let (matrix, remarks) = header.conversion().map_err(|reason| Error::invalid(path, "header", reason))?;
+    if let Some(matrix) = matrix {
+        primaries::convert(&mut image.pixels, &matrix);
+    }
+    Ok(Picture { image, layout: None, remarks })
 }
 
-/// The fewest bytes that can code a row: one pixel, then runs of 255, 255 * 256, ... copies of it, 4 bytes each.
-fn least_row_bytes(width: usize) -> u64 {
-    let (mut bytes, mut covered, mut run) = (4, 1, 255);
-    while covered < width {
+/// What a header says of the values.
+struct Header {
+    /// The product of all exposures and colour corrections: what radiance was multiplied by.
+    scale: [f64; 3],
+    primaries: Option<Primaries>,
+    is_xyz: bool,
+    gamma: f64,
+}
+
+impl Header {
+    /// Reads up to the empty line after the header. The error is the end of a sentence, here and below.
+    fn read(rest: &mut &[u8]) -> std::result::Result<Self, String> {
+        let mut header = Self { scale: [1.0; 3], primaries: None, is_xyz: false, gamma: 1.0 };
+        let length = rest.len();
+        loop {
+            if length - rest.len() > MAX_HEADER {
+                return Err(format!("is longer than {MAX_HEADER} bytes"));
+            }
+            let line = next_line(rest)?;
+            if line.is_empty() {
+                return Ok(header);
+            }
+            if let Some((name, value)) = line.split_once('=') {
+                header.set(name, value.trim())?;
+            }
+        }
+    }
+
+    fn set(&mut self, name: &str, value: &str) -> std::result::Result<(), String> {
+        let numbers = || -> Option<Vec<f64>> { value.split_whitespace().map(|word| word.parse().ok()).collect() };
+        let wrong = || Err(format!("{name}={value} cannot be used"));
+        let is_factor = |x: &f64| *x > 0.0 && x.is_finite();
+        match name {
+            "FORMAT" => match value {
+                "32-bit_rle_rgbe" => {}
+                "32-bit_rle_xyze" => self.is_xyz = true,
+                _ => return Err(format!("FORMAT={value} is neither 32-bit_rle_rgbe nor 32-bit_rle_xyze")),
+            },
+            "EXPOSURE" => match numbers().as_deref() {
+                Some([factor]) if is_factor(factor) => self.scale = self.scale.map(|scale| scale * factor),
+                _ => return wrong(),
+            },
+            "COLORCORR" => match numbers().as_deref() {
+                Some([r, g, b]) if [r, g, b].into_iter().all(is_factor) => {
+                    for (scale, factor) in self.scale.iter_mut().zip([r, g, b]) {
+                        *scale *= factor;
+                    }
+                }
+                _ => return wrong(),
+            },
+            "PRIMARIES" => match numbers().as_deref() {
+                // Written by programs that do not know them.
+                Some([]) => {}
+                Some(numbers) if numbers.iter().all(|&number| number == 0.0) => {}
+                Some(&[rx, ry, gx, gy, bx, by, wx, wy]) => {
+                    self.primaries = Some(Primaries { colors: [[rx, ry], [gx, gy], [bx, by]], white: [wx, wy] });
+                }
+                _ => return wrong(),
+            },
+            "GAMMA" => match numbers().as_deref() {
+                Some([gamma]) if is_factor(gamma) => self.gamma = *gamma,
+                _ => return wrong(),
+            },
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// What the values are multiplied by to be linear Rec.709 radiance, and what is to be said of it.
+    fn conversion(&self) -> std::result::Result<(Option<DMat3>, Vec<Remark>), String> {
+        let mut remarks = Vec::new();
+        let mut matrix = None;
+        if self.scale != [1.0; 3] {
+            let inverse = glam::DVec3::from(self.scale).recip();
+            if !inverse.is_finite() || inverse.min_element() <= 0.0 {
+                return Err("the product of its exposures is out of range".into());
+            }
+            let [r, g, b] = inverse.to_array();
+            let factors = if r == g && g == b { format!("{r}") } else { format!("{r}, {g}, {b}") };
+            remarks.push(Remark::Note(format!("its exposure is divided out: values are multiplied by {factors}")));
+            matrix = Some(DMat3::from_diagonal(inverse));
+        }
+        let colors = match (self.is_xyz, self.primaries) {
+            (true, _) => primaries::radiance_xyz_to_rec_709(),
+            (false, Some(primaries)) => primaries.to_rec_709().map_err(|reason| format!("PRIMARIES: {reason}"))?,
+            (false, None) => None,
+        };
+        if let Some(colors) = colors {
+            remarks.push(Remark::Note("its colours are converted from the primaries that it names to Rec.709".into()));
+            matrix = Some(colors * matrix.unwrap_or(DMat3::IDENTITY));
+        }
+        if self.gamma != 1.0 {
+            let gamma = self.gamma;
+            remarks.push(Remark::Warning(format!("its GAMMA={gamma} is not applied: values are taken as linear")));
+        }
+        Ok((matrix, remarks))
+    }
+}
+
+/// The next line without its end.
+fn next_line(rest: &mut &[u8]) -> std::result::Result<String, String> {
+    let end = rest.iter().take(MAX_HEADER).position(|&byte| byte == b'\n').ok_or("the file ends too early")?;
+    let line = rest[..end].strip_suffix(b"\r").unwrap_or(&rest[..end]);
+    let text = String::from_utf8_lossy(line).into_owned();
+    *rest = &rest[end + 1..];
+    Ok(text)
+}
+
+/// In which order pixels come: lines, and the pixels of a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Resolution {
+    lines: usize,
+    length: usize,
+    /// Whether a line is a column of the image.
+    is_column: bool,
+    /// Whether rows go from the bottom up, and columns from the right.
+    flips: [bool; 2],
+}
+
+impl Resolution {
+    /// Reads `-Y 512 +X 1024` or one of the other seven forms.
+    fn parse(line: &str) -> std::result::Result<Self, String> {
+        let wrong = || {
+            format!("'{}' is no size such as -Y 512 +X 1024", line.chars().take(60).collect::<String>().escape_debug())
+        };
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let &[outer, lines, inner, length] = &words[..] else { return Err(wrong()) };
+        let count = |word: &str| word.parse::<u32>().map(|count| count as usize).map_err(|_| wrong());
+        let (is_column, y, x) = match (outer, inner) {
+            ("-Y" | "+Y", "-X" | "+X") => (false, outer, inner),
+            ("-X" | "+X", "-Y" | "+Y") => (true, inner, outer),
+            _ => return Err(wrong()),
+        };
+        Ok(Self { lines: count(lines)?, length: count(length)?, is_column, flips: [y == "+Y", x == "-X"] })
+    }
+
+    /// Width and height of the image.
+    fn size(&self) -> (usize, usize) {
+        if self.is_column { (self.lines, self.length) } else { (self.length, self.lines) }
+    }
+
+    /// Where pixel `k` of a line is in the image.
+    fn index(&self, line: usize, k: usize) -> usize {
+        let (width, height) = self.size();
+        let (x, y) = if self.is_column { (line, k) } else { (k, line) };
+        let y = if self.flips[0] { height - 1 - y } else { y };
+        let x = if self.flips[1] { width - 1 - x } else { x };
+        y * width + x
+    }
+}
+
+/// The fewest bytes that can code a line: one pixel, then runs of 255, 255 * 256, ... copies of it, 4 bytes each.
+fn least_line_bytes(length: usize) -> u64 {
+    let (mut bytes, mut covered, mut run) = (4, 1, 255_usize);
+    while covered < length {
         bytes += 4;
-        covered += run;
-        run *= 256;
+        covered = covered.saturating_add(run);
+        run = run.saturating_mul(256);
     }
     bytes
-}
-
-fn invalid(path: &Path, field: &str, error: &image::ImageError) -> Error {
-    match error {
-        image::ImageError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
-            Error::invalid(path, field, "the file ends too early")
-        }
-        _ => Error::invalid(path, field, error.to_string()),
-    }
 }

@@ -3,32 +3,64 @@
 use std::io::{Read, Seek};
 use std::path::Path;
 
-use super::{Image, openexr, radiance, without_panic};
+use super::{Image, MapLayout, openexr, radiance, without_panic};
 use crate::error::{Error, Result};
 use crate::file::open_regular;
+use crate::remark::Remark;
 
-/// Reads a Radiance (.hdr) or OpenEXR (.exr) file as linear RGB.
-///
-/// The values are those of the file: NaN, infinite and negative ones stay, because what to do about them depends on the
-/// use. Colours are taken as Rec.709 and a Radiance `EXPOSURE` line is not applied. See `openexr` and `radiance` for
-/// what is read of each format.
+/// The most that is read of a file to tell its format.
+const MAGIC_BYTES: u64 = 4096;
+
+/// What a file of radiance holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Linear Rec.709 values. NaN, infinite and negative ones stay, because what to do about them depends on the use.
+    pub image: Image,
+    /// How directions lie in the picture, where the file says so.
+    pub layout: Option<MapLayout>,
+    /// What was converted, chosen or repaired.
+    pub remarks: Vec<Remark>,
+}
+
+/// Reads a Radiance (.hdr) or OpenEXR (.exr) file as linear Rec.709; see [`read_picture`].
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read or is none, but a folder, a pipe or a device; [`Error::Invalid`], naming the field, if it is neither format, is damaged,
-/// holds no colour, or has more than [`super::MAX_PIXELS`] pixels. No content of a file makes this function panic
-/// (unless panics abort).
+/// As [`read_picture`].
 pub fn read_radiance(path: &Path) -> Result<Image> {
+    read_picture(path, None).map(|picture| picture.image)
+}
+
+/// Reads a Radiance (.hdr) or OpenEXR (.exr) file.
+///
+/// Colours of other primaries become Rec.709, the exposure and the colour correction of a Radiance header are divided out, and of an OpenEXR
+/// file the display window is read. `layer` names the layer of an OpenEXR file (or the end of its name); without it R, G and B are read, or else
+/// the layer that is called as pictures are.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read or is none, but a folder, a pipe or a device; [`Error::Invalid`], naming the field, if it is
+/// neither format, is damaged, holds no colour or no such layer, or has more than [`super::MAX_PIXELS`] pixels. No content of a file makes
+/// this function panic (unless panics abort).
+pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
     let failed = |source| Error::io(path, source);
     let (mut file, file_size) = open_regular(path).map_err(failed)?;
-    let mut magic = Vec::with_capacity(4);
-    file.by_ref().take(4).read_to_end(&mut magic).map_err(failed)?;
+    let mut start = Vec::new();
+    file.by_ref().take(MAGIC_BYTES).read_to_end(&mut start).map_err(failed)?;
     file.rewind().map_err(failed)?;
-    if magic == openexr::MAGIC {
-        checked(path, || openexr::read(path, file, file_size))
-    } else if magic.starts_with(radiance::MAGIC) {
-        checked(path, || radiance::read(path, file, file_size))
-    } else if magic.is_empty() {
+    if start.starts_with(openexr::MAGIC) {
+        checked(path, || openexr::read(path, file, file_size, layer))
+    } else if radiance::is_radiance(&start) {
+        match layer {
+            Some(layer) => Err(Error::invalid(path, "layers", format!("a Radiance file has none, nor '{layer}'"))),
+            None => checked(path, || radiance::read(path, file, file_size)),
+        }
+    } else if start.is_empty() {
         Err(Error::invalid(path, "first bytes", "the file is empty"))
+    } else if start.starts_with(b"version https://git-lfs") {
+        Err(Error::invalid(
+            path,
+            "first bytes",
+            "it is a pointer of Git LFS; fetch the file itself with `git lfs pull`",
+        ))
     } else {
         Err(Error::invalid(path, "first bytes", "neither a Radiance (.hdr) nor an OpenEXR (.exr) file"))
     }
@@ -38,6 +70,6 @@ pub fn read_radiance(path: &Path) -> Result<Image> {
 ///
 /// What headers and blocks promise is checked before, and the tests' damaged files never get here in a release build. But deep inside
 /// compressed blocks the decoders count on well-formed data: with overflow checks on, B44 blocks of `exr` 1.74 that end too early do panic.
-fn checked(path: &Path, read: impl FnOnce() -> Result<Image>) -> Result<Image> {
+fn checked(path: &Path, read: impl FnOnce() -> Result<Picture>) -> Result<Picture> {
     without_panic(read).unwrap_or_else(|| Err(Error::invalid(path, "pixels", "they are damaged")))
 }

@@ -29,7 +29,7 @@ const BLOCK: u32 = 64;
 pub(super) fn setting(view: &View<'_>, part: Part) -> Setting {
     Setting {
         eye: view.camera.look_from(),
-        pixel: view.camera.pixel_angle(view.height),
+        pixel: view.camera.pixel_spread(view.height),
         pixels: part.width * part.height,
     }
 }

@@ -1,4 +1,4 @@
-//! The pinhole camera.
+//! The camera: a pinhole, or parallel rays.
 
 use glam::{Affine3A, Vec2, Vec3A};
 
@@ -8,14 +8,16 @@ use crate::error::{Error, Result};
 /// Free space around a framed scene: the picture's width over that of what is framed.
 const FRAMING_MARGIN: f32 = 1.08;
 
-/// A pinhole camera: with up = +Y ([`Self::new`]), or with any roll and principal point ([`Self::of_photograph`]).
+/// A pinhole camera, with up = +Y ([`Self::new`]) or with any roll and principal point ([`Self::of_photograph`]), or one of parallel rays
+/// ([`Self::orthographic`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     look_from: Vec3A,
     look_at: Vec3A,
     vertical_fov: f32,
-    /// Half the image's height at distance 1.
+    /// Half the image's height: at distance 1, or of parallel rays at any, in metres.
     half_height: f32,
+    is_orthographic: bool,
     /// Where the principal point is, right of and above the middle of the image, in half heights.
     principal_point: Vec2,
     right: Vec3A,
@@ -44,7 +46,18 @@ impl Camera {
         let right = if right.length_squared() > 1e-12 { right.normalize() } else { Vec3A::X };
         let half_height = (0.5 * vertical_fov.to_radians()).tan();
         let (principal_point, up) = (Vec2::ZERO, right.cross(forward));
-        Ok(Self { look_from, look_at, vertical_fov, half_height, principal_point, right, up, forward })
+        let is_orthographic = false;
+        Ok(Self { look_from, look_at, vertical_fov, half_height, is_orthographic, principal_point, right, up, forward })
+    }
+
+    /// A camera of parallel rays, whose image is `2 half_height` metres high. `to_world` is as in [`Self::of_photograph`]; what is behind the
+    /// plane of its origin is not seen.
+    ///
+    /// # Errors
+    /// As [`Self::of_photograph`].
+    pub fn orthographic(to_world: Affine3A, half_height: f32) -> Result<Self> {
+        let camera = Self::of_photograph(to_world, half_height, Vec2::ZERO)?;
+        Ok(Self { is_orthographic: true, vertical_fov: 0.0, ..camera })
     }
 
     /// The camera of a photograph. `to_world` is a rigid motion from the camera's coordinates, in which it looks along -Z with up = +Y; the
@@ -73,7 +86,8 @@ impl Camera {
         let (look_from, forward) = (to_world.translation, up.cross(right));
         let look_at = look_from + forward * look_from.abs().max_element().max(1.0);
         let vertical_fov = 2.0 * half_height.atan().to_degrees();
-        Ok(Self { look_from, look_at, vertical_fov, half_height, principal_point, right, up, forward })
+        let is_orthographic = false;
+        Ok(Self { look_from, look_at, vertical_fov, half_height, is_orthographic, principal_point, right, up, forward })
     }
 
     /// The camera moved by a rotation about the origin and a translation.
@@ -96,12 +110,17 @@ impl Camera {
         Affine3A { matrix3: axes, translation: self.look_from }
     }
 
-    /// The angle in radians between neighbouring pixels in the middle of an image of `height` pixels.
+    /// The angle in radians between neighbouring pixels in the middle of an image of `height` pixels; 0 of parallel rays.
     pub fn pixel_spread(&self, height: usize) -> f32 {
-        2.0 * self.half_height / height as f32
+        if self.is_orthographic { 0.0 } else { 2.0 * self.half_height / height as f32 }
     }
 
-    /// Half the image's height at distance 1.
+    /// Whether its rays are parallel.
+    pub fn is_orthographic(&self) -> bool {
+        self.is_orthographic
+    }
+
+    /// Half the image's height at distance 1; of parallel rays, at any distance, in metres.
     pub fn half_height(&self) -> f32 {
         self.half_height
     }
@@ -115,7 +134,8 @@ impl Camera {
     pub fn project(&self, p: Vec3A, width: usize, height: usize) -> Option<Vec2> {
         let offset = p - self.look_from;
         let depth = offset.dot(self.forward);
-        let (half, scale) = (0.5 * height as f32, 1.0 / (depth * self.half_height));
+        let distance = if self.is_orthographic { 1.0 } else { depth };
+        let (half, scale) = (0.5 * height as f32, 1.0 / (distance * self.half_height));
         let right = offset.dot(self.right) * scale + self.principal_point.x;
         let up = offset.dot(self.up) * scale + self.principal_point.y;
         (depth > 0.0).then(|| Vec2::new(0.5 * width as f32 + half * right, half - half * up))
@@ -130,6 +150,9 @@ impl Camera {
         let principal = self.half_height * self.principal_point;
         let right = (x - 0.5 * width) * pixel - principal.x;
         let up = (0.5 * height - y) * pixel - principal.y;
+        if self.is_orthographic {
+            return Ray::new(self.look_from + right * self.right + up * self.up, self.forward);
+        }
         Ray::new(self.look_from, (self.forward + right * self.right + up * self.up).normalize())
     }
 
@@ -167,7 +190,8 @@ impl Camera {
         let depth = [0, 1].map(|k| (upper[k] - lower[k]) / (2.0 * tangents[k])).into_iter().fold(depths[1], f64::max);
         let middle = 0.5 * (depths[0] + depths[1]);
         // A single point has no extent to fit: any distance that f32 can tell from zero will do.
-        let distance = (depth - middle).max(1e-4 * x.abs().max(y.abs()).max(middle.abs())).max(1e-3);
+        let distance = (depth - middle).max(1e-4 * x.abs().max(y.abs()).max(middle.abs()));
+        let distance = if distance > 0.0 { distance } else { 1e-3 };
         let at = |z: f64| (x * axes[0] + y * axes[1] + z * axes[2]).as_vec3a();
         Self::aimed(at(middle + distance), at(middle), FOV)
     }
@@ -182,17 +206,12 @@ impl Camera {
         self.look_from
     }
 
-    /// The angle that a pixel spans in the middle of an image of so many rows, in radians.
-    pub fn pixel_angle(&self, height: usize) -> f32 {
-        2.0 * self.half_height / height as f32
-    }
-
     /// A point on the principal axis, in metres: that in the middle of the image, unless the principal point is elsewhere.
     pub fn look_at(&self) -> Vec3A {
         self.look_at
     }
 
-    /// The vertical field of view in degrees, of an image whose principal point is in its middle.
+    /// The vertical field of view in degrees, of an image whose principal point is in its middle; 0 of parallel rays.
     pub fn vertical_fov(&self) -> f32 {
         self.vertical_fov
     }

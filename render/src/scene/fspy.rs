@@ -167,7 +167,8 @@ impl FspyProject {
         if self.image.is_empty() {
             return Err(Error::argument("image", "the project holds none; name a photograph"));
         }
-        Photograph::decode(&self.image).map_err(|reason| Error::argument("image", reason))
+        // Its camera is that of the stored pixels.
+        Photograph::decode_stored(&self.image).map_err(|reason| Error::argument("image", reason))
     }
 
     /// A state that fSpy and its importers read: the camera, and settings under which nothing is computed anew.

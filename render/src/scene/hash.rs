@@ -30,6 +30,9 @@ impl Scene {
             add_floats(&mut hasher, space.tangents.iter().map(Vec4::to_array));
             add(&mut hasher, &mesh.triangles.iter().flatten().flat_map(|i| i.to_le_bytes()).collect::<Vec<_>>());
             let own = u64::from(mesh.roughness_texcoords.is_some());
+            if !mesh.colors.is_empty() {
+                add_floats(&mut hasher, mesh.colors.iter().map(Vec3::to_array));
+            }
             add(&mut hasher, &[(mesh.material as u64).to_le_bytes(), own.to_le_bytes()].concat());
         }
         self.materials.iter().for_each(|material| add_material(&mut hasher, material));

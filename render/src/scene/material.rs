@@ -41,6 +41,8 @@ pub struct SurfacePoint {
     pub color_uv: Option<Vec2>,
     /// The same of metalness and roughness.
     pub roughness_uv: Option<Vec2>,
+    /// The colour of the vertices there, linear Rec.709, which multiplies the base colour.
+    pub vertex_color: Option<Vec3A>,
     /// How it is seen; neural materials alone need it.
     pub view: TangentView,
 }
@@ -99,6 +101,7 @@ impl TexturedMetallicRoughness {
             (Some(texture), Some(uv)) => texture.sample(uv),
             _ => Vec3A::ONE,
         };
+        let color = at.vertex_color.map_or(color, |vertex| vertex * color);
         let factors = match (&self.metallic_roughness_texture, at.roughness_uv) {
             (Some(texture), Some(uv)) => texture.sample_linear(uv),
             _ => Vec3A::ONE,

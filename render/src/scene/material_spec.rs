@@ -55,6 +55,11 @@ pub enum MaterialSpec {
 }
 
 impl MaterialSpec {
+    /// Whether no surface keeps the material of its file.
+    pub fn is_for_all(&self) -> bool {
+        !matches!(self, Self::Neural(_))
+    }
+
     /// A scene of these materials. A range of widths goes up and down over `bounds` as [`AlphaField`] does.
     ///
     /// # Errors

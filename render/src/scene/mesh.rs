@@ -19,6 +19,8 @@ pub struct Mesh {
     pub(super) texcoords: Vec<Vec2>,
     /// The same for metalness and roughness, where they have coordinates of their own.
     pub(super) roughness_texcoords: Option<Vec<Vec2>>,
+    /// `[vertices]` linear Rec.709 colours that multiply the material's base colour; empty where there are none.
+    pub(super) colors: Vec<Vec3>,
     /// What a normal map needs, where the material has one.
     pub(super) tangent_space: Option<TangentSpace>,
     /// `[triangles]` vertex indices, counter-clockwise as seen from outside.
@@ -92,6 +94,22 @@ impl Mesh {
         Ok(self)
     }
 
+    /// The mesh with linear Rec.709 colours `[vertices]` (or none) that multiply the base colour.
+    ///
+    /// # Errors
+    /// When there are not as many as positions, or one is negative or not finite.
+    pub fn with_colors(mut self, colors: Vec<Vec3>) -> Result<Self> {
+        let vertices = self.positions.len();
+        if !colors.is_empty() && colors.len() != vertices {
+            return Err(Error::argument("colours", format!("there are {}, but {vertices} positions", colors.len())));
+        }
+        if let Some(i) = colors.iter().position(|color| !(color.is_finite() && color.min_element() >= 0.0)) {
+            return Err(Error::argument("colours", format!("vertex {i} has {}", colors[i])));
+        }
+        self.colors = colors;
+        Ok(self)
+    }
+
     /// The three corners of a triangle.
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.triangles[triangle].map(|i| self.positions[i as usize])
@@ -125,7 +143,7 @@ impl Mesh {
         self
     }
 
-    /// Adds the triangles of `other`, which has the same attributes and no normal map.
+    /// Adds the triangles of `other`, which has the same attributes and neither colours nor a normal map.
     pub(super) fn append(&mut self, other: &Self) {
         let first = self.positions.len() as u32;
         self.positions.extend(&other.positions);

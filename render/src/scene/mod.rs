@@ -22,6 +22,7 @@ pub use built_in::built_in_names;
 pub use bvh::Bvh;
 pub use camera::Camera;
 pub use fspy::{FspyProject, UpAxis};
+pub use gltf::LoadOptions;
 pub use material::{AlphaField, Material, SurfacePoint, TexturedMetallicRoughness};
 pub use material_spec::{AlphaRange, MaterialSpec};
 pub use measured::open_measured;
@@ -37,6 +38,7 @@ use crate::{
     brdf::{BrdfTable, tabulate_lobe_albedo},
     error::{Error, Result},
     path_text::path_of,
+    remark::Remark,
     tile::{ShadingPoint, Tile},
 };
 
@@ -67,6 +69,10 @@ pub struct Scene {
     /// What the materials' surfaces refer to.
     brdfs: BrdfTable,
     camera: Option<Camera>,
+    /// All cameras of the file by their names.
+    cameras: Vec<(String, Camera)>,
+    /// What the file has that is not shown, and what was converted.
+    remarks: Vec<Remark>,
     faces: Vec<Face>,
     bvh: Bvh,
     bounds: Bounds,
@@ -96,6 +102,8 @@ impl Scene {
             materials,
             brdfs: BrdfTable::default(),
             camera,
+            cameras: Vec::new(),
+            remarks: Vec::new(),
             faces: Vec::new(),
             bvh: Bvh::build(&[]),
             bounds: Bounds::EMPTY,
@@ -114,21 +122,33 @@ impl Scene {
         built_in::build(name)
     }
 
-    /// Opens a built-in scene by its name, or else a glTF 2.0 file.
+    /// Opens a built-in scene by its name, or else a glTF 2.0 file; `FILE#SCENE` is the scene of that name or number in the file.
     ///
     /// # Errors
     /// As [`Self::load`]; when there is neither, the error lists the built-in names.
     pub fn open(name_or_path: &str) -> Result<Self> {
+        Self::open_dressed(name_or_path, true)
+    }
+
+    /// [`Self::open`]; without `materials`, those of a file are not read, because others will take their place.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_dressed(name_or_path: &str, materials: bool) -> Result<Self> {
         if let Some(scene) = Self::built_in(name_or_path) {
             return Ok(scene);
         }
-        let path = &path_of(name_or_path);
+        let whole = path_of(name_or_path);
+        let (path, scene) = match name_or_path.rsplit_once('#') {
+            Some((file, scene)) if !whole.exists() => (&path_of(file), Some(scene)),
+            _ => (&whole, None),
+        };
         if !path.exists() {
             let names = built_in_names().collect::<Vec<_>>().join(", ");
             let reason = format!("'{name_or_path}' is neither a file nor a built-in scene ({names})");
             return Err(Error::argument("scene", reason));
         }
-        Self::load(path)
+        Self::load_with(path, &LoadOptions { scene, materials })
     }
 
     /// Makes the hierarchy fit the meshes.
@@ -187,6 +207,34 @@ impl Scene {
     /// The corners (metres) of the triangles that rays can hit.
     pub fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
         self.faces.iter().map(|face| self.meshes[face.mesh as usize].corners(face.triangle as usize))
+    }
+
+    /// What its file has that is not shown, and what was converted.
+    pub fn remarks(&self) -> &[Remark] {
+        &self.remarks
+    }
+
+    /// The names of the file's cameras, in order; empty ones have none.
+    pub fn camera_names(&self) -> impl Iterator<Item = &str> {
+        self.cameras.iter().map(|(name, _)| name.as_str())
+    }
+
+    /// Makes the camera of a name, or of a number in the file's order, the scene's own.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] with the names if there is none.
+    pub fn use_camera(&mut self, name: &str) -> Result<()> {
+        let numbered = || self.cameras.get(name.parse::<usize>().ok()?);
+        let found = self.cameras.iter().find(|(own, _)| own == name).or_else(numbered);
+        let Some(&(_, camera)) = found else {
+            let names: Vec<String> =
+                self.camera_names().take(12).map(|name| format!("'{}'", name.escape_debug())).collect();
+            let there =
+                if names.is_empty() { "the scene has none".into() } else { format!("there are {}", names.join(", ")) };
+            return Err(Error::argument(format!("camera '{name}'"), there));
+        };
+        self.camera = Some(camera);
+        Ok(())
     }
 
     /// The scene's own camera, or one that frames it for an image of 4 : 3.
@@ -294,7 +342,9 @@ impl Scene {
             }
             _ => TangentView::default(),
         };
-        let surface = material.surface(&SurfacePoint { p, color_uv, roughness_uv, view });
+        let vertex_color =
+            (!mesh.colors.is_empty()).then(|| (0..3).map(|k| weights[k] * Vec3A::from(mesh.colors[vertices[k]])).sum());
+        let surface = material.surface(&SurfacePoint { p, color_uv, roughness_uv, vertex_color, view });
         ShadingPoint { p, ng, ns, wo, surface }
     }
 

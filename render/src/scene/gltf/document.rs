@@ -1,20 +1,19 @@
 //! The parsed file with its buffers.
 
 use std::{
-    cell::Cell,
+    cell::{Cell, RefCell},
     io::Read,
     path::{Path, PathBuf},
 };
 
-use gltf::{
-    binary::Glb,
-    json::{self, Index, root::Get},
+use super::{
+    json::{Root, Whole},
+    uri,
 };
-
-use super::uri;
 use crate::{
     error::{Error, Result},
     file::open_regular,
+    remark::Remark,
 };
 
 /// The most bytes that the file and all files it names may have together.
@@ -27,28 +26,44 @@ const MAX_ELEMENTS: u64 = 1 << 26;
 /// The most JSON objects. The parsed form of an empty one takes a hundred times its three bytes of text.
 const MAX_OBJECTS: usize = 1 << 21;
 
-/// Extensions that a file may require: they do not change geometry or base colour, or are read.
-const KNOWN_EXTENSIONS: [&str; 11] = [
+/// Extensions that are read, or that change neither light nor geometry.
+const READ: [&str; 8] = [
+    "EXT_mesh_gpu_instancing",
+    "KHR_animation_pointer",
+    "KHR_materials_variants",
     "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "MSFT_lod",
+];
+
+/// Extensions that a file may require though they are not applied: the geometry and the base colours stay right without.
+const LEFT_OUT: [&str; 14] = [
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
+    "KHR_materials_diffuse_transmission",
+    "KHR_materials_dispersion",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
+    "KHR_materials_iridescence",
     "KHR_materials_sheen",
     "KHR_materials_specular",
     "KHR_materials_transmission",
     "KHR_materials_unlit",
     "KHR_materials_volume",
+    "EXT_lights_image_based",
 ];
 
 /// A glTF file with the bytes of its buffers.
 pub struct Document {
     path: PathBuf,
-    root: json::Root,
+    root: Root,
     buffers: Vec<Vec<u8>>,
     bytes_left: Cell<u64>,
     elements_left: Cell<u64>,
+    remarks: RefCell<Vec<Remark>>,
 }
 
 impl Document {
@@ -60,7 +75,9 @@ impl Document {
         if json.iter().filter(|&&byte| byte == b'{').count() > MAX_OBJECTS {
             return Err(Error::invalid(path, "JSON", format!("has more than {MAX_OBJECTS} objects")));
         }
-        let root: json::Root = json::deserialize::from_slice(json)
+        // Some programs begin texts with a byte order mark.
+        let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
+        let root: Root = serde_json::from_slice(json)
             .map_err(|error| Error::invalid(path, "JSON", format!("is not a glTF document: {error}")))?;
         let mut document = Self {
             path: path.to_owned(),
@@ -68,6 +85,7 @@ impl Document {
             buffers: Vec::new(),
             bytes_left,
             elements_left: Cell::new(MAX_ELEMENTS),
+            remarks: RefCell::default(),
         };
         document.check_header()?;
         for index in 0..document.root.buffers.len() {
@@ -78,8 +96,26 @@ impl Document {
     }
 
     /// The JSON.
-    pub fn root(&self) -> &json::Root {
+    pub fn root(&self) -> &Root {
         &self.root
+    }
+
+    /// Remembers what is to be said of the file, once.
+    pub fn remark(&self, remark: Remark) {
+        let mut remarks = self.remarks.borrow_mut();
+        if !remarks.contains(&remark) {
+            remarks.push(remark);
+        }
+    }
+
+    /// Remembers a warning.
+    pub fn warn(&self, text: impl Into<String>) {
+        self.remark(Remark::Warning(text.into()));
+    }
+
+    /// All that was remembered.
+    pub fn into_remarks(self) -> Vec<Remark> {
+        self.remarks.into_inner()
     }
 
     /// An error about a field of this file.
@@ -88,36 +124,23 @@ impl Document {
     }
 
     /// What an index in `field` stands for.
-    pub fn get<T>(&self, index: Index<T>, field: &str) -> Result<&T>
-    where
-        json::Root: Get<T>,
-    {
-        let value = index.value();
-        self.root.get(index).ok_or_else(|| self.invalid(field, format!("index {value} is out of range")))
+    pub fn get<'a, T>(&self, list: &'a [T], index: Whole, field: &str) -> Result<&'a T> {
+        list.get(index.index()).ok_or_else(|| self.invalid(field, format!("index {} is out of range", index.0)))
     }
 
     /// The bytes of a buffer view and their stride, if it has one.
-    pub fn view(&self, index: usize, field: &str) -> Result<(&[u8], Option<usize>)> {
-        let Some(view) = self.root.buffer_views.get(index) else {
-            return Err(self.invalid(format!("{field}.bufferView"), format!("index {index} is out of range")));
-        };
-        let Some(buffer) = self.buffers.get(view.buffer.value()) else {
-            let reason = format!("index {} is out of range", view.buffer.value());
-            return Err(self.invalid(format!("bufferViews[{index}].buffer"), reason));
-        };
-        let offset = view.byte_offset.map_or(0, |offset| offset.0);
-        let range = offset
-            .checked_add(view.byte_length.0)
-            .and_then(|end| Some(usize::try_from(offset).ok()?..usize::try_from(end).ok()?));
+    pub fn view(&self, index: Whole, field: &str) -> Result<(&[u8], Option<usize>)> {
+        let view = self.get(&self.root.buffer_views, index, &format!("{field}.bufferView"))?;
+        let index = index.0;
+        let buffer = self.get(&self.buffers, view.buffer, &format!("bufferViews[{index}].buffer"))?;
+        let (offset, length) = (view.byte_offset.0, view.byte_length.0);
+        let range =
+            offset.checked_add(length).and_then(|end| Some(usize::try_from(offset).ok()?..usize::try_from(end).ok()?));
         let Some(bytes) = range.and_then(|range| buffer.get(range)) else {
-            let reason = format!(
-                "{} bytes from {offset} on are more than the {} of the buffer",
-                view.byte_length.0,
-                buffer.len()
-            );
+            let reason = format!("{length} bytes from {offset} on are more than the {} of the buffer", buffer.len());
             return Err(self.invalid(format!("bufferViews[{index}].byteLength"), reason));
         };
-        Ok((bytes, view.byte_stride.map(|stride| stride.0)))
+        Ok((bytes, view.byte_stride.map(Whole::index)))
     }
 
     /// The bytes behind a URI in `field`.
@@ -148,10 +171,14 @@ impl Document {
         if !version.starts_with("2.") {
             return Err(self.invalid("asset.version", format!("is '{version}', but only glTF 2 can be read")));
         }
-        match self.root.extensions_required.iter().find(|name| !KNOWN_EXTENSIONS.contains(&name.as_str())) {
-            Some(name) => Err(self.invalid("extensionsRequired", format!("'{name}' is not supported"))),
-            None => Ok(()),
+        let is_known = |name: &str| READ.contains(&name) || LEFT_OUT.contains(&name);
+        if let Some(name) = self.root.extensions_required.iter().find(|name| !is_known(name)) {
+            return Err(self.invalid("extensionsRequired", format!("'{name}' is not supported")));
         }
+        for name in self.root.extensions_used.iter().filter(|name| !READ.contains(&name.as_str())) {
+            self.warn(format!("its extension {} is not applied", name.escape_debug()));
+        }
+        Ok(())
     }
 
     /// The bytes of a buffer: `blob` for the first one without URI.
@@ -174,21 +201,37 @@ impl Document {
 
 /// The JSON of a file, and the binary chunk of a `.glb`.
 fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<Vec<u8>>)> {
-    if !bytes.starts_with(b"glTF") {
-        return Ok((bytes, None));
-    }
-    // The parser subtracts the 12 bytes of the header from this length without a look.
-    let length = bytes.get(8..12).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    let Some(rest) = bytes.strip_prefix(b"glTF") else { return Ok((bytes, None)) };
+    let number = |bytes: &[u8; 4]| u32::from_le_bytes(*bytes);
+    let header = rest.split_first_chunk().and_then(|(version, rest)| Some((version, rest.split_first_chunk()?)));
+    let invalid = |reason: String| Error::invalid(path, "GLB header", reason);
+    let Some((version, (length, _))) = header else { return Err(invalid("is cut off".into())) };
+    let (version, length) = (number(version), number(length));
     if length < 12 || bytes.len() < length as usize {
-        let reason = format!("says {length} bytes, but the file has {}: it is cut off", bytes.len());
-        return Err(Error::invalid(path, "GLB header", reason));
+        return Err(invalid(format!("says {length} bytes, but the file has {}: it is cut off", bytes.len())));
     }
-    let glb = Glb::from_slice(bytes)
-        .map_err(|error| Error::invalid(path, "GLB container", format!("cannot be split into chunks: {error}")))?;
-    let std::borrow::Cow::Borrowed(json) = glb.json else {
-        return Err(Error::invalid(path, "GLB container", "has no JSON chunk"));
-    };
-    Ok((json, glb.bin.map(std::borrow::Cow::into_owned)))
+    if version != 2 {
+        return Err(invalid(format!("says version {version}, but only glTF 2 can be read")));
+    }
+    let (mut json, mut binary) = (None, None);
+    let mut rest = &bytes[12..length as usize];
+    // Up to three bytes that make no chunk may be left.
+    while let Some((length, after)) = rest.split_first_chunk().filter(|_| rest.len() >= 8) {
+        let (kind, after) = after.split_at(4);
+        let Some(chunk) = after.get(..number(length) as usize) else {
+            let reason = format!("a chunk says {} bytes, but {} are left", number(length), after.len());
+            return Err(Error::invalid(path, "GLB container", reason));
+        };
+        match kind {
+            b"JSON" => json = json.or(Some(chunk)),
+            b"BIN\0" => binary = binary.or(Some(chunk)),
+            // As the specification asks.
+            _ => {}
+        }
+        rest = &after[chunk.len()..];
+    }
+    let json = json.ok_or_else(|| Error::invalid(path, "GLB container", "has no JSON chunk"))?;
+    Ok((json, binary.map(<[u8]>::to_vec)))
 }
 
 /// Reads a whole file, and takes its size from `bytes_left`.

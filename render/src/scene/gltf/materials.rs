@@ -6,9 +6,13 @@ use std::{
 };
 
 use glam::{Vec3A, Vec4};
-use gltf::json::{self, Index, texture::WrappingMode, validation::Checked};
 
-use super::{default_material, document::Document, in_field};
+use super::{
+    default_material,
+    document::Document,
+    in_field,
+    json::{self, TextureInfo, Whole},
+};
 use crate::{
     error::Result,
     image::decode_compressed,
@@ -26,6 +30,7 @@ pub fn read_all(document: &Document, used: &BTreeSet<usize>) -> Result<Vec<Mater
     let mut materials = Vec::new();
     for (i, material) in document.root().materials.iter().enumerate() {
         materials.push(if used.contains(&i) {
+            warn_of_what_is_left_out(document, material);
             read_material(document, material, i, &mut textures)?
         } else {
             default_material()
@@ -33,6 +38,21 @@ pub fn read_all(document: &Document, used: &BTreeSet<usize>) -> Result<Vec<Mater
     }
     materials.push(default_material());
     Ok(materials)
+}
+
+/// What a material has that the model has not.
+fn warn_of_what_is_left_out(document: &Document, material: &json::Material) {
+    match material.alpha_mode.as_deref() {
+        None | Some("OPAQUE") => {}
+        Some(mode) => {
+            let cutoff = material.alpha_cutoff.map(|cutoff| format!(" at {cutoff}")).unwrap_or_default();
+            document.warn(format!("surfaces of alphaMode {}{cutoff} are shown opaque", mode.escape_debug()));
+        }
+    }
+    if material.emissive_factor.iter().any(|&value| value > 0.0) {
+        let texture = if material.emissive_texture.is_some() { " (with its texture)" } else { "" };
+        document.warn(format!("the light that surfaces emit{texture} is left out: the environment alone is light"));
+    }
 }
 
 fn read_material(
@@ -43,7 +63,7 @@ fn read_material(
 ) -> Result<Material> {
     let field = format!("materials[{index}].pbrMetallicRoughness");
     let pbr = &material.pbr_metallic_roughness;
-    let color = Vec4::from_array(pbr.base_color_factor.0);
+    let color = Vec4::from_array(pbr.base_color_factor);
     let unit = |name: &str, values: &[f32]| {
         if values.iter().all(|value| value.is_finite() && *value >= 0.0) {
             Ok(())
@@ -52,27 +72,28 @@ fn read_material(
         }
     };
     unit("baseColorFactor", &color.to_array())?;
-    unit("metallicFactor", &[pbr.metallic_factor.0])?;
-    unit("roughnessFactor", &[pbr.roughness_factor.0])?;
+    unit("metallicFactor", &[pbr.metallic_factor])?;
+    unit("roughnessFactor", &[pbr.roughness_factor])?;
     let normal_map = match &material.normal_texture {
-        Some(info) if !info.scale.is_finite() => {
-            return Err(document.invalid(format!("materials[{index}].normalTexture.scale"), "is not finite"));
-        }
         Some(info) => {
+            let scale = info.scale.unwrap_or(1.0);
+            if !scale.is_finite() {
+                return Err(document.invalid(format!("materials[{index}].normalTexture.scale"), "is not finite"));
+            }
             let texture = textures.get(info.index, &format!("materials[{index}].normalTexture.index"))?;
-            Some(NormalMap { texture, scale: info.scale })
+            texture.map(|texture| NormalMap { texture, scale })
         }
         None => None,
     };
-    let mut texture = |info: &Option<json::texture::Info>, name: &str| match info {
-        Some(info) => textures.get(info.index, &format!("{field}.{name}.index")).map(Some),
+    let mut texture = |info: &Option<TextureInfo>, name: &str| match info {
+        Some(info) => textures.get(info.index, &format!("{field}.{name}.index")),
         None => Ok(None),
     };
     Ok(Material::MetallicRoughness(TexturedMetallicRoughness {
         base_color: Vec3A::from(color.truncate()),
         base_color_texture: texture(&pbr.base_color_texture, "baseColorTexture")?,
-        metallic: pbr.metallic_factor.0.min(1.0),
-        roughness: pbr.roughness_factor.0.min(1.0),
+        metallic: pbr.metallic_factor.min(1.0),
+        roughness: pbr.roughness_factor.min(1.0),
         metallic_roughness_texture: texture(&pbr.metallic_roughness_texture, "metallicRoughnessTexture")?,
         normal_map,
     }))
@@ -87,32 +108,48 @@ struct Textures<'a> {
 }
 
 impl Textures<'_> {
-    /// The texture of that index, which stands in `field`.
-    fn get(&mut self, index: Index<json::Texture>, field: &str) -> Result<Arc<Texture>> {
-        if let Some(texture) = self.read.get(&index.value()) {
-            return Ok(Arc::clone(texture));
+    /// The texture of that index, which stands in `field`; `None` where it has no image that can be read.
+    fn get(&mut self, index: Whole, field: &str) -> Result<Option<Arc<Texture>>> {
+        if let Some(texture) = self.read.get(&index.index()) {
+            return Ok(Some(Arc::clone(texture)));
         }
-        let document = self.document;
-        let texture = document.get(index, field)?;
+        let (document, root) = (self.document, self.document.root());
+        let texture = document.get(&root.textures, index, field)?;
+        let field = format!("textures[{}]", index.0);
         let wrap = match texture.sampler {
             Some(sampler) => {
-                let sampler = document.get(sampler, &format!("textures[{}].sampler", index.value()))?;
+                let sampler = document.get(&root.samplers, sampler, &format!("{field}.sampler"))?;
                 [wrap(sampler.wrap_s), wrap(sampler.wrap_t)]
             }
             None => [Wrap::Repeat; 2],
         };
-        let source = texture.source;
-        let image = document.get(source, &format!("textures[{}].source", index.value()))?;
-        let field = format!("images[{}]", source.value());
+        let mut extensions: Vec<String> =
+            texture.extensions.keys().map(|name| name.escape_debug().to_string()).collect();
+        extensions.sort();
+        let Some(source) = texture.source else {
+            let by = if extensions.is_empty() { "no extension".into() } else { extensions.join(", ") };
+            document.warn(format!("textures without an image (by {by}) are left out"));
+            return Ok(None);
+        };
+        let image = document.get(&root.images, source, &format!("{field}.source"))?;
+        let field = format!("images[{}]", source.0);
+        // What PNG and JPEG are not is left out where the file says so itself.
+        if let Some(kind @ ("image/webp" | "image/ktx2" | "image/avif" | "image/vnd-ms.dds")) =
+            image.mime_type.as_deref()
+        {
+            let by = if extensions.is_empty() { kind.to_owned() } else { format!("{kind}, {}", extensions.join(", ")) };
+            document.warn(format!("textures of {by} are left out"));
+            return Ok(None);
+        }
         let (width, height, texels) = match (image.buffer_view, &image.uri) {
-            (Some(view), _) => self.decode(document.view(view.value(), &field)?.0, &field)?,
+            (Some(view), _) => self.decode(document.view(view, &field)?.0, &field)?,
             (None, Some(uri)) => self.decode(&document.resolve(uri, &format!("{field}.uri"))?, &field)?,
             (None, None) => return Err(document.invalid(field, "has neither uri nor bufferView")),
         };
         let texture = Texture::new(width, height, texels, wrap).map_err(|error| in_field(document, &field, error))?;
         let texture = Arc::new(texture);
-        self.read.insert(index.value(), Arc::clone(&texture));
-        Ok(texture)
+        self.read.insert(index.index(), Arc::clone(&texture));
+        Ok(Some(texture))
     }
 
     /// Width, height and texels of a PNG or JPEG file.
@@ -126,10 +163,10 @@ impl Textures<'_> {
 }
 
 /// An unknown mode is the default one, as in WebGL.
-fn wrap(mode: Checked<WrappingMode>) -> Wrap {
+fn wrap(mode: Option<Whole>) -> Wrap {
     match mode {
-        Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
-        Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
-        Checked::Valid(WrappingMode::Repeat) | Checked::Invalid => Wrap::Repeat,
+        Some(Whole(33_071)) => Wrap::Clamp,
+        Some(Whole(33_648)) => Wrap::Mirror,
+        _ => Wrap::Repeat,
     }
 }

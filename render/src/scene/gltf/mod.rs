@@ -1,11 +1,11 @@
 //! Reads glTF 2.0 scenes, `.gltf` and `.glb`.
 //!
-//! The JSON layer of the `gltf` crate gives the data types. Its wrappers are not used: they unwrap indices, and its
-//! validation itself indexes out of range on a bad `POSITION` accessor. Here each index is looked up with a check, and
-//! each size is checked before anything is allocated for it.
+//! The document is read by types of our own ([`json`]), which are as lenient as the specification, and as files. Each index is looked up with a
+//! check, and each size is checked before anything is allocated for it.
 
 mod accessor;
 mod document;
+mod json;
 mod materials;
 mod nodes;
 mod primitive;
@@ -14,37 +14,124 @@ mod uri;
 #[cfg(test)]
 mod tests;
 
-use std::{collections::BTreeSet, path::Path};
+use std::{
+    collections::{BTreeSet, HashMap},
+    path::Path,
+};
+
+use glam::{DAffine3, DVec3};
 
 use super::{Material, Mesh, Scene, TexturedMetallicRoughness};
-use crate::error::{Error, Result};
+use crate::{
+    error::{Error, Result},
+    remark::Remark,
+};
 use document::Document;
+use nodes::Placed;
+
+/// A scene whose middle is farther from the origin than this many times its size is moved there: positions of 32 bits would not tell apart
+/// what is a ten-thousandth of its size.
+const FAR: f64 = 1e3;
+
+/// What is read of a glTF file.
+#[derive(Clone, Debug)]
+pub struct LoadOptions<'a> {
+    /// The name or the number of the scene; without it the file's default.
+    pub scene: Option<&'a str>,
+    /// Whether materials and textures are read; without them, all surfaces are of glTF's default material.
+    pub materials: bool,
+}
+
+impl Default for LoadOptions<'_> {
+    fn default() -> Self {
+        Self { scene: None, materials: true }
+    }
+}
 
 impl Scene {
-    /// Loads the default scene of a glTF 2.0 file (`.gltf` or `.glb`), with its first perspective camera if it has one.
+    /// Loads the default scene of a glTF 2.0 file (`.gltf` or `.glb`) with its cameras; see [`Self::load_with`].
     ///
-    /// Read are the node hierarchy, triangles with normals and texture coordinates, and metallic-roughness materials with
-    /// their textures of base colour, metalness with roughness, and normals. Skins, morph targets, transparency and the other textures
-    /// are left out, as is the roll of the camera.
+    /// # Errors
+    /// As [`Self::load_with`].
+    pub fn load(path: &Path) -> Result<Self> {
+        Self::load_with(path, &LoadOptions::default())
+    }
+
+    /// Loads a scene of a glTF 2.0 file.
+    ///
+    /// Read are the node hierarchy with instances, triangles with normals, texture coordinates and vertex colours, morph targets at their
+    /// weights, cameras, and metallic-roughness materials with their textures of base colour, metalness with roughness, and normals.
+    /// [`Self::remarks`] names what a file has besides and is left out. A scene far from the origin is moved there.
     ///
     /// # Errors
     /// When the file or one that it names cannot be read, or a field does not hold what glTF asks of it. External files
     /// must lie in the folder of `path` or below.
-    pub fn load(path: &Path) -> Result<Self> {
+    pub fn load_with(path: &Path, options: &LoadOptions<'_>) -> Result<Self> {
         let document = Document::open(path)?;
-        let placed = nodes::placed(&document)?;
-        let mut meshes = Vec::new();
-        for instance in &placed.meshes {
-            meshes.extend(primitive::read_mesh(&document, instance)?);
+        let Placed { meshes: instances, cameras } = nodes::placed(&document, options.scene)?;
+        let mut meshes: Vec<(Mesh, DAffine3)> = Vec::new();
+        let mut read: HashMap<usize, Vec<Mesh>> = HashMap::new();
+        for instance in instances {
+            let own = match (read.get(&instance.mesh), &instance.weights) {
+                (Some(own), None) => {
+                    let count = own.iter().map(|mesh| mesh.positions.len() + 3 * mesh.triangles.len()).sum::<usize>();
+                    document.reserve_elements(count as u64, &format!("meshes[{}]", instance.mesh))?;
+                    own.clone()
+                }
+                (_, weights) => primitive::read_mesh(&document, instance.mesh, weights.as_deref())?,
+            };
+            if instance.weights.is_none() {
+                read.entry(instance.mesh).or_insert_with(|| own.clone());
+            }
+            let named = own.into_iter().map(|mesh| Mesh { name: instance.name.clone(), ..mesh });
+            meshes.extend(named.map(|mesh| (mesh, instance.to_world)));
         }
-        if meshes.iter().all(|mesh: &Mesh| mesh.triangles.is_empty()) {
+        if meshes.iter().all(|(mesh, _)| mesh.triangles.is_empty()) {
             return Err(document.invalid("scenes", "the scene to show has no triangles"));
         }
-        let used: BTreeSet<usize> = meshes.iter().map(|mesh| mesh.material).collect();
-        let materials = materials::read_all(&document, &used)?;
+        let origin = origin(&meshes);
+        if origin != DVec3::ZERO {
+            let [x, y, z] = origin.to_array();
+            document.remark(Remark::Note(format!("it is far from its origin and is moved by {}, {}, {}", -x, -y, -z)));
+        }
+        let meshes: Vec<Mesh> = meshes
+            .into_iter()
+            .map(|(mesh, to_world)| {
+                let name = mesh.name.clone();
+                let field = format!("mesh '{}', placed by its node", name.escape_debug());
+                primitive::place(&document, mesh, &to_world, origin, &field).map(|mesh| Mesh { name, ..mesh })
+            })
+            .collect::<Result<_>>()?;
+        let materials = if options.materials {
+            let used: BTreeSet<usize> = meshes.iter().map(|mesh| mesh.material).collect();
+            materials::read_all(&document, &used)?
+        } else {
+            vec![default_material(); document.root().materials.len() + 1]
+        };
+        let cameras = cameras
+            .iter()
+            .map(|placed| Ok((placed.name.clone(), placed.open(&document, origin)?)))
+            .collect::<Result<Vec<_>>>()?;
         let name = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-        Self::new(name, meshes, materials, placed.camera)
+        let perspective = cameras.iter().find(|(_, camera)| !camera.is_orthographic());
+        let first = perspective.or(cameras.first()).map(|&(_, camera)| camera);
+        let scene = Self::new(name, meshes, materials, first)?;
+        Ok(Self { cameras, remarks: document.into_remarks(), ..scene })
     }
+}
+
+/// Where the origin of the scene is to be: in the middle of what is far away, to whole metres.
+fn origin(meshes: &[(Mesh, DAffine3)]) -> DVec3 {
+    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for (mesh, to_world) in meshes {
+        for position in &mesh.positions {
+            let p = to_world.transform_point3(position.as_dvec3());
+            (min, max) = (min.min(p), max.max(p));
+        }
+    }
+    let (middle, extent) = (0.5 * (min + max), (max - min).max_element());
+    let is_far = middle.is_finite() && middle.abs().max_element() > FAR * extent.max(1e-3);
+    if is_far { middle.round() } else { DVec3::ZERO }
 }
 
 /// Turns an error about a value that was made from `field` into one that names the file and the field.

@@ -1,9 +1,15 @@
-//! The node hierarchy: which mesh stands where, and the camera.
+//! The node hierarchy: which meshes are where, and the cameras.
 
-use glam::{Affine3A, Mat4, Quat, Vec3, Vec3A};
-use gltf::json::{Index, Node, validation::Checked};
+use std::collections::HashMap;
 
-use super::{document::Document, in_field};
+use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3, Vec2, Vec3A};
+
+use super::{
+    accessor::read_vectors,
+    document::Document,
+    in_field,
+    json::{Instancing, Node, Whole},
+};
 use crate::{error::Result, scene::Camera};
 
 /// A mesh and its transform to world space.
@@ -11,38 +17,43 @@ pub struct Instance {
     /// Index of the mesh.
     pub mesh: usize,
     /// From the mesh's coordinates to the world's.
-    pub to_world: Affine3A,
+    pub to_world: DAffine3,
     /// The node's name, or else the mesh's; empty where neither has one.
     pub name: String,
+    /// Weights of the morph targets, where the node has its own.
+    pub weights: Option<Vec<f32>>,
 }
 
-/// What the nodes of a scene hold.
+/// A camera of the file and where it is.
+pub struct PlacedCamera {
+    /// Index of the camera.
+    pub camera: Whole,
+    /// The node's name, or else the camera's; empty where neither has one.
+    pub name: String,
+    to_world: DAffine3,
+}
+
+/// What the nodes of a scene hold, in depth-first order.
+#[derive(Default)]
 pub struct Placed {
-    /// Meshes with their transforms, in depth-first order.
+    /// Meshes with their transforms.
     pub meshes: Vec<Instance>,
-    /// The first perspective camera.
-    pub camera: Option<Camera>,
+    /// Cameras.
+    pub cameras: Vec<PlacedCamera>,
 }
 
-/// Walks the default scene, or the first one.
-pub fn placed(document: &Document) -> Result<Placed> {
+/// Walks a scene: the one of that name or number, else the default one, else the first one, else all nodes.
+pub fn placed(document: &Document, scene: Option<&str>) -> Result<Placed> {
     let root = document.root();
-    let first = root.scene.map_or(0, |scene| scene.value());
-    let Some(scene) = root.scenes.get(first) else {
-        let reason =
-            if root.scenes.is_empty() { "there is no scene".into() } else { format!("index {first} is out of range") };
-        return Err(document.invalid("scene", reason));
-    };
-
-    let mut placed = Placed { meshes: Vec::new(), camera: None };
+    let (roots, from) = roots(document, scene)?;
+    let mut placed = Placed::default();
     let mut visited = vec![false; root.nodes.len()];
     // A stack, not a recursion: the depth is up to the file.
-    let mut open: Vec<(Index<Node>, Affine3A, String)> = Vec::new();
-    let roots = scene.nodes.iter().rev();
-    open.extend(roots.map(|&node| (node, Affine3A::IDENTITY, format!("scenes[{first}].nodes"))));
+    let mut open: Vec<(Whole, DAffine3, String)> = Vec::new();
+    open.extend(roots.into_iter().rev().map(|node| (node, DAffine3::IDENTITY, from.clone())));
     while let Some((index, parent, from)) = open.pop() {
-        let node = document.get(index, &from)?;
-        let index = index.value();
+        let node = document.get(&root.nodes, index, &from)?;
+        let index = index.index();
         // The hierarchy must be a forest; this refuses cycles, and sharing, which could double with each level.
         if std::mem::replace(&mut visited[index], true) {
             return Err(document.invalid(from, format!("node {index} is reached a second time: nodes form no tree")));
@@ -52,50 +63,175 @@ pub fn placed(document: &Document) -> Result<Placed> {
         if !to_world.is_finite() {
             return Err(document.invalid(field, "the product of the transforms down to it is not finite"));
         }
+        if node.extensions.light.is_some() {
+            document.warn("its lamps are left out: the environment alone is light");
+        }
         if let Some(mesh) = node.mesh {
-            let own = document.get(mesh, &format!("{field}.mesh"))?;
+            place_mesh(document, node, mesh, to_world, &field, &mut placed.meshes)?;
+        }
+        if let Some(camera) = node.camera {
+            let own = document.get(&root.cameras, camera, &format!("{field}.camera"))?;
             let name = node.name.as_ref().or(own.name.as_ref()).cloned().unwrap_or_default();
-            placed.meshes.push(Instance { mesh: mesh.value(), to_world, name });
+            placed.cameras.push(PlacedCamera { camera, name, to_world });
         }
-        if placed.camera.is_none() {
-            placed.camera = camera(document, node, &to_world, &field)?;
-        }
-        let children = node.children.iter().flatten().rev();
-        open.extend(children.map(|&child| (child, to_world, format!("{field}.children"))));
+        open.extend(node.children.iter().rev().map(|&child| (child, to_world, format!("{field}.children"))));
     }
     Ok(placed)
 }
 
+/// The nodes that a scene begins with, and the field that names them.
+fn roots(document: &Document, scene: Option<&str>) -> Result<(Vec<Whole>, String)> {
+    let root = document.root();
+    let index = match scene {
+        Some(wanted) => {
+            let named = root.scenes.iter().position(|scene| scene.name.as_deref() == Some(wanted));
+            let numbered = || wanted.parse().ok().filter(|&index: &usize| index < root.scenes.len());
+            named.or_else(numbered).ok_or_else(|| {
+                let names: Vec<String> = (root.scenes.iter().enumerate().take(12))
+                    .map(|(k, scene)| {
+                        scene.name.as_ref().map_or(k.to_string(), |name| format!("'{}'", name.escape_debug()))
+                    })
+                    .collect();
+                document.invalid("scenes", format!("none is called '{wanted}'; there are {}", names.join(", ")))
+            })?
+        }
+        None if root.scenes.is_empty() && root.scene.is_none() => {
+            // As the specification allows: a library of nodes.
+            let mut is_child = vec![false; root.nodes.len()];
+            for child in root.nodes.iter().flat_map(|node| &node.children) {
+                if let Some(is_child) = is_child.get_mut(child.index()) {
+                    *is_child = true;
+                }
+            }
+            let roots = (0..root.nodes.len()).filter(|&k| !is_child[k]).map(|k| Whole(k as u64));
+            return Ok((roots.collect(), "nodes".into()));
+        }
+        None => root.scene.map_or(0, Whole::index),
+    };
+    let scene = document.get(&root.scenes, Whole(index as u64), "scene")?;
+    Ok((scene.nodes.clone(), format!("scenes[{index}].nodes")))
+}
+
+/// Adds the mesh of a node, once or as often as it is instanced.
+fn place_mesh(
+    document: &Document,
+    node: &Node,
+    mesh: Whole,
+    to_world: DAffine3,
+    field: &str,
+    meshes: &mut Vec<Instance>,
+) -> Result<()> {
+    let own = document.get(&document.root().meshes, mesh, &format!("{field}.mesh"))?;
+    let name = node.name.as_ref().or(own.name.as_ref()).cloned().unwrap_or_default();
+    if node.skin.is_some() {
+        document.warn("its skins are shown in the pose in which they were bound");
+    }
+    let instance =
+        |to_world| Instance { mesh: mesh.index(), to_world, name: name.clone(), weights: node.weights.clone() };
+    match &node.extensions.instancing {
+        None => meshes.push(instance(to_world)),
+        Some(instancing) => {
+            let field = format!("{field}.extensions.EXT_mesh_gpu_instancing");
+            for own in instances(document, instancing, &field)? {
+                let to_world = to_world * own;
+                if !to_world.is_finite() {
+                    return Err(document.invalid(field, "a transform is not finite"));
+                }
+                meshes.push(instance(to_world));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The transforms of `EXT_mesh_gpu_instancing` relative to the node.
+fn instances(document: &Document, instancing: &Instancing, field: &str) -> Result<Vec<DAffine3>> {
+    let attributes: &HashMap<String, Whole> = &instancing.attributes;
+    let at = |name: &str| (attributes.get(name).copied(), format!("{field}.attributes.{name}"));
+    let vectors = |name| match at(name) {
+        (Some(accessor), field) => read_vectors::<3>(document, accessor, &field),
+        (None, _) => Ok(Vec::new()),
+    };
+    let (translations, scales) = (vectors("TRANSLATION")?, vectors("SCALE")?);
+    let rotations = match at("ROTATION") {
+        (Some(accessor), field) => read_vectors::<4>(document, accessor, &field)?,
+        (None, _) => Vec::new(),
+    };
+    let count = translations.len().max(scales.len()).max(rotations.len());
+    if [translations.len(), scales.len(), rotations.len()].iter().any(|&own| own != 0 && own != count) {
+        return Err(document.invalid(field, "its attributes have different counts"));
+    }
+    let as_f64 = |v: &[f32; 3]| DVec3::from(v.map(f64::from));
+    (0..count)
+        .map(|k| {
+            let rotation = rotations.get(k).map_or(DQuat::IDENTITY, |q| DQuat::from_array(q.map(f64::from)));
+            if !(rotation.length_squared() > 0.0 && rotation.is_finite()) {
+                return Err(document.invalid(field, format!("rotation {k} is not a unit quaternion")));
+            }
+            let scale = scales.get(k).map_or(DVec3::ONE, as_f64);
+            let translation = translations.get(k).map_or(DVec3::ZERO, as_f64);
+            Ok(DAffine3::from_scale_rotation_translation(scale, rotation.normalize(), translation))
+        })
+        .collect()
+}
+
 /// The transform of a node relative to its parent.
-fn local_transform(document: &Document, node: &Node, field: &str) -> Result<Affine3A> {
+fn local_transform(document: &Document, node: &Node, field: &str) -> Result<DAffine3> {
     let transform = match node.matrix {
-        Some(matrix) => Affine3A::from_mat4(Mat4::from_cols_array(&matrix)),
+        Some(matrix) => DAffine3::from_mat4(DMat4::from_cols_array(&matrix)),
         None => {
-            let rotation = Quat::from_array(node.rotation.unwrap_or_default().0);
+            let rotation = node.rotation.map_or(DQuat::IDENTITY, DQuat::from_array);
             if !(rotation.length_squared() > 0.0 && rotation.is_finite()) {
                 return Err(document.invalid(format!("{field}.rotation"), "is not a unit quaternion"));
             }
-            let scale = node.scale.map_or(Vec3::ONE, Vec3::from);
-            let translation = node.translation.map_or(Vec3::ZERO, Vec3::from);
-            Affine3A::from_scale_rotation_translation(scale, rotation.normalize(), translation)
+            let scale = node.scale.map_or(DVec3::ONE, DVec3::from);
+            let translation = node.translation.map_or(DVec3::ZERO, DVec3::from);
+            DAffine3::from_scale_rotation_translation(scale, rotation.normalize(), translation)
         }
     };
-    if transform.is_finite() { Ok(transform) } else { Err(document.invalid(field, "its transform is not finite")) }
+    // What f32 cannot hold is refused as what f64 cannot.
+    let is_finite = transform.to_cols_array().iter().all(|&x| (x as f32).is_finite());
+    if is_finite { Ok(transform) } else { Err(document.invalid(field, "its transform is not finite")) }
 }
 
-/// The camera of a node, if it is perspective: it looks along the node's -Z.
-fn camera(document: &Document, node: &Node, to_world: &Affine3A, field: &str) -> Result<Option<Camera>> {
-    let Some(index) = node.camera else { return Ok(None) };
-    let camera = document.get(index, &format!("{field}.camera"))?;
-    let Checked::Valid(_) = camera.type_ else {
-        return Err(document.invalid(format!("cameras[{}].type", index.value()), "is not a camera type of glTF"));
-    };
-    let Some(perspective) = &camera.perspective else { return Ok(None) };
+impl PlacedCamera {
+    /// The camera, which looks along the node's -Z, relative to `origin`.
+    pub fn open(&self, document: &Document, origin: DVec3) -> Result<Camera> {
+        let index = self.camera;
+        let camera = document.get(&document.root().cameras, index, "cameras")?;
+        let to_world = (DAffine3::from_translation(-origin) * self.to_world).as_affine3a();
+        let camera = match (camera.kind.as_str(), &camera.perspective, &camera.orthographic) {
+            ("perspective", Some(perspective), _) => perspective_camera(&to_world, perspective.yfov),
+            ("orthographic", _, Some(orthographic)) => {
+                let scale = to_world.matrix3.y_axis.length();
+                rigid(&to_world).and_then(|motion| Camera::orthographic(motion, orthographic.ymag.abs() * scale))
+            }
+            ("perspective" | "orthographic", ..) => {
+                return Err(document.invalid(format!("cameras[{}]", index.0), "has none of its projection"));
+            }
+            _ => return Err(document.invalid(format!("cameras[{}].type", index.0), "is not a camera type of glTF")),
+        };
+        camera.map_err(|error| in_field(document, &format!("cameras[{}]", index.0), error))
+    }
+}
+
+fn perspective_camera(to_world: &Affine3A, vertical_fov: f32) -> Result<Camera> {
     let look_from = to_world.translation;
     let forward = to_world.transform_vector3a(-Vec3A::Z).normalize_or_zero();
     // Far from the origin of the coordinates, one metre ahead would be rounded away.
     let look_at = look_from + forward * look_from.abs().max_element().max(1.0);
-    Camera::new(look_from, look_at, perspective.yfov.to_degrees())
-        .map(Some)
-        .map_err(|error| in_field(document, &format!("cameras[{}]", index.value()), error))
+    let upright = Camera::new(look_from, look_at, vertical_fov.to_degrees())?;
+    let motion = rigid(to_world)?;
+    // Stored with six digits, a camera without roll has one of a thousandth of a degree.
+    let is_upright = upright.to_world().matrix3.y_axis.dot(motion.matrix3.y_axis) > 1.0 - 1e-6;
+    if is_upright { Ok(upright) } else { Camera::of_photograph(motion, (0.5 * vertical_fov).tan(), Vec2::ZERO) }
+}
+
+/// The rotation and the translation of a transform.
+fn rigid(to_world: &Affine3A) -> Result<Affine3A> {
+    let back = to_world.matrix3.z_axis.normalize_or_zero();
+    let up = to_world.matrix3.y_axis.reject_from_normalized(back).normalize_or_zero();
+    let matrix3 = glam::Mat3A::from_cols(up.cross(back), up, back);
+    // Checked to be a rotation by the camera that is made of it.
+    Ok(Affine3A { matrix3, translation: to_world.translation })
 }

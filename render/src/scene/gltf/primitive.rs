@@ -1,91 +1,59 @@
 //! From the primitives of a mesh to triangles in world space.
 
-use glam::{Vec2, Vec3, Vec4};
-use gltf::{
-    Semantic,
-    json::{
-        mesh::{Mode, Primitive},
-        validation::Checked,
-    },
-};
+use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
 
 use super::{
-    accessor::{read_indices, read_vectors},
+    accessor::{has_components, read_indices, read_vectors},
     document::Document,
     in_field,
-    nodes::Instance,
+    json::{Primitive, TextureInfo, TextureTransform, Whole},
 };
 use crate::{
     error::Result,
     scene::{Mesh, TangentSpace},
 };
 
-/// The triangles of an instance, one mesh per primitive; points and lines are left out.
-pub fn read_mesh(document: &Document, instance: &Instance) -> Result<Vec<Mesh>> {
+/// The modes of primitives that are triangles.
+const TRIANGLES: u64 = 4;
+const TRIANGLE_STRIP: u64 = 5;
+const TRIANGLE_FAN: u64 = 6;
+
+/// The triangles of a mesh in its own coordinates, one mesh per primitive; points and lines are left out. `weights` are those of morph targets.
+pub fn read_mesh(document: &Document, index: usize, weights: Option<&[f32]>) -> Result<Vec<Mesh>> {
+    let own = &document.root().meshes[index];
+    let weights = weights.unwrap_or(&own.weights);
     let mut meshes = Vec::new();
-    for (i, primitive) in document.root().meshes[instance.mesh].primitives.iter().enumerate() {
-        let field = format!("meshes[{}].primitives[{i}]", instance.mesh);
-        let Some(mesh) = read_primitive(document, primitive, &field)? else { continue };
-        let Mesh { positions, normals, texcoords, roughness_texcoords, tangent_space, triangles, material, .. } =
-            mesh.transformed(&instance.to_world);
-        // Checked a second time: the transform may have made them infinite.
-        let placed = Mesh::new(positions, normals, texcoords, triangles, material).map(|mesh| Mesh {
-            roughness_texcoords,
-            tangent_space,
-            name: instance.name.clone(),
-            ..mesh
-        });
-        meshes.push(placed.map_err(|error| in_field(document, &format!("{field}, placed by its node"), error))?);
+    for (i, primitive) in own.primitives.iter().enumerate() {
+        let field = format!("meshes[{index}].primitives[{i}]");
+        meshes.extend(read_primitive(document, primitive, weights, &field)?);
     }
     Ok(meshes)
 }
 
-/// A primitive in the coordinates of its mesh.
-fn read_primitive(document: &Document, primitive: &Primitive, field: &str) -> Result<Option<Mesh>> {
-    let Checked::Valid(mode) = primitive.mode else {
-        return Err(document.invalid(format!("{field}.mode"), "is not a mode of glTF"));
-    };
-    if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
-        return Ok(None);
-    }
-    let attribute = |semantic: Semantic| primitive.attributes.get(&Checked::Valid(semantic)).copied();
-    let at = |name: &str| format!("{field}.attributes.{name}");
+/// A mesh moved to the world, whose origin is at `origin` of the file's.
+pub fn place(document: &Document, mesh: Mesh, to_world: &DAffine3, origin: DVec3, field: &str) -> Result<Mesh> {
+    let shifted = DAffine3::from_translation(-origin) * *to_world;
+    let exact = (origin != DVec3::ZERO).then(|| {
+        let moved = mesh.positions.iter().map(|p| shifted.transform_point3(p.as_dvec3()).as_vec3());
+        moved.collect::<Vec<_>>()
+    });
+    let Mesh { positions, normals, texcoords, roughness_texcoords, tangent_space, triangles, material, colors, .. } =
+        mesh.transformed(&shifted.as_affine3a());
+    // Checked a second time: the transform may have made them infinite.
+    Mesh::new(exact.unwrap_or(positions), normals, texcoords, triangles, material)
+        .map(|mesh| Mesh { roughness_texcoords, tangent_space, colors, ..mesh })
+        .map_err(|error| in_field(document, field, error))
+}
 
-    let Some(positions) = attribute(Semantic::Positions) else {
-        return Err(document.invalid(at("POSITION"), "is missing"));
+/// A primitive in the coordinates of its mesh.
+fn read_primitive(document: &Document, primitive: &Primitive, weights: &[f32], field: &str) -> Result<Option<Mesh>> {
+    let mode = match primitive.mode.map_or(TRIANGLES, |mode| mode.0) {
+        mode @ TRIANGLES..=TRIANGLE_FAN => mode,
+        0..TRIANGLES => return Ok(None),
+        _ => return Err(document.invalid(format!("{field}.mode"), "is not a mode of glTF")),
     };
-    let positions = read_vectors(document, positions, &at("POSITION"))?;
-    let normals = match attribute(Semantic::Normals) {
-        Some(normals) => read_vectors(document, normals, &at("NORMAL"))?,
-        None => Vec::new(),
-    };
-    let (material, [color_set, roughness_set, normal_set]) = material(document, primitive, field)?;
-    let texcoords = |set: Option<u32>| -> Result<Vec<Vec2>> {
-        Ok(match set.and_then(|set| attribute(Semantic::TexCoords(set))) {
-            Some(texcoords) => {
-                read_vectors(document, texcoords, &at("TEXCOORD"))?.into_iter().map(Vec2::from_array).collect()
-            }
-            None => Vec::new(),
-        })
-    };
-    let roughness_texcoords = if roughness_set == color_set { None } else { Some(texcoords(roughness_set)?) };
-    let tangent_space = TangentSpace {
-        texcoords: texcoords(normal_set)?,
-        tangents: match attribute(Semantic::Tangents).filter(|_| normal_set.is_some()) {
-            Some(tangents) => {
-                read_vectors(document, tangents, &at("TANGENT"))?.into_iter().map(Vec4::from_array).collect()
-            }
-            None => Vec::new(),
-        },
-    };
-    let texcoords = match color_set {
-        Some(_) => texcoords(color_set)?,
-        // Materials that are given by name want coordinates where no texture of the file does. Broken ones are none: the file is whole without.
-        None => {
-            let is_whole = |own: &Vec<Vec2>| own.len() == positions.len() && own.iter().all(|place| place.is_finite());
-            texcoords(Some(0)).ok().filter(is_whole).unwrap_or_default()
-        }
-    };
+    let attributes = Attributes { document, primitive, weights, field };
+    let positions = attributes.positions()?;
     let indices = match primitive.indices {
         Some(indices) => read_indices(document, indices, &format!("{field}.indices"))?,
         None => {
@@ -93,44 +61,182 @@ fn read_primitive(document: &Document, primitive: &Primitive, field: &str) -> Re
             (0..positions.len() as u32).collect()
         }
     };
-    Mesh::new(
-        positions.into_iter().map(Vec3::from_array).collect(),
-        normals.into_iter().map(Vec3::from_array).collect(),
-        texcoords,
-        triangles(mode, &indices),
-        material,
-    )
-    .and_then(|mesh| match roughness_texcoords {
-        Some(texcoords) => mesh.with_roughness_texcoords(texcoords),
-        None => Ok(mesh),
-    })
-    .and_then(|mesh| mesh.with_tangent_space(tangent_space))
-    .map(Some)
-    .map_err(|error| in_field(document, field, error))
+    let triangles = triangles(mode, &indices);
+    let mut normals = attributes.normals()?;
+    if let Some(normals) = &mut normals {
+        repair_normals(document, normals, &positions, &triangles);
+    }
+    let (material, [color, roughness, normal]) = material(document, primitive, field)?;
+    let coordinates = |info: Option<&TextureInfo>| info.map_or(Ok(Vec::new()), |info| attributes.texcoords_of(info));
+    let is_shared = match (color, roughness) {
+        (Some(a), Some(b)) => (set_of(a), transform_of(a)) == (set_of(b), transform_of(b)),
+        (a, b) => a.is_none() && b.is_none(),
+    };
+    let roughness_texcoords = if is_shared { None } else { Some(coordinates(roughness)?) };
+    let tangent_space = TangentSpace {
+        texcoords: coordinates(normal)?,
+        tangents: if normal.is_some() { attributes.tangents()? } else { Vec::new() },
+    };
+    let texcoords = match color {
+        Some(info) => attributes.texcoords_of(info)?,
+        // Materials that are given by name want coordinates where no texture of the file does. Broken ones are none: the file is whole without.
+        None => {
+            let is_whole = |own: &Vec<Vec2>| own.len() == positions.len() && own.iter().all(|place| place.is_finite());
+            attributes.texcoords(Whole(0)).ok().filter(is_whole).unwrap_or_default()
+        }
+    };
+    let colors = attributes.colors()?;
+    Mesh::new(positions, normals.unwrap_or_default(), texcoords, triangles, material)
+        .and_then(|mesh| match roughness_texcoords {
+            Some(texcoords) => mesh.with_roughness_texcoords(texcoords),
+            None => Ok(mesh),
+        })
+        .and_then(|mesh| mesh.with_tangent_space(tangent_space))
+        .and_then(|mesh| mesh.with_colors(colors))
+        .map(Some)
+        .map_err(|error| in_field(document, field, error))
 }
 
-/// The index of the primitive's material, and the sets of texture coordinates that its base-colour, its
-/// metallic-roughness and its normal texture want.
+/// The vertex attributes of a primitive, moved to the weighted morph targets.
+struct Attributes<'a> {
+    document: &'a Document,
+    primitive: &'a Primitive,
+    weights: &'a [f32],
+    field: &'a str,
+}
+
+impl Attributes<'_> {
+    fn find(&self, name: &str) -> Option<(Whole, String)> {
+        let accessor = *self.primitive.attributes.get(name)?;
+        Some((accessor, format!("{}.attributes.{name}", self.field)))
+    }
+
+    fn positions(&self) -> Result<Vec<Vec3>> {
+        let Some((accessor, field)) = self.find("POSITION") else {
+            return Err(self.document.invalid(format!("{}.attributes.POSITION", self.field), "is missing"));
+        };
+        self.morphed("POSITION", read_vectors(self.document, accessor, &field)?)
+    }
+
+    /// `None` for flat shading.
+    fn normals(&self) -> Result<Option<Vec<Vec3>>> {
+        let Some((accessor, field)) = self.find("NORMAL") else { return Ok(None) };
+        self.morphed("NORMAL", read_vectors(self.document, accessor, &field)?).map(Some)
+    }
+
+    fn tangents(&self) -> Result<Vec<Vec4>> {
+        let Some((accessor, field)) = self.find("TANGENT") else { return Ok(Vec::new()) };
+        Ok(read_vectors(self.document, accessor, &field)?.into_iter().map(Vec4::from_array).collect())
+    }
+
+    /// The values of an attribute with the displacements of its targets.
+    fn morphed(&self, name: &str, values: Vec<[f32; 3]>) -> Result<Vec<Vec3>> {
+        let mut values: Vec<Vec3> = values.into_iter().map(Vec3::from_array).collect();
+        for (k, (target, &weight)) in self.primitive.targets.iter().zip(self.weights).enumerate() {
+            let Some(&accessor) = target.get(name).filter(|_| weight != 0.0) else { continue };
+            let field = format!("{}.targets[{k}].{name}", self.field);
+            let moves = read_vectors::<3>(self.document, accessor, &field)?;
+            if moves.len() != values.len() || !weight.is_finite() {
+                let reason = format!("has {} displacements for {} vertices", moves.len(), values.len());
+                return Err(self.document.invalid(field, reason));
+            }
+            for (value, by) in values.iter_mut().zip(moves) {
+                *value += weight * Vec3::from_array(by);
+            }
+        }
+        Ok(values)
+    }
+
+    /// Colours that multiply the base colour: linear, with or without an opacity, which is left out.
+    fn colors(&self) -> Result<Vec<Vec3>> {
+        let Some((accessor, field)) = self.find("COLOR_0") else { return Ok(Vec::new()) };
+        if has_components::<4>(self.document, accessor) {
+            let colors = read_vectors::<4>(self.document, accessor, &field)?;
+            return Ok(colors.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b)).collect());
+        }
+        Ok(read_vectors(self.document, accessor, &field)?.into_iter().map(Vec3::from_array).collect())
+    }
+
+    /// A set of texture coordinates; empty where there is none.
+    fn texcoords(&self, set: Whole) -> Result<Vec<Vec2>> {
+        let Some((accessor, field)) = self.find(&format!("TEXCOORD_{}", set.0)) else { return Ok(Vec::new()) };
+        Ok(read_vectors(self.document, accessor, &field)?.into_iter().map(Vec2::from_array).collect())
+    }
+
+    /// The coordinates of a texture, moved as it asks for.
+    fn texcoords_of(&self, info: &TextureInfo) -> Result<Vec<Vec2>> {
+        let mut texcoords = self.texcoords(set_of(info))?;
+        if let Some(transform) = transform_of(info) {
+            let TextureTransform { offset, rotation, scale, .. } = transform;
+            // Counter-clockwise as seen, v downwards.
+            let (sin, cos) = rotation.sin_cos();
+            for uv in &mut texcoords {
+                let scaled = *uv * Vec2::from_array(scale);
+                let turned = Vec2::new(cos * scaled.x + sin * scaled.y, cos * scaled.y - sin * scaled.x);
+                *uv = turned + Vec2::from_array(offset);
+            }
+        }
+        Ok(texcoords)
+    }
+}
+
+/// The set of coordinates of a texture, which its transform may name anew.
+fn set_of(info: &TextureInfo) -> Whole {
+    info.extensions.transform.and_then(|transform| transform.tex_coord).unwrap_or(info.tex_coord)
+}
+
+/// The transform of a texture's coordinates, if it changes them.
+fn transform_of(info: &TextureInfo) -> Option<TextureTransform> {
+    let transform = TextureTransform { tex_coord: None, ..info.extensions.transform? };
+    (transform != TextureTransform::default()).then_some(transform)
+}
+
+/// Gives vertices whose normal is no direction that of their triangles, weighted by their areas.
+fn repair_normals(document: &Document, normals: &mut [Vec3], positions: &[Vec3], triangles: &[[u32; 3]]) {
+    let is_broken = |normal: &Vec3| !normal.is_finite() || *normal == Vec3::ZERO;
+    let count = normals.iter().filter(|normal| is_broken(normal)).count();
+    // Lists of different lengths are refused later.
+    if count == 0 || normals.len() != positions.len() {
+        return;
+    }
+    let mut sums = vec![Vec3::ZERO; normals.len()];
+    for triangle in triangles {
+        let corners = triangle.map(|i| positions.get(i as usize).copied());
+        let [Some(a), Some(b), Some(c)] = corners else { continue };
+        let normal = (b - a).cross(c - a);
+        triangle.iter().for_each(|&i| sums[i as usize] += normal);
+    }
+    for (normal, sum) in normals.iter_mut().zip(sums).filter(|(normal, _)| is_broken(normal)) {
+        // Of a vertex without triangles, nothing is seen.
+        *normal = sum.try_normalize().unwrap_or(Vec3::ZERO);
+    }
+    document.warn(format!("{count} vertices had no usable normal and take that of their triangles"));
+}
+
+/// The index of the primitive's material, and how it refers to its base-colour, its metallic-roughness and its normal texture.
 ///
 /// The index after the last one is the default material.
-fn material(document: &Document, primitive: &Primitive, field: &str) -> Result<(usize, [Option<u32>; 3])> {
-    let Some(index) = primitive.material else { return Ok((document.root().materials.len(), [None; 3])) };
-    let material = document.get(index, &format!("{field}.material"))?;
+fn material<'a>(
+    document: &'a Document,
+    primitive: &Primitive,
+    field: &str,
+) -> Result<(usize, [Option<&'a TextureInfo>; 3])> {
+    let materials = &document.root().materials;
+    let Some(index) = primitive.material else { return Ok((materials.len(), [None; 3])) };
+    let material = document.get(materials, index, &format!("{field}.material"))?;
     let pbr = &material.pbr_metallic_roughness;
-    let [color, roughness] = [&pbr.base_color_texture, &pbr.metallic_roughness_texture]
-        .map(|texture| texture.as_ref().map(|texture| texture.tex_coord));
-    let normal = material.normal_texture.as_ref().map(|texture| texture.tex_coord);
-    Ok((index.value(), [color, roughness, normal]))
+    let textures = [&pbr.base_color_texture, &pbr.metallic_roughness_texture, &material.normal_texture];
+    Ok((index.index(), textures.map(Option::as_ref)))
 }
 
 /// The triangles of a list, strip or fan of vertices; a rest that makes no triangle is left out.
-fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
+fn triangles(mode: u64, indices: &[u32]) -> Vec<[u32; 3]> {
     match mode {
-        Mode::TriangleStrip => {
+        TRIANGLE_STRIP => {
             let turned = |(i, t): (usize, &[u32])| if i % 2 == 0 { [t[0], t[1], t[2]] } else { [t[1], t[0], t[2]] };
             indices.windows(3).enumerate().map(turned).collect()
         }
-        Mode::TriangleFan => indices.windows(2).skip(1).map(|edge| [indices[0], edge[0], edge[1]]).collect(),
+        TRIANGLE_FAN => indices.windows(2).skip(1).map(|edge| [indices[0], edge[0], edge[1]]).collect(),
         _ => indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
     }
 }
@@ -142,10 +248,10 @@ mod tests {
     #[test]
     fn lists_strips_and_fans() {
         let indices = [7, 8, 9, 10, 11];
-        assert_eq!(triangles(Mode::Triangles, &indices), [[7, 8, 9]]);
-        assert_eq!(triangles(Mode::TriangleStrip, &indices), [[7, 8, 9], [9, 8, 10], [9, 10, 11]]);
-        assert_eq!(triangles(Mode::TriangleFan, &indices), [[7, 8, 9], [7, 9, 10], [7, 10, 11]]);
-        for mode in [Mode::Triangles, Mode::TriangleStrip, Mode::TriangleFan] {
+        assert_eq!(triangles(TRIANGLES, &indices), [[7, 8, 9]]);
+        assert_eq!(triangles(TRIANGLE_STRIP, &indices), [[7, 8, 9], [9, 8, 10], [9, 10, 11]]);
+        assert_eq!(triangles(TRIANGLE_FAN, &indices), [[7, 8, 9], [7, 9, 10], [7, 10, 11]]);
+        for mode in [TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN] {
             for n in 0..3 {
                 assert!(triangles(mode, &indices[..n]).is_empty());
             }

@@ -121,7 +121,9 @@ fn broken_fields_are_named() {
         ("/meshes/0/primitives/0/attributes/POSITION", json!(1), "accessors[1].type"),
         ("/meshes/0/primitives/0/attributes/NORMAL", json!(2), "accessors[2].type"),
         ("/accessors/0/bufferView", json!(2), "accessors[0].bufferView"),
-        ("/accessors/0/bufferView", Value::Null, "accessors[0].bufferView: is missing"),
+        // Zeros, as the specification says; but not without end.
+        ("/accessors/0/bufferView", Value::Null, ""),
+        ("/accessors/2", json!({"componentType": 5126, "count": 5_000_000, "type": "VEC2"}), "accessors[2].bufferView"),
         ("/accessors/0/componentType", json!(5130), "accessors[0].componentType"),
         ("/accessors/0/type", json!("VEC9"), "accessors[0].type"),
         ("/accessors/0/count", json!(6), "accessors[0].count"),
@@ -130,9 +132,18 @@ fn broken_fields_are_named() {
         ("/accessors/0/count", json!(2), "indices: index 2 is out of range"),
         (
             "/accessors/0/sparse",
-            json!({"count": 1, "indices": {"bufferView": 0, "componentType": 5123},
-            "values": {"bufferView": 0}}),
-            "accessors[0].sparse",
+            json!({"count": 1, "indices": {"bufferView": 0, "componentType": 5126}, "values": {"bufferView": 0}}),
+            "accessors[0].sparse.indices.componentType",
+        ),
+        (
+            "/accessors/0/sparse",
+            json!({"count": 1, "indices": {"bufferView": 0, "byteOffset": 12, "componentType": 5125}, "values": {"bufferView": 0}}),
+            "accessors[0].sparse.indices: index 1065353216 is out of range",
+        ),
+        (
+            "/accessors/0/sparse",
+            json!({"count": 9, "indices": {"bufferView": 0, "componentType": 5121}, "values": {"bufferView": 0}}),
+            "accessors[0].sparse.values.count",
         ),
         ("/accessors/1/componentType", json!(5122), "I16"),
         ("/accessors/1/byteOffset", json!(4), "accessors[1].count"),

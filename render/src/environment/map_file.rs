@@ -1,0 +1,142 @@
+//! Maps in files, and how their names say what a file leaves open.
+
+use std::{fmt, path::Path};
+
+use super::{BUILT_IN_NAMES, Environment, built_in};
+use crate::{
+    error::{Error, Result},
+    image::{MapLayout, Picture, read_picture},
+    path_text::path_of,
+    remark::Remark,
+};
+
+/// A map by name: a built-in one, or a file with what is to be known of it.
+///
+/// Written `FILE`, or `FILE#layout=cross,layer=beauty` with either or both. A file whose whole name that is comes first.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct MapSpec {
+    /// The name of a built-in map, or a path as in [`crate::path_text`].
+    pub name: String,
+    /// How directions lie in the picture; without it what the file says, else latitude-longitude.
+    pub layout: Option<MapLayout>,
+    /// The layer of an OpenEXR file; see [`read_picture`].
+    pub layer: Option<String>,
+}
+
+impl MapSpec {
+    /// Takes a text apart.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where what follows `#` is neither a layout nor a layer.
+    pub fn parse(text: &str) -> Result<Self> {
+        let mut spec = Self { name: text.to_owned(), ..Self::default() };
+        let Some((name, settings)) = text.rsplit_once('#') else { return Ok(spec) };
+        if path_of(text).exists() {
+            return Ok(spec);
+        }
+        spec.name = name.to_owned();
+        for setting in settings.split(',') {
+            let wrong = |reason: String| Error::argument(format!("environment '{text}'"), reason);
+            match setting.split_once('=') {
+                Some(("layout", layout)) => {
+                    spec.layout = Some(layout.parse().map_err(|reason| wrong(format!("layout '{layout}': {reason}")))?);
+                }
+                Some(("layer", layer)) if !layer.is_empty() => spec.layer = Some(layer.to_owned()),
+                _ => return Err(wrong(format!("'{setting}' is neither layout=NAME nor layer=NAME"))),
+            }
+        }
+        Ok(spec)
+    }
+
+    fn is_file_alone(&self) -> bool {
+        self.layout.is_none() && self.layer.is_none()
+    }
+}
+
+impl fmt::Display for MapSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let layout = self.layout.map(|layout| format!("layout={layout}"));
+        let layer = self.layer.as_ref().map(|layer| format!("layer={layer}"));
+        let settings: Vec<String> = layout.into_iter().chain(layer).collect();
+        match settings.is_empty() {
+            true => f.write_str(&self.name),
+            false => write!(f, "{}#{}", self.name, settings.join(",")),
+        }
+    }
+}
+
+impl Environment {
+    /// A built-in environment by name, else a map from a file; see [`MapSpec`] for what may follow the name.
+    ///
+    /// # Errors
+    /// The name is neither, or the file cannot be used; see [`Self::load`].
+    pub fn open(name_or_path: &str) -> Result<Self> {
+        let spec = MapSpec::parse(name_or_path)?;
+        if let Some(environment) = built_in(&spec.name) {
+            return match spec.is_file_alone() {
+                true => Ok(environment),
+                false => Err(Error::argument(
+                    format!("environment '{name_or_path}'"),
+                    "built-in maps have no layers and one layout",
+                )),
+            };
+        }
+        let path = &path_of(&spec.name);
+        if !path.exists() {
+            let names = BUILT_IN_NAMES.join(", ");
+            return Err(Error::argument(
+                format!("environment '{}'", spec.name),
+                format!("there is no such file; name a .hdr or .exr file or one of {names}"),
+            ));
+        }
+        Self::load(path, &spec)
+    }
+
+    /// Reads a Radiance .hdr or OpenEXR map; of the spec, layout and layer are used.
+    ///
+    /// # Errors
+    /// The file is not such an image, is damaged, has another size than its layout asks for, or holds no light at all.
+    pub fn load(path: &Path, spec: &MapSpec) -> Result<Self> {
+        let Picture { image, layout, mut remarks } = read_picture(path, spec.layer.as_deref())?;
+        let name = path.file_stem().map_or_else(|| "map".into(), |stem| stem.to_string_lossy().into_owned());
+        let (width, height) = (image.width, image.height);
+        let (own, asked) = (layout, spec.layout);
+        if let Some(layout) = asked.or(own).filter(|&layout| layout != MapLayout::LatLong) {
+            remarks.push(Remark::Note(format!("its {width} x {height} pixels are converted from the layout {layout}")));
+        } else if own.or(asked).is_none() && width != 2 * height {
+            remarks.push(Remark::Note(format!(
+                "its {width} x {height} pixels are read as latitude and longitude, though they are not twice as wide as high; \
+                 layouts that can be named: {}",
+                MapLayout::names().collect::<Vec<_>>().join(", ")
+            )));
+        }
+        let environment = Self::from_image_in(&name, image, asked.or(own).unwrap_or_default());
+        let mut environment = environment.map_err(|error| match error {
+            Error::Argument { what, reason } if what == "layout" => Error::invalid(path, what, reason),
+            Error::Argument { reason, .. } => Error::invalid(path, "pixels", reason),
+            other => other,
+        })?;
+        environment.remarks.splice(0..0, remarks);
+        Ok(environment)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn specs_are_read_and_written() {
+        for text in ["studio", "a b.exr", "a.exr#layout=cube", "a#b.exr#layer=View.Combined", "x#layout=cross,layer=y"]
+        {
+            assert_eq!(MapSpec::parse(text).unwrap().to_string(), text);
+        }
+        let spec = MapSpec::parse("a#b.exr#layer=N").unwrap();
+        assert_eq!((spec.name.as_str(), spec.layer.as_deref()), ("a#b.exr", Some("N")));
+        for (wrong, said) in [("a.exr#", "''"), ("a.exr#layout=sphere", "equal-area"), ("a.exr#cube", "'cube'")] {
+            let error = MapSpec::parse(wrong).unwrap_err().to_string();
+            assert!(error.contains(said), "{error}");
+        }
+        assert!(Environment::open("studio#layout=cube").unwrap_err().to_string().contains("built-in"));
+    }
+}

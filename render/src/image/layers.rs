@@ -1,0 +1,188 @@
+//! Which channels of an OpenEXR file are its picture.
+
+use exr::meta::header::Header;
+
+use crate::remark::Remark;
+
+/// Where the colours of an image are.
+pub(super) struct Source {
+    /// The part of the file.
+    pub part: usize,
+    /// Indices of the channels of red, green and blue; the same three times for luminance.
+    pub rgb: [usize; 3],
+}
+
+/// Channels of a part that have a prefix in common.
+struct Layer {
+    part: usize,
+    /// The prefix without its dot, after the part's name where there are several parts; empty for channels without.
+    name: String,
+    rgb: Option<[usize; 3]>,
+    luminance: Option<usize>,
+}
+
+/// Names of layers that are the whole picture, in lower case.
+const PICTURES: [&str; 10] =
+    ["combined", "beauty", "rgba", "rgb", "color", "colour", "composite", "image", "main", "final"];
+
+/// Parts of names of layers that hold three channels and no light, in lower case.
+const DATA: [&str; 16] = [
+    "normal",
+    "ambientocclusion",
+    "ambient_occlusion",
+    "position",
+    "depth",
+    "mist",
+    "vector",
+    "velocity",
+    "motion",
+    "shadow",
+    "crypto",
+    "index",
+    "denoising",
+    "albedo",
+    "diffcol",
+    "glosscol",
+];
+
+/// Whole names of such layers.
+const DATA_NAMES: [&str; 8] = ["ao", "n", "p", "z", "uv", "st", "transcol", "id"];
+
+/// How well a layer serves as the picture; the least is taken.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Rank {
+    Plain,
+    Picture,
+    Color,
+    PlainLuminance,
+    Luminance,
+}
+
+impl Layer {
+    /// The last part of its name, in lower case.
+    fn last(&self) -> String {
+        self.name.rsplit('.').next().unwrap_or_default().to_lowercase()
+    }
+
+    /// `None` for what is not taken for light by itself.
+    fn rank(&self) -> Option<Rank> {
+        let last = self.last();
+        let is_picture = PICTURES.contains(&&*last) || ["combined", "beauty"].iter().any(|word| last.contains(word));
+        let is_data = DATA_NAMES.contains(&&*last) || DATA.iter().any(|word| last.contains(word));
+        match (self.rgb.is_some(), self.luminance.is_some()) {
+            (true, _) if self.name.is_empty() => Some(Rank::Plain),
+            (true, _) if is_picture => Some(Rank::Picture),
+            (_, true) if self.name.is_empty() => Some(Rank::PlainLuminance),
+            _ if is_data => None,
+            (true, _) => Some(Rank::Color),
+            (false, true) => Some(Rank::Luminance),
+            (false, false) => None,
+        }
+    }
+
+    fn source(&self) -> Option<Source> {
+        let rgb = self.rgb.or(self.luminance.map(|index| [index; 3]))?;
+        Some(Source { part: self.part, rgb })
+    }
+}
+
+/// Finds the picture: the layer of the name `wanted` (or whose name ends with it), else R, G and B without a layer, then layers that are called
+/// as whole pictures are, then the first of colours, then luminance. The error is the end of a sentence.
+pub(super) fn choose(headers: &[Header], wanted: Option<&str>) -> Result<(Source, Option<Remark>), String> {
+    let layers = layers(headers);
+    if let Some(wanted) = wanted {
+        return named(&layers, wanted).map(|source| (source, None));
+    }
+    let ranked = layers.iter().filter_map(|layer| Some((layer.rank()?, layer)));
+    let Some((rank, chosen)) = ranked.clone().min_by_key(|&(rank, _)| rank) else {
+        return Err(format!("found only {}; R, G and B are needed, or Y", channel_names(headers)));
+    };
+    let source = chosen.source().ok_or("no colour was found")?;
+    let rivals: Vec<&str> = ranked.filter(|&(other, _)| other == rank).map(|(_, layer)| layer.name.as_str()).collect();
+    let remark = match rank {
+        Rank::Plain | Rank::PlainLuminance => None,
+        _ if layers.len() == 1 => None,
+        Rank::Picture => Some(Remark::Note(format!("its layer '{}' is read", chosen.name.escape_debug()))),
+        Rank::Color | Rank::Luminance if rivals.len() == 1 => {
+            Some(Remark::Note(format!("its layer '{}' is read", chosen.name.escape_debug())))
+        }
+        Rank::Color | Rank::Luminance => {
+            let all = rivals.join("', '");
+            Some(Remark::Warning(format!(
+                "the first of its layers '{}' is read; another can be named",
+                all.escape_debug()
+            )))
+        }
+    };
+    Ok((source, remark))
+}
+
+/// The layer of a name, in whatever case; the end of a name after a dot is enough.
+fn named(layers: &[Layer], wanted: &str) -> Result<Source, String> {
+    let lower = wanted.to_lowercase();
+    let is_named = |layer: &&Layer| {
+        let name = layer.name.to_lowercase();
+        name == lower || name.ends_with(&format!(".{lower}"))
+    };
+    let all = || {
+        let names: Vec<String> = layers.iter().map(|layer| format!("'{}'", layer.name.escape_debug())).collect();
+        names.join(", ")
+    };
+    let layer =
+        layers.iter().find(is_named).ok_or_else(|| format!("no layer is called '{wanted}'; there are {}", all()))?;
+    layer.source().ok_or_else(|| format!("the layer '{wanted}' has neither R, G and B nor Y"))
+}
+
+/// All layers, in order of appearance; channels without a layer come first in their part.
+fn layers(headers: &[Header]) -> Vec<Layer> {
+    let mut layers = Vec::new();
+    for (part, header) in headers.iter().enumerate() {
+        let names: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
+        let part_name = match headers.len() {
+            1 => String::new(),
+            _ => header.own_attributes.layer_name.as_ref().map(ToString::to_string).unwrap_or_default(),
+        };
+        for prefix in prefixes(&names) {
+            let index = |endings: &[&str]| {
+                let is_one =
+                    |name: &String| endings.iter().any(|end| name.eq_ignore_ascii_case(&format!("{prefix}{end}")));
+                names.iter().position(is_one)
+            };
+            let rgb = [["R", "red"], ["G", "green"], ["B", "blue"]].map(|endings| index(&endings));
+            let rgb = if let [Some(r), Some(g), Some(b)] = rgb { Some([r, g, b]) } else { None };
+            // Y beside X is the second coordinate of a vector.
+            let luminance = index(&["Y"]).filter(|_| index(&["X"]).is_none());
+            layers.push(Layer { part, name: layer_name(&part_name, prefix.trim_end_matches('.')), rgb, luminance });
+        }
+    }
+    layers
+}
+
+/// A layer's name within a file of several parts, which may repeat the part's.
+fn layer_name(part: &str, prefix: &str) -> String {
+    match (part.is_empty(), prefix.is_empty()) {
+        (true, _) => prefix.to_owned(),
+        (false, true) => part.to_owned(),
+        (false, false) if prefix == part || prefix.starts_with(&format!("{part}.")) => prefix.to_owned(),
+        (false, false) => format!("{part}.{prefix}"),
+    }
+}
+
+/// The prefixes of channel names, with their dot, in order of appearance; no prefix comes first where a channel has none.
+fn prefixes(names: &[String]) -> Vec<&str> {
+    let mut prefixes: Vec<&str> = Vec::new();
+    let plain = names.iter().any(|name| !name.contains('.')).then_some("");
+    for prefix in plain.into_iter().chain(names.iter().map(|name| &name[..name.rfind('.').map_or(0, |dot| dot + 1)])) {
+        if !prefixes.contains(&prefix) {
+            prefixes.push(prefix);
+        }
+    }
+    prefixes
+}
+
+fn channel_names(headers: &[Header]) -> String {
+    let names = headers.iter().flat_map(|header| &header.channels.list);
+    let shown: Vec<String> =
+        names.take(12).map(|channel| channel.name.to_string().escape_debug().to_string()).collect();
+    shown.join(", ")
+}

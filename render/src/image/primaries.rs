@@ -1,0 +1,141 @@
+//! Colours of other primaries, converted to linear Rec.709.
+
+use glam::{DMat3, DVec3};
+
+/// The colour space of linear RGB values, as CIE 1931 xy chromaticities.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Primaries {
+    /// Red, green and blue.
+    pub colors: [[f64; 2]; 3],
+    /// The white that equal values stand for.
+    pub white: [f64; 2],
+}
+
+/// Chromaticities that differ by less are the same: three digits are what headers are written with.
+const TOLERANCE: f64 = 1e-3;
+
+/// The white of equal energy, that of Radiance.
+const EQUAL_ENERGY: [f64; 2] = [1.0 / 3.0, 1.0 / 3.0];
+
+impl Primaries {
+    /// Rec.709, which is also sRGB.
+    pub const REC_709: Self = Self { colors: [[0.64, 0.33], [0.3, 0.6], [0.15, 0.06]], white: [0.3127, 0.3290] };
+
+    /// The tristimulus values themselves.
+    pub const XYZ: Self = Self { colors: [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], white: EQUAL_ENERGY };
+
+    fn is_near(&self, other: &Self) -> bool {
+        let numbers = |p: &Self| [p.colors[0], p.colors[1], p.colors[2], p.white].concat();
+        numbers(self).iter().zip(numbers(other)).all(|(a, b)| (a - b).abs() < TOLERANCE)
+    }
+
+    /// The matrix to linear Rec.709, `None` where there is nothing to do.
+    ///
+    /// White stays white: where the whites differ, they are adapted by the method of Bradford (Lam 1985), as colour management does. Primaries
+    /// of XYZ itself are no colour space with a white, and are not adapted.
+    ///
+    /// The error is the end of a sentence that begins with the field of the header.
+    pub fn to_rec_709(self) -> Result<Option<DMat3>, String> {
+        if self.is_near(&Self::REC_709) {
+            return Ok(None);
+        }
+        let adaptation = if self.is_near(&Self::XYZ) { Some(DMat3::IDENTITY) } else { adaptation(self.white) };
+        let matrix =
+            adaptation.and_then(|adaptation| Some(invert(Self::REC_709.to_xyz()?)? * adaptation * self.to_xyz()?));
+        matrix.filter(DMat3::is_finite).map(Some).ok_or_else(|| {
+            let [[rx, ry], [gx, gy], [bx, by]] = self.colors;
+            let [wx, wy] = self.white;
+            format!("{rx},{ry} {gx},{gy} {bx},{by} with white {wx},{wy} are no primaries")
+        })
+    }
+
+    /// From RGB to XYZ: equal values of 1 are the white of luminance 1.
+    fn to_xyz(self) -> Option<DMat3> {
+        let colors = DMat3::from_cols_array_2d(&self.colors.map(|[x, y]| [x, y, 1.0 - x - y]));
+        let scale = invert(colors)? * xyz_of(self.white)?;
+        Some(colors * DMat3::from_diagonal(scale))
+    }
+}
+
+/// The adaptation of tristimulus values from a white to that of Rec.709.
+fn adaptation(white: [f64; 2]) -> Option<DMat3> {
+    // From XYZ to sharpened responses of the eye's cones.
+    const BRADFORD: DMat3 = DMat3::from_cols_array(&[
+        0.8951, -0.7502, 0.0389, //
+        0.2664, 1.7135, -0.0685, //
+        -0.1614, 0.0367, 1.0296,
+    ]);
+    let (from, to) = (BRADFORD * xyz_of(white)?, BRADFORD * xyz_of(Primaries::REC_709.white)?);
+    Some(invert(BRADFORD)? * DMat3::from_diagonal(to / from) * BRADFORD)
+}
+
+/// Tristimulus values of luminance 1.
+fn xyz_of([x, y]: [f64; 2]) -> Option<DVec3> {
+    (y > 0.0).then(|| DVec3::new(x / y, 1.0, (1.0 - x - y) / y)).filter(|xyz| xyz.is_finite())
+}
+
+fn invert(matrix: DMat3) -> Option<DMat3> {
+    (matrix.determinant().abs() > 1e-9).then(|| matrix.inverse())
+}
+
+/// Applies a matrix to every pixel.
+pub(super) fn convert(pixels: &mut [[f32; 3]], matrix: &DMat3) {
+    for pixel in pixels {
+        *pixel = (*matrix * DVec3::from(pixel.map(f64::from))).to_array().map(|value| value as f32);
+    }
+}
+
+/// From the tristimulus values of Radiance's files, whose white is that of equal energy.
+pub(super) fn radiance_xyz_to_rec_709() -> Option<DMat3> {
+    Some(invert(Primaries::REC_709.to_xyz()?)? * adaptation(EQUAL_ENERGY)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ACES_CG: Primaries =
+        Primaries { colors: [[0.713, 0.293], [0.165, 0.83], [0.128, 0.044]], white: [0.32168, 0.33767] };
+
+    #[test]
+    fn rec_709_is_left_alone() {
+        assert_eq!(Primaries::REC_709.to_rec_709(), Ok(None));
+        let rounded = Primaries { white: [0.313, 0.329], ..Primaries::REC_709 };
+        assert_eq!(rounded.to_rec_709(), Ok(None));
+    }
+
+    #[test]
+    fn white_stays_white() {
+        let matrix = ACES_CG.to_rec_709().unwrap().unwrap();
+        assert!((matrix * DVec3::ONE - DVec3::ONE).abs().max_element() < 1e-6);
+        let matrix = radiance_xyz_to_rec_709().unwrap();
+        assert!((matrix * DVec3::ONE - DVec3::ONE).abs().max_element() < 1e-6);
+    }
+
+    /// The matrix that the Academy publishes (ACEScg to linear Rec.709 with Bradford's adaptation).
+    #[test]
+    fn aces_has_its_published_matrix() {
+        let matrix = ACES_CG.to_rec_709().unwrap().unwrap();
+        let published = DMat3::from_cols_array(&[
+            1.70505, -0.13026, -0.02400, -0.62179, 1.14080, -0.12897, -0.08326, -0.01055, 1.15297,
+        ]);
+        // Five digits are published.
+        assert!(matrix.abs_diff_eq(published, 2e-5), "{matrix}");
+    }
+
+    #[test]
+    fn tristimulus_values_are_not_adapted() {
+        let matrix = Primaries::XYZ.to_rec_709().unwrap().unwrap();
+        let white = xyz_of(Primaries::REC_709.white).unwrap();
+        assert!((matrix * white - DVec3::ONE).abs().max_element() < 1e-9);
+    }
+
+    #[test]
+    fn primaries_on_a_line_are_refused() {
+        let line = Primaries { colors: [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3]], ..Primaries::REC_709 };
+        assert!(line.to_rec_709().unwrap_err().contains("no primaries"));
+        for white in [[0.3, 0.0], [f64::NAN, 0.3]] {
+            assert!(Primaries { white, ..ACES_CG }.to_rec_709().is_err());
+        }
+    }
+}

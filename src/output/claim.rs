@@ -1,0 +1,159 @@
+//! The right to work on something where the file system has no locks: a file that only one can create.
+//!
+//! Its holder touches it every [`BEAT`]. One whose process is gone from this machine, or that was not touched for [`DEAD`] by another machine,
+//! may be taken over: by one at a time, which a second file of this kind makes sure of.
+
+use std::{
+    fs::{self, File, FileTimes, OpenOptions},
+    io::{ErrorKind, Result, Write},
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        mpsc::{self, RecvTimeoutError, Sender},
+    },
+    thread,
+    time::{Duration, SystemTime},
+};
+
+/// How often a holder touches its file.
+const BEAT: Duration = Duration::from_secs(20);
+/// After so long without a touch a holder on another machine counts as gone: caches of network file systems show changes within a minute.
+const DEAD: Duration = Duration::from_secs(600);
+
+/// The right, until it is dropped.
+#[derive(Debug)]
+pub struct Claim {
+    path: PathBuf,
+    /// Dropped first: it ends the touching.
+    _beat: Sender<()>,
+}
+
+impl Claim {
+    /// Takes the right, if nobody has it.
+    ///
+    /// # Errors
+    /// If the file cannot be created for another reason than that it is there.
+    pub fn take(path: &Path) -> Result<Option<Self>> {
+        if let Some(claim) = Self::create(path)? {
+            return Ok(Some(claim));
+        }
+        if !is_abandoned(path) {
+            return Ok(None);
+        }
+        let takeover = with_ending(path, ".takeover");
+        if is_abandoned(&takeover) {
+            drop(fs::remove_file(&takeover));
+        }
+        let Some(_alone) = Self::create(&takeover)? else { return Ok(None) };
+        // Another may have taken it over meanwhile.
+        if is_abandoned(path) {
+            drop(fs::remove_file(path));
+        }
+        Self::create(path)
+    }
+
+    /// Whether somebody has the right.
+    pub fn is_taken(path: &Path) -> bool {
+        path.exists() && !is_abandoned(path)
+    }
+
+    fn create(path: &Path) -> Result<Option<Self>> {
+        let mut file = match OpenOptions::new().write(true).create_new(true).open(path) {
+            Ok(file) => file,
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => return Ok(None),
+            Err(error) => return Err(error),
+        };
+        file.write_all(own_name().as_bytes())?;
+        let (beat, end) = mpsc::channel();
+        let file = Arc::new(file);
+        thread::spawn(move || {
+            while end.recv_timeout(BEAT) == Err(RecvTimeoutError::Timeout) {
+                drop(touch(&file));
+            }
+        });
+        Ok(Some(Self { path: path.to_owned(), _beat: beat }))
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        // Unless it was taken over, because this process had been asleep.
+        if fs::read_to_string(&self.path).is_ok_and(|holder| holder == own_name()) {
+            drop(fs::remove_file(&self.path));
+        }
+    }
+}
+
+fn touch(file: &File) -> Result<()> {
+    file.set_times(FileTimes::new().set_modified(SystemTime::now()))
+}
+
+fn with_ending(path: &Path, ending: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(ending);
+    name.into()
+}
+
+/// This machine and this process.
+fn own_name() -> String {
+    format!("{}\n{}\n", machine(), std::process::id())
+}
+
+/// The name of the machine and of its run since it started, so that numbers of processes mean something.
+fn machine() -> String {
+    let read = |path: &str| fs::read_to_string(path).unwrap_or_default().trim().to_owned();
+    format!("{} {}", read("/proc/sys/kernel/hostname"), read("/proc/sys/kernel/random/boot_id"))
+}
+
+/// Whether the holder of a file is gone. A file that cannot be read is none's, or was not written yet.
+fn is_abandoned(path: &Path) -> bool {
+    let Ok(metadata) = fs::metadata(path) else { return false };
+    let age = metadata.modified().ok().and_then(|touched| SystemTime::now().duration_since(touched).ok());
+    let is_old = age.is_some_and(|age| age > DEAD);
+    let holder = fs::read_to_string(path).unwrap_or_default();
+    let mut lines = holder.lines();
+    match (lines.next(), lines.next().and_then(|number| number.parse::<u32>().ok())) {
+        (Some(name), Some(number)) if name == machine() && Path::new("/proc/self").exists() => {
+            !Path::new(&format!("/proc/{number}")).exists()
+        }
+        _ => is_old,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_of_many_has_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("claim");
+        let taken: usize = thread::scope(|scope| {
+            let takers: Vec<_> = (0..16).map(|_| scope.spawn(|| Claim::take(&path).unwrap())).collect();
+            let claims: Vec<_> = takers.into_iter().map(|taker| taker.join().unwrap()).collect();
+            assert!(Claim::is_taken(&path));
+            claims.iter().flatten().count()
+        });
+        assert_eq!(taken, 1);
+        assert!(!path.exists() && Claim::take(&path).unwrap().is_some());
+    }
+
+    #[test]
+    fn what_was_left_behind_is_taken_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("claim");
+        // No process has the largest number.
+        fs::write(&path, format!("{}\n{}\n", machine(), u32::MAX)).unwrap();
+        assert!(!Claim::is_taken(&path));
+        let claim = Claim::take(&path).unwrap();
+        assert!(claim.is_some() && Claim::take(&path).unwrap().is_none());
+        drop(claim);
+
+        // Of another machine: by its age alone.
+        fs::write(&path, "elsewhere 1\n1\n").unwrap();
+        assert!(Claim::take(&path).unwrap().is_none());
+        let file = OpenOptions::new().write(true).open(&path).unwrap();
+        file.set_times(FileTimes::new().set_modified(SystemTime::now() - 2 * DEAD)).unwrap();
+        assert!(Claim::take(&path).unwrap().is_some());
+    }
+}
