@@ -253,6 +253,16 @@ impl ViewArguments {
     }
 }
 
+/// The forms of SPECs, after a first sentence.
+pub fn samplers_help(first: &str) -> String {
+    use headtail_render::spec::forms::{Purpose, list};
+    let [used, paper, baseline, study] =
+        [Purpose::Use, Purpose::Paper, Purpose::Baseline, Purpose::Study].map(|purpose| list(&[purpose]));
+    format!(
+        "{first}\n\nTo render with:\n{used}\nThe paper's method:\n{paper}\nBaselines:\n{baseline}\nFor study:\n{study}"
+    )
+}
+
 /// Says on standard error what was decided about a file.
 ///
 /// # Errors

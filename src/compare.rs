@@ -6,7 +6,6 @@ mod work;
 use std::{
     path::PathBuf,
     sync::atomic::{AtomicBool, Ordering},
-    time::Instant,
 };
 
 use anyhow::{Result, bail, ensure};
@@ -18,7 +17,7 @@ use work::Work;
 
 use crate::terminal::{self, say};
 use crate::{
-    arguments::{ViewArguments, budget, note_surfaces, note_use},
+    arguments::{ViewArguments, budget, note_surfaces, note_use, samplers_help},
     crop::Crop,
     given::given,
     light::LightArguments,
@@ -41,10 +40,8 @@ done. Ctrl-C ends it after the picture that is being rendered, with exit status 
 pub struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
-    /// Samplers, separated by commas: brdf (or cosine), emitter, mis, mis2, mis-comp, split:N:SOURCE, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE,
-    /// ris:M:head:FILE, ris:M:direct:FILE, oracle (the exact product of light, BRDF and cosine, without visibility; slow).
-    /// The name of a file that is there may hold commas.
     #[arg(long, value_name = "SPEC,...", required = true, value_parser = given::<SamplerList>())]
+    #[arg(help = "Samplers of directions, separated by commas; --help lists them", long_help = samplers_help("Samplers of directions, separated by commas. The name of a file that is there may hold commas."))]
     samplers: Vec<SamplerList>,
     /// Samples per pixel; several are separated by commas.
     #[arg(long, value_name = "N,...", value_delimiter = ',', required_unless_present = "seconds")]
@@ -126,17 +123,17 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     let opened = arguments.view.open_part(arguments.light, arguments.crop)?;
     // The reference and its halves; the first picture of each sampler with each budget, and its errors.
     memory::require_pictures(opened.part().width, opened.part().height, 4 + 2 * specs.len() * budgets.len())?;
+    let stop = progress::stop_flag()?;
     let mut entries = Vec::new();
     let mut preparation = Vec::new();
     let files: Vec<Option<PathBuf>> = specs.iter().map(|spec| spec.path().map(|(_, file)| file.to_owned())).collect();
     for spec in specs {
-        let (entry, prepared) = prepare(spec, &opened)?;
+        let (entry, prepared) = prepare(spec, &opened, &budgets, &stop)?;
         entries.push(entry);
         preparation.push(prepared);
     }
     let inputs = files.iter().flatten().map(PathBuf::as_path).chain(arguments.reference.as_deref());
     output.begin(&inputs.collect::<Vec<_>>())?;
-    let stop = progress::stop_flag()?;
     let mut reference = obtain_reference(arguments, &opened, output, &stop)?;
     let plan = Plan {
         scene: opened.scene_name(),
@@ -242,16 +239,19 @@ fn check_different(what: &str, names: impl Iterator<Item = String>) -> Result<()
 }
 
 /// A sampler that is ready to render, and what that took: its files count with the times that they say.
-fn prepare(spec: &SamplerSpec, opened: &OpenedView) -> Result<(Entry, Preparation)> {
+fn prepare(
+    spec: &SamplerSpec,
+    opened: &OpenedView,
+    budgets: &[Budget],
+    stop: &AtomicBool,
+) -> Result<(Entry, Preparation)> {
     let sampler = spec.to_string();
-    let start = Instant::now();
-    let busy = progress::busy(&sampler);
-    let estimator = opened.estimator(spec)?;
-    drop(busy);
-    let built = start.elapsed().as_secs_f64();
     note_use(spec)?;
     note_surfaces(spec, opened)?;
     let FilePreparation { seconds, text } = FilePreparation::of(spec)?;
-    let preparation = Preparation { sampler: sampler.clone(), seconds: built + seconds, text };
-    Ok((Entry { name: sampler, estimator, preparation: preparation.seconds }, preparation))
+    let busy = progress::busy(&sampler);
+    let entry = Entry::open(&sampler, spec, seconds, (opened, budgets, stop))?;
+    drop(busy);
+    let preparation = Preparation { sampler, seconds: entry.preparation, text };
+    Ok((entry, preparation))
 }

@@ -16,7 +16,7 @@ use headtail_shaders::{Shader, Target};
 use crate::arguments::open_environment;
 use crate::given::given;
 use crate::output::OutputFolder;
-use crate::terminal::say;
+use crate::terminal::{say, warning};
 
 /// Write a sampler as a shader, with the numbers that it reads.
 #[derive(Args)]
@@ -68,6 +68,9 @@ impl From<TargetArgument> for Target {
     }
 }
 
+/// The bytes of a storage buffer that a WebGPU device lets a shader see unless it is asked for more: `maxStorageBufferBindingSize`.
+const WEBGPU_BINDING: u64 = 134_217_728;
+
 /// Writes the shader, its buffers and their layout.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let target = Target::from(arguments.target);
@@ -99,6 +102,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ("integers.bin", bytes(&shader.integers)),
         ("layout.json", shader.layout.into_bytes()),
     ];
+    for (name, content) in &files {
+        if name.ends_with(".bin") && content.len() as u64 > WEBGPU_BINDING {
+            warning!(
+                "{name} has {} bytes, more than the {WEBGPU_BINDING} of a storage buffer's binding that every WebGPU device has: ask for \
+                 requiredLimits.maxStorageBufferBindingSize and maxBufferSize of as many",
+                content.len()
+            );
+        }
+    }
     for (name, content) in files {
         replace(&output.file(name)?, &content)?;
     }

@@ -129,9 +129,13 @@ fn picture(path: &Path) -> Result<Facts> {
     Ok(facts)
 }
 
-/// What was decided about a file.
+/// Notes and warnings about a file, in lines.
 fn remarks_of(remarks: &[Remark]) -> impl Iterator<Item = (String, Value)> {
-    remarks.iter().map(|remark| fact(if remark.is_warning() { "warning" } else { "note" }, remark.text()))
+    let texts = |warnings: bool| -> Vec<&str> {
+        remarks.iter().filter(|remark| remark.is_warning() == warnings).map(Remark::text).collect()
+    };
+    let facts = [("notes", texts(false)), ("warnings", texts(true))];
+    facts.into_iter().filter(|(_, texts)| !texts.is_empty()).map(|(name, texts)| fact(name, texts.join("\n")))
 }
 
 fn visibility(path: &Path) -> Result<Facts> {

@@ -1,12 +1,16 @@
 //! `headtail render`: one picture with one sampler.
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::atomic::AtomicBool,
+};
 
 use anyhow::{Result, ensure};
 use clap::Args;
 use glam::{Affine3A, Vec3A};
-use headtail_eval::{OpenedView, part_text};
+use headtail_eval::{Budget, Choice, OpenedView, part_text};
 use headtail_render::{
+    estimator::Estimator,
     file,
     image::{Attribute, Channel, encode_layered_exr, latin_1, write_exr, write_png},
     integrator::{self, Features, Rendering, View},
@@ -17,7 +21,7 @@ use headtail_render::{
 
 use crate::terminal::{self, say};
 use crate::{
-    arguments::{ViewArguments, budget, note_surfaces, note_use},
+    arguments::{ViewArguments, budget, note_surfaces, note_use, samplers_help},
     crop::Crop,
     exposure,
     given::given,
@@ -29,7 +33,7 @@ use crate::{
 /// Render with one sampler; writes FILE.exr (linear) and FILE.png (tone-mapped).
 #[derive(Args)]
 #[command(after_help = "Examples:
-  headtail render --scene temple --env studio --sampler mis --spp 64 --out out/temple.exr
+  headtail render --scene temple --env studio --spp 64 --out out/temple.exr
   headtail render --scene spot.glb --ground --material lambert --env room.hdr --sampler direct:out/room-direct.safetensors --seconds 10 --out out/spot.exr
   headtail render --scene dishes --env studio --material ggx:alpha=0.2..0.8 --sampler mis --spp 64 --out out/glossy.exr
   headtail render --scene dishes --env studio --env-rotate 90 --env-scale 1,0.9,0.7 --sampler patches --spp 64 --crop 200,150,240,180 --aovs --out out/crop.exr
@@ -39,9 +43,8 @@ Ctrl-C writes what there is.")]
 pub struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
-    /// brdf (or cosine), emitter, mis, mis2, mis-comp, split:N:SOURCE, ris:M, head+mis:FILE, head:FILE, baked:FILE, direct:FILE, ris:M:direct:FILE or oracle (the
-    /// exact product of light, BRDF and cosine, without visibility; slow); fit says which one its file is.
-    #[arg(long, value_name = "SPEC", value_parser = given::<SamplerSpec>())]
+    #[arg(long, value_name = "SPEC", default_value = "auto", value_parser = given::<SamplerSpec>())]
+    #[arg(help = "Sampler of directions; --help lists them", long_help = samplers_help("Sampler of directions; fit says which one its file is."))]
     sampler: SamplerSpec,
     /// Samples per pixel.
     #[arg(long, conflicts_with = "seconds", required_unless_present = "seconds")]
@@ -93,10 +96,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let opened = arguments.view.open_part(arguments.light, arguments.crop)?;
     memory::require_pictures(opened.part().width, opened.part().height, 0)?;
     let busy = progress::busy("sampler");
-    let estimator = opened.estimator(&arguments.sampler)?;
+    let (sampler, estimator, choice) = prepared(&arguments.sampler, &opened, budget, &stop)?;
     drop(busy);
-    note_use(&arguments.sampler)?;
-    note_surfaces(&arguments.sampler, &opened)?;
+    if let Some(choice) = &choice {
+        say!("{choice}");
+    }
+    note_use(&sampler)?;
+    note_surfaces(&sampler, &opened)?;
     let bar = progress::bar(progress::SHARES, "rendering");
     if arguments.timings {
         Timings::start();
@@ -106,8 +112,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     bar.finish_and_clear();
 
     let image = rendering.composite();
-    let sampler = arguments.sampler.to_string();
+    let sampler = sampler.to_string();
     let mut attributes = attributes(&opened, &sampler, &rendering, arguments.seed);
+    attributes.extend(choice.iter().map(|choice| Attribute::new("auto", latin_1(choice))));
     let stops = exposure::of_rendering(&rendering) + arguments.exposure;
     attributes.push(Attribute::new("png.exposure", stops));
     exr_file.write(|path| write_exr(path, &image, &attributes))?;
@@ -146,6 +153,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         terminal::print_json(&serde_json::json!({
             "file": arguments.out.display().to_string(),
             "sampler": sampler,
+            "auto": choice,
             "spp": rendering.spp,
             "points": rendering.points.to_string(),
             "seconds": rendering.seconds,
@@ -155,6 +163,28 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }))?;
     }
     Ok(())
+}
+
+/// The sampler of a SPEC, and what is to be said of the choice where it is `auto`.
+fn prepared(
+    spec: &SamplerSpec,
+    opened: &OpenedView,
+    budget: Budget,
+    stop: &AtomicBool,
+) -> Result<(SamplerSpec, Box<dyn Estimator>, Option<String>)> {
+    if *spec != SamplerSpec::Auto {
+        return Ok((spec.clone(), opened.estimator(spec)?, None));
+    }
+    let Choice { spec, estimator, trials, seconds } = headtail_eval::choose(opened, budget, stop)?;
+    let best = trials.iter().map(|trial| trial.error * trial.cost).fold(f64::INFINITY, f64::min);
+    let trials: Vec<String> =
+        trials.iter().map(|trial| format!("{} {:.2}", trial.spec, best / (trial.error * trial.cost))).collect();
+    let why = match trials.is_empty() {
+        true => "by rule: the budget is too small for a pilot".to_owned(),
+        false => format!("efficiencies in a pilot of {seconds:.2} s: {}", trials.join(", ")),
+    };
+    let text = format!("auto: {spec} ({why})");
+    Ok((spec, estimator, Some(text)))
 }
 
 /// Where the features of a picture go.

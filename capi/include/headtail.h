@@ -66,7 +66,8 @@ HeadtailStatus headtail_environment_from_texels(uintptr_t width,
                                                 const float *texels,
                                                 HeadtailHandle *out);
 
-// Makes the sampler of a SPEC for an environment: "patches" is the first choice; "mis", "direct:FILE", ... as on the command line.
+// Makes the sampler of a SPEC for an environment: "auto", which is "patches" where there is no scene; "mis", "direct:FILE", ... as on the
+// command line.
 //
 // # Safety
 // `spec` is NULL or ends with a zero byte; `out` is NULL or may be written to.

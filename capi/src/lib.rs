@@ -96,7 +96,8 @@ pub unsafe extern "C" fn headtail_environment_from_texels(
     })
 }
 
-/// Makes the sampler of a SPEC for an environment: "patches" is the first choice; "mis", "direct:FILE", ... as on the command line.
+/// Makes the sampler of a SPEC for an environment: "auto", which is "patches" where there is no scene; "mis", "direct:FILE", ... as on the
+/// command line.
 ///
 /// # Safety
 /// `spec` is NULL or ends with a zero byte; `out` is NULL or may be written to.
@@ -110,7 +111,7 @@ pub unsafe extern "C" fn headtail_sampler_from_spec(
         // SAFETY: as the caller promises.
         let (spec, out) = unsafe { (text("spec", spec)?, target("out", out)?) };
         let environment = handles::environment(environment)?;
-        let parsed: SamplerSpec = spec.parse()?;
+        let parsed = spec.parse::<SamplerSpec>()?.resolved(false);
         let SamplerSpec::One(source) = &parsed else {
             return Err(Failure::argument(format!("sampler '{spec}': has no pdf of its own")));
         };

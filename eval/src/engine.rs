@@ -3,6 +3,7 @@
 use std::{
     path::PathBuf,
     sync::atomic::{AtomicBool, Ordering},
+    time::Instant,
 };
 
 use headtail_render::{
@@ -10,11 +11,13 @@ use headtail_render::{
     image::Image,
     integrator::Rendering,
     points::PointSet,
+    spec::SamplerSpec,
     statistics::{compare_images, ttuv},
 };
 
 use crate::{
     Budget, Error, Measurement, Noise, OpenedView, Reference, Result,
+    auto::choose,
     calibration::{Calibration, calibrate},
     processor_seconds, select,
 };
@@ -38,12 +41,47 @@ pub struct Entry {
     pub estimator: Box<dyn Estimator>,
     /// Seconds of preparation: its files, and what was built before the first sample.
     pub preparation: f64,
+    /// What `auto` is for each budget, and the seconds of choosing it.
+    chosen: Vec<(Budget, Box<dyn Estimator>, f64)>,
 }
 
 impl Entry {
     /// A sampler whose preparation is not counted.
     pub fn new(name: impl Into<String>, estimator: Box<dyn Estimator>) -> Self {
-        Self { name: name.into(), estimator, preparation: 0.0 }
+        Self::prepared(name, estimator, 0.0)
+    }
+
+    /// A sampler and the seconds of its preparation.
+    pub fn prepared(name: impl Into<String>, estimator: Box<dyn Estimator>, preparation: f64) -> Self {
+        Self { name: name.into(), estimator, preparation, chosen: Vec::new() }
+    }
+
+    /// A sampler by its SPEC; `auto` is chosen for each budget. `preparation` is what its files took.
+    ///
+    /// # Errors
+    /// If it cannot be prepared.
+    pub fn open(
+        name: impl Into<String>,
+        spec: &SamplerSpec,
+        preparation: f64,
+        (view, budgets, stop): (&OpenedView, &[Budget], &AtomicBool),
+    ) -> Result<Self> {
+        let start = Instant::now();
+        let estimator = view.estimator(spec)?;
+        let mut own = Self::prepared(name, estimator, preparation + start.elapsed().as_secs_f64());
+        if *spec == SamplerSpec::Auto {
+            for &budget in budgets {
+                let choice = choose(view, budget, stop)?;
+                own.chosen.push((budget, choice.estimator, choice.seconds));
+            }
+        }
+        Ok(own)
+    }
+
+    /// What renders with a budget, and the seconds of its preparation.
+    pub(crate) fn at(&self, budget: Budget) -> (&dyn Estimator, f64) {
+        let chosen = self.chosen.iter().find(|(own, ..)| *own == budget);
+        chosen.map_or((&*self.estimator, self.preparation), |(_, estimator, seconds)| (&**estimator, *seconds))
     }
 }
 
@@ -186,7 +224,7 @@ impl Loop<'_> {
         let never = AtomicBool::new(false);
         let before = processor_seconds();
         // By the budget that was asked for: points should not depend on the machine.
-        let rendering = self.view.render(&*entry.estimator, taken, self.view.points(asked, seed), &never, &show);
+        let rendering = self.view.render(entry.at(asked).0, taken, self.view.points(asked, seed), &never, &show);
         let used = processor_seconds().zip(before).map_or(f64::NAN, |(after, before)| after - before);
         self.done += seconds;
         self.watch.spent(self.done);
@@ -198,7 +236,7 @@ impl Loop<'_> {
             budget: asked.to_string(),
             run,
             seed,
-            preparation: entry.preparation,
+            preparation: entry.at(asked).1,
             processor_seconds: used,
             ..truth.measure(&rendering, [&rendering.composite(), &rendering.surfaces])?
         };
@@ -247,7 +285,7 @@ impl Loop<'_> {
         self.watch.message(&format!("{}: samples that fit into {seconds} s", entry.name));
         let points = self.view.points(budget, self.plan.seed);
         let render = |trial: Budget| {
-            let rendering = self.view.render(&*entry.estimator, trial, points, self.stop, &|_| {});
+            let rendering = self.view.render(entry.at(budget).0, trial, points, self.stop, &|_| {});
             (!self.stop.load(Ordering::Relaxed)).then_some((rendering.spp, rendering.seconds))
         };
         let Calibration { samples, off } = calibrate(seconds, render)?;

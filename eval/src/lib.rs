@@ -8,6 +8,7 @@
 //! | --- | --- |
 //! | `view.rs`, `point_choice.rs` | scene, camera and map of a picture, and the points of its samples |
 //! | `budget.rs`, `clock.rs` | samples or seconds; wall-clock and processor time |
+//! | `auto.rs` | the sampler that a view is rendered with |
 //! | `reference.rs` | converged pictures, their noise, and the files that they are kept in |
 //! | `engine.rs`, `calibration.rs` | the measuring loop; how many samples fit into a time |
 //! | `measurement.rs` | one record per run |
@@ -16,11 +17,13 @@
 //! | `preparation.rs` | what the files of a sampler took to be made |
 //! | `sample_time.rs` | the time of one light estimate |
 //! | `experiment.rs`, `artifact.rs`, `runner.rs`, `store.rs` | experiments, the files that their samplers need, and their data |
+//! | `verification.rs` | whether rebuilt sources render what was measured |
 //! | `recording.rs` | commands whose output is data |
 //! | `summary/` | ratios, bootstrap intervals, error at equal time |
 //! | `bin/results/` | measures experiments and builds pages from their data |
 
 mod artifact;
+mod auto;
 mod budget;
 mod calibration;
 mod clock;
@@ -40,9 +43,11 @@ mod sample_time;
 mod store;
 pub mod summary;
 mod timing_baseline;
+mod verification;
 mod view;
 
 pub use artifact::Artifact;
+pub use auto::{Choice, Trial, choose};
 pub use budget::Budget;
 pub use clock::processor_seconds;
 pub use direction_statistics::{DirectionBench, DirectionEffort, DirectionStatistics, variance_ratio};
@@ -57,6 +62,7 @@ pub use recording::{Output, RecordedCommand, Recording};
 pub use reference::{Noise, Reference, ReferencePolicy, covered, select};
 pub use runner::{Outcome, RunOptions, run};
 pub use sample_time::nanoseconds_per_sample;
-pub use store::{Record, Store};
+pub use store::{Record, Store, VerifiedSources};
 pub use timing_baseline::TimingBaseline;
+pub use verification::{Verification, verify};
 pub use view::{CameraSettings, OpenedView, ViewSettings, part_text};

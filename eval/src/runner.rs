@@ -3,15 +3,14 @@
 use std::{
     path::PathBuf,
     sync::atomic::{AtomicBool, Ordering},
-    time::Instant,
 };
 
 use headtail_render::statistics::sidak;
 
 use crate::{
-    Entry, Error, Experiment, Measurement, MeasurementEnvironment, Plan, Reference, ReferencePolicy, Result, Store,
-    ViewKey, Watch, engine,
-    experiment::{SamplerEntry, is_there},
+    Budget, Entry, Error, Experiment, Measurement, MeasurementEnvironment, OpenedView, Plan, Reference,
+    ReferencePolicy, Result, Store, ViewKey, Watch, engine,
+    experiment::{self, SamplerEntry},
 };
 
 /// By which factor the samples of a reference may grow.
@@ -52,8 +51,7 @@ pub fn run(
     options: &RunOptions,
     (stop, watch): (&AtomicBool, &(dyn Watch + Sync)),
 ) -> Result<Outcome> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(experiment.threads).build();
-    let pool = pool.map_err(|error| Error::argument("threads", error.to_string()))?;
+    let pool = pool(experiment)?;
     let mut outcome = Outcome::default();
     let records = store.records(&experiment.name)?;
     let is_measured = |key: &ViewKey, sampler: &SamplerEntry| {
@@ -66,11 +64,7 @@ pub fn run(
         if outcome.measured + outcome.known == options.most_views {
             break;
         }
-        let files = [
-            experiment.scene(&key.scene).map(|entry| entry.file.as_str()),
-            experiment.map(&key.map).map(|entry| entry.file.as_str()),
-        ];
-        if !files.into_iter().flatten().all(|file| is_there(file, &options.data)) {
+        if !is_there(experiment, &key, options) {
             outcome.missing.push(key);
             continue;
         }
@@ -93,6 +87,53 @@ pub fn run(
     Ok(outcome)
 }
 
+/// The threads of an experiment.
+pub(crate) fn pool(experiment: &Experiment) -> Result<rayon::ThreadPool> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(experiment.threads).build();
+    pool.map_err(|error| Error::argument("threads", error.to_string()))
+}
+
+/// Whether the files of a view are there.
+pub(crate) fn is_there(experiment: &Experiment, key: &ViewKey, options: &RunOptions) -> bool {
+    let scene = experiment.scene(&key.scene).map(|entry| entry.file.as_str());
+    let map = experiment.map(&key.map).map(|entry| entry.file.as_str());
+    [scene, map].into_iter().flatten().all(|file| experiment::is_there(file, &options.data))
+}
+
+/// A view with its samplers, ready to render. A sampler whose file cannot be made is left out, with a warning.
+pub(crate) fn open(
+    experiment: &Experiment,
+    key: &ViewKey,
+    samplers: &[&SamplerEntry],
+    options: &RunOptions,
+    (stop, watch): (&AtomicBool, &dyn Watch),
+) -> Result<(OpenedView, Vec<Entry>)> {
+    let settings = experiment.view(key, &options.data)?;
+    let view = settings.open()?;
+    let budgets: Vec<Budget> = experiment.budgets.iter().map(|entry| entry.0).collect();
+    let mut entries = Vec::new();
+    'samplers: for sampler in samplers {
+        let (mut spec, mut preparation) = (sampler.spec.clone(), 0.0);
+        for artifact in &experiment.artifacts {
+            let name = format!("{{{}}}", artifact.name);
+            if spec.contains(&name) {
+                let made = artifact.obtain(&settings, &options.program, &options.cache);
+                let (file, seconds) = match made {
+                    Err(error) if !stop.load(Ordering::Relaxed) => {
+                        watch.warning(&format!("{} is left out: {error}", sampler.name));
+                        continue 'samplers;
+                    }
+                    made => made?,
+                };
+                spec = spec.replace(&name, &file.display().to_string());
+                preparation += seconds;
+            }
+        }
+        entries.push(Entry::open(&sampler.name, &spec.parse()?, preparation, (&view, &budgets, stop))?);
+    }
+    Ok((view, entries))
+}
+
 fn measure_view(
     experiment: &Experiment,
     key: &ViewKey,
@@ -101,24 +142,7 @@ fn measure_view(
     (stop, watch): (&AtomicBool, &(dyn Watch + Sync)),
 ) -> Result<Vec<Measurement>> {
     watch.message(&format!("{}: {} under {}, {}", experiment.name, key.scene, key.map, key.material));
-    let settings = experiment.view(key, &options.data)?;
-    let view = settings.open()?;
-    let mut entries = Vec::new();
-    for sampler in samplers {
-        let (mut spec, mut preparation) = (sampler.spec.clone(), 0.0);
-        for artifact in &experiment.artifacts {
-            let name = format!("{{{}}}", artifact.name);
-            if spec.contains(&name) {
-                let (file, seconds) = artifact.obtain(&settings, &options.program, &options.cache)?;
-                spec = spec.replace(&name, &file.display().to_string());
-                preparation += seconds;
-            }
-        }
-        let start = Instant::now();
-        let estimator = view.estimator(&spec.parse()?)?;
-        preparation += start.elapsed().as_secs_f64();
-        entries.push(Entry { name: sampler.name.clone(), estimator, preparation });
-    }
+    let (view, entries) = open(experiment, key, samplers, options, (stop, watch))?;
     let references = options.cache.join("references");
     let policy = ReferencePolicy {
         most_samples: experiment.reference_samples.saturating_mul(MOST_REFINEMENT),

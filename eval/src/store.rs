@@ -12,6 +12,8 @@ use crate::{Error, Measurement, MeasurementEnvironment, Result, ViewKey};
 
 /// The file of machines and sources.
 const ENVIRONMENTS: &str = "environments.csv";
+/// The file of sources that render what earlier ones did.
+const VERIFIED: &str = "verified.csv";
 /// Most bytes of a file.
 const MOST: u64 = 1 << 28;
 
@@ -102,7 +104,7 @@ impl Record {
 }
 
 /// Seven significant digits: files stay small, and no figure needs more.
-fn rounded(value: f64) -> f64 {
+pub(crate) fn rounded(value: f64) -> f64 {
     format!("{value:.6e}").parse().unwrap_or(value)
 }
 
@@ -115,6 +117,17 @@ struct EnvironmentRow {
     machine: String,
     instruction_set: String,
     threads: usize,
+}
+
+/// Sources whose pictures were found to be those of earlier ones.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct VerifiedSources {
+    /// What was measured with.
+    pub measured: String,
+    /// What renders the same pictures.
+    pub verified: String,
+    /// Pictures that were compared.
+    pub pictures: usize,
 }
 
 impl Store {
@@ -190,6 +203,25 @@ impl Store {
             (id, MeasurementEnvironment { version, sources, machine, instruction_set, threads })
         };
         Ok(rows.into_iter().map(environment).collect())
+    }
+
+    /// Sources that were found to render what earlier ones did.
+    ///
+    /// # Errors
+    /// If the file is there and cannot be read.
+    pub fn verified(&self) -> Result<Vec<VerifiedSources>> {
+        read_rows(&self.folder.join(VERIFIED))
+    }
+
+    /// Keeps what was verified; rows of the same measured sources are replaced.
+    ///
+    /// # Errors
+    /// If the file cannot be read or written.
+    pub fn add_verified(&self, rows: &[VerifiedSources]) -> Result<()> {
+        let mut known = self.verified()?;
+        known.retain(|own| rows.iter().all(|row| row.measured != own.measured));
+        known.extend_from_slice(rows);
+        write_rows(&self.folder.join(VERIFIED), &known)
     }
 
     /// The id of a machine and its sources, which is added to the file if it is new.

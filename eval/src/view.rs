@@ -254,6 +254,13 @@ impl OpenedView {
         Ok(())
     }
 
+    /// The whole view in a picture of one pixel for so many along each side; at least one.
+    #[must_use]
+    pub fn resized(&self, coarseness: usize) -> Self {
+        let side = |length: usize| (length / coarseness).max(1);
+        Self { width: side(self.width), height: side(self.height), part: None, ..self.clone() }
+    }
+
     /// Renders a part of the picture only.
     pub fn set_part(&mut self, part: Part) {
         self.part = Some(part);

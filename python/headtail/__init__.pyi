@@ -87,6 +87,7 @@ class Scene:
 class Rendering(NamedTuple):
     image: _Floats
     coverage: _Floats
+    sampler: str
     spp: int
     seconds: float
     rays_per_sample: float
@@ -120,7 +121,7 @@ def fit(
 def settings(material: str | None = ..., *, preset: str | None = ..., **settings: Any) -> str: ...
 def render(
     scene: Scene | _Path,
-    sampler: Sampler | str,
+    sampler: Sampler | str = ...,
     env: Environment | _Path | _Array | None = ...,
     *,
     spp: int | None = ...,

@@ -15,10 +15,12 @@ from ._sampler import Sampler
 
 
 class Rendering(NamedTuple):
-    """A picture: linear Rec.709 [height, width, 3], the share of each pixel that surfaces cover [height, width], and how it came about."""
+    """A picture: linear Rec.709 [height, width, 3], the share of each pixel that surfaces cover [height, width], and how it came about; `sampler`
+    is what "auto" chose, or what was given."""
 
     image: np.ndarray
     coverage: np.ndarray
+    sampler: str
     spp: int
     seconds: float
     rays_per_sample: float
@@ -82,7 +84,7 @@ class Reference(NamedTuple):
 
 def render(
     scene,
-    sampler,
+    sampler="auto",
     env=None,
     *,
     spp=None,
@@ -98,7 +100,7 @@ def render(
     fov=None,
     progress=None,
 ):
-    """Renders one picture. sampler: a `Sampler`, or a SPEC, which needs env. Ctrl-C raises KeyboardInterrupt after the current pass."""
+    """Renders one picture. sampler: a `Sampler`, or a SPEC, which needs env; "auto" chooses by a short pilot rendering. Ctrl-C raises KeyboardInterrupt after the current pass."""
     scene = scene if isinstance(scene, Scene) else Scene(scene)
     if not isinstance(sampler, Sampler):
         if env is None:

@@ -29,7 +29,7 @@ class Sampler:
 
     @classmethod
     def from_spec(cls, spec, env):
-        """The sampler of a SPEC for a map: "patches" is the first choice; "mis", "direct:FILE", "head+mis:FILE", ... as on the command line."""
+        """The sampler of a SPEC for a map: "auto", which is "patches" where there is no scene; "mis", "direct:FILE", "head+mis:FILE", ... as on the command line."""
         return cls(_native.Sampler.from_spec(spec, environment(env)._native))
 
     @classmethod

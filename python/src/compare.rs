@@ -4,14 +4,15 @@ use std::{
     cell::Cell,
     panic::resume_unwind,
     sync::{
-        atomic::{AtomicU64, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
         mpsc::{RecvTimeoutError, channel},
     },
     thread,
     time::{Duration, Instant},
 };
 
-use headtail_eval::{Entry, FilePreparation, Noise, OpenedView, Plan, Reference, ReferencePolicy, measure};
+use headtail_eval::{Budget, Entry, FilePreparation, Noise, OpenedView, Plan, Reference, ReferencePolicy, measure};
+use headtail_render::spec::SamplerSpec;
 use numpy::{PyReadonlyArray3, ToPyArray, ndarray::Array2};
 use pyo3::{prelude::*, types::PyDict};
 
@@ -60,7 +61,8 @@ pub fn compare<'py>(
     let watch = Watch::new(progress);
     let measured = py.detach(|| {
         watch_over(&watch, |fraction| {
-            let entries = samplers.iter().map(|sampler| entry(sampler.get(), &view)).collect::<PyResult<Vec<_>>>()?;
+            let place = (&view, &plan.budgets[..], &watch.stop);
+            let entries = samplers.iter().map(|sampler| entry(sampler.get(), place)).collect::<PyResult<Vec<_>>>()?;
             // Of a picture from elsewhere, a short rendering finds the covered pixels.
             let policy = ReferencePolicy::new(if given.is_some() { 64 } else { reference_spp }, seed);
             let mut reference = Reference::render(&view, policy, &watch.stop, &|_| {}).map_err(of_eval)?;
@@ -87,16 +89,19 @@ pub fn compare<'py>(
 }
 
 /// A sampler that is ready to render. Its preparation counts the time to build it here and the times in its files.
-fn entry(sampler: &Sampler, view: &OpenedView) -> PyResult<Entry> {
+fn entry(sampler: &Sampler, place: (&OpenedView, &[Budget], &AtomicBool)) -> PyResult<Entry> {
+    if let Some(spec @ SamplerSpec::Auto) = &sampler.spec {
+        return Entry::open(&sampler.name, spec, 0.0, place).map_err(of_eval);
+    }
     let start = Instant::now();
-    let estimator = sampler.estimator(view)?;
+    let estimator = sampler.estimator(place.0)?;
     let built = start.elapsed().as_secs_f64();
     let files = match (&sampler.spec, &sampler.exported) {
         (Some(spec), _) => FilePreparation::of(spec).map_err(of_eval)?.seconds,
         (None, Some(exported)) => FilePreparation::of_exported(exported).seconds,
         (None, None) => 0.0,
     };
-    Ok(Entry { name: sampler.name.clone(), estimator, preparation: built + files })
+    Ok(Entry::prepared(&sampler.name, estimator, built + files))
 }
 
 /// Works on another thread while this one, which may be Python's main thread, handles signals. `work` gets the bits of the fraction that is done.

@@ -5,11 +5,12 @@ use std::sync::{
     atomic::{AtomicBool, Ordering},
 };
 
-use headtail_eval::{Budget, CameraSettings, OpenedView, PointChoice};
+use headtail_eval::{Budget, CameraSettings, OpenedView, PointChoice, choose};
 use headtail_render::{
     environment, memory,
     remark::Remark,
     scene::{self, MaterialSpec},
+    spec::SamplerSpec,
 };
 use numpy::{PyArray3, ToPyArray, ndarray::Array2};
 use pyo3::{prelude::*, types::PyDict};
@@ -151,16 +152,24 @@ pub fn render<'py>(
     let (budget, view) = (budget(spp, seconds)?, view.open(scene, sampler.map.clone(), 0)?);
     let (points, watch) = (view.points(budget, seed), Watch::new(progress));
     let rendering = py.detach(|| {
-        let estimator = sampler.estimator(&view)?;
-        Ok(view.render(&*estimator, budget, points, &watch.stop, &|fraction| watch.tell(fraction)))
+        let (spec, estimator) = match &sampler.spec {
+            Some(SamplerSpec::Auto) => {
+                let choice = choose(&view, budget, &watch.stop).map_err(of_eval)?;
+                (choice.spec.to_string(), choice.estimator)
+            }
+            _ => (sampler.name.clone(), sampler.estimator(&view)?),
+        };
+        let rendering = view.render(&*estimator, budget, points, &watch.stop, &|fraction| watch.tell(fraction));
+        PyResult::Ok((spec, rendering))
     });
-    let rendering = watch.result(rendering)?;
+    let (spec, rendering) = watch.result(rendering)?;
     let (height, width) = (view.part().height, view.part().width);
     let result = PyDict::new(py);
     result.set_item("image", array_of(py, (height, width), &rendering.composite().pixels)?)?;
     let coverage = Array2::from_shape_vec((height, width), rendering.coverage);
     let coverage = coverage.map_err(|error| refused(error.to_string()))?;
     result.set_item("coverage", coverage.to_pyarray(py))?;
+    result.set_item("sampler", spec)?;
     result.set_item("spp", rendering.spp)?;
     result.set_item("seconds", rendering.seconds)?;
     result.set_item("rays_per_sample", rendering.rays_per_sample)?;

@@ -74,6 +74,9 @@ impl Sampler {
                 Some(SamplerSpec::One(source)) => {
                     own.sampler = Some(Covering::new(source.build(&own.map)?)?.into_inner());
                 }
+                Some(spec @ SamplerSpec::Auto) => {
+                    own.sampler = Some(Covering::new(spec.source().build(&own.map)?)?.into_inner());
+                }
                 // Precomputed visibility is checked against the scene when that is rendered.
                 None | Some(SamplerSpec::Learning { known: Some(_), .. }) => {}
                 Some(spec) => drop(spec.build(&own.map)?),
@@ -262,6 +265,7 @@ impl Sampler {
             return Err(refused(format!("{}: was made for another map than {given}", self.name)));
         }
         match (&self.sampler, &self.spec) {
+            (_, Some(spec @ SamplerSpec::Auto)) => view.estimator(spec).map_err(of_eval),
             (Some(sampler), _) => {
                 let sampler = Covering::new(sampler.clone()).map_err(of_render)?;
                 Ok(Box::new(SingleSample::new(sampler, self.map.clone())))

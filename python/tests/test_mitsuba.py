@@ -187,7 +187,7 @@ def test_what_cannot_be_is_refused_with_a_sentence(variant, tmp_path):
     stretched = {"map": {"type": "envmap", "bitmap": mi.Bitmap(np.ones((4, 8, 3), np.float32)), "to_world": stretch}}
     headtail.bake("window").save(tmp_path / "window.safetensors")
     for integrator, more, words in [
-        ({"type": "headtail_direct", "sampler": "magic"}, {}, "is not one of table, patches"),
+        ({"type": "headtail_direct", "sampler": "magic"}, {}, "is not one of auto, table, patches"),
         ({"type": "headtail_path", "max_depth": -3}, {}, "max_depth must be"),
         ({"type": "headtail_direct"}, other, "has 2 emitters"),
         ({"type": "headtail_direct", "file": str(tmp_path / "window.safetensors")}, {}, "made for the environment 'window'"),

@@ -39,6 +39,7 @@ pub mod spec;
 pub mod spline;
 pub mod statistics;
 pub mod tail;
+pub(crate) mod tensor_file;
 pub mod tile;
 pub mod timings;
 pub mod visibility;

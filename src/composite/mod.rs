@@ -93,8 +93,8 @@ pub struct Arguments {
     /// The plane's normal.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", allow_hyphen_values = true)]
     pub plane_normal: Triple,
-    /// Sampler of directions: any that render knows.
-    #[arg(long, value_name = "SPEC", default_value = "patches", value_parser = given::<SamplerSpec>())]
+    /// Sampler of directions: any that render knows. Here, auto is patches.
+    #[arg(long, value_name = "SPEC", default_value = "auto", value_parser = given::<SamplerSpec>())]
     pub sampler: SamplerSpec,
     /// How the mask is estimated: control-variate (unbiased but where a --catcher shadows itself), weights (the same, noisier), ratio (bias of the order of
     /// 1 / spp) or paper (the mean visibility, right where the sampler is the exact product).
@@ -221,7 +221,7 @@ fn facts(arguments: &Arguments, setting: &Setting, film: &Film, mask: &Mask) -> 
         "height": film.height,
         "spp": film.spp,
         "seconds": film.seconds,
-        "sampler": arguments.sampler.to_string(),
+        "sampler": arguments.sampler.resolved(false).to_string(),
         "mask": arguments.mask.to_string(),
         "gain": setting.gain,
         "env_rotate": arguments.light.env_rotate,
@@ -279,7 +279,7 @@ fn codes(image: &Image) -> Result<Vec<u8>> {
 fn write(arguments: &Arguments, output: &OutputFolder, setting: &Setting, film: &Film, layers: &Layers) -> Result<()> {
     let composite = layers.composite();
     let attributes = [
-        Attribute::new("sampler", arguments.sampler.to_string()),
+        Attribute::new("sampler", arguments.sampler.resolved(false).to_string()),
         Attribute::new("mask", arguments.mask.to_string()),
         Attribute::new("spp", film.spp as i32),
         Attribute::new("gain", setting.gain),

@@ -110,7 +110,7 @@ fn method(arguments: &Arguments, setting: &Setting, film: &Film) -> Markup {
                 if arguments.grey_mask { "; one for all channels" } else { "; per channel" }
             ),
         ),
-        ("Sampler", arguments.sampler.to_string()),
+        ("Sampler", arguments.sampler.resolved(false).to_string()),
         (
             "Catcher",
             format!(

@@ -1,6 +1,6 @@
 """Integrators for Mitsuba 3: `import headtail.mitsuba` registers `headtail_direct` and `headtail_path`, in every variant that has arrays.
 
-Properties: `sampler` ("patches", "patches:fine" or "table", made on first use), or `file` (a table of `headtail bake`, or a head of `headtail fit`, over patches or
+Properties: `sampler` ("auto", which is "patches", "patches:fine" or "table", made on first use), or `file` (a table of `headtail bake`, or a head of `headtail fit`, over patches or
 not, for the scene's map);
 `hide_emitters`; of `headtail_path` also `max_depth` and `rr_depth`. The scene is lit by one environment map (`envmap`, with any `to_world`, or
 `constant`).

@@ -206,10 +206,12 @@ def make():
         def __init__(self, props):
             super().__init__(props)
             self.file = str(props.get("file", ""))
-            self.spec = str(props.get("sampler", "table"))
+            self.spec = str(props.get("sampler", "auto"))
             self.hide_emitters = bool(props.get("hide_emitters", False))
-            if self.spec not in ("table", "patches", "patches:fine"):
-                raise HeadtailError(f"sampler '{self.spec}': is not one of table, patches, patches:fine")
+            if self.spec not in ("auto", "table", "patches", "patches:fine"):
+                raise HeadtailError(f"sampler '{self.spec}': is not one of auto, table, patches, patches:fine")
+            if self.spec == "auto":
+                self.spec = "patches"
             self._light, self._state = None, None
 
         def light(self, scene):

@@ -12,6 +12,7 @@ use crate::{
     file,
     head::{Head, Linear},
     tail::{Tail, TailKind, WarpMap},
+    tensor_file,
 };
 
 /// Larger files are refused before they are read.
@@ -27,11 +28,9 @@ impl ExportedSampler {
     /// or a version that this reader does not know.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))?;
-        let reason = |error: safetensors::SafeTensorError| {
-            Error::invalid(path, "header", format!("this is no sampler written by headtail ({error})"))
-        };
-        let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(reason)?;
-        let tensors = SafeTensors::deserialize(&bytes).map_err(reason)?;
+        let reason =
+            |error: String| Error::invalid(path, "header", format!("this is no sampler written by headtail ({error})"));
+        let (metadata, tensors) = tensor_file::open(&bytes).map_err(reason)?;
         let text = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail")).ok_or_else(|| {
             Error::invalid(path, "metadata 'headtail'", "is missing: this is no sampler written by headtail")
         })?;

@@ -98,7 +98,7 @@ fn fibre(color: [f32; 3], metallic: f32, roughness: f32) -> Material {
         metallic,
         roughness,
         metallic_roughness_texture: None,
-        normal_map: None,
+        ..TexturedMetallicRoughness::default()
     })
 }
 

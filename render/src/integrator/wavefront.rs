@@ -61,6 +61,8 @@ pub(super) struct Workspace {
     /// Keys of the points that the rays of a further bounce leave.
     keys: Vec<u32>,
     hits: Vec<usize>,
+    /// Radiance that surfaces emit where rays hit them, in a scene where some do.
+    emission: Vec<Vec3A>,
     contributions: Contributions,
     visible: Vec<bool>,
 }
@@ -85,14 +87,14 @@ impl Workspace {
             let points = points.at_bounce(bounce);
             self.estimate(view, estimate, points, pixels);
             if bounce + 1 < depth {
-                self.continue_paths(view, points, bounce + 1);
+                self.continue_paths(view, points, bounce + 1, pixels);
             }
         }
     }
 
     /// One camera ray through each pixel: shading points where it hits a surface, the background elsewhere.
     fn trace_camera(&mut self, view: &View<'_>, points: Points, pixels: &mut TilePixels<'_>) {
-        let Self { arena, tiles: [tile, _], paths: [paths, _], rays, hits, .. } = self;
+        let Self { arena, tiles: [tile, _], paths: [paths, _], rays, hits, emission, .. } = self;
         let strips = pixels.places.len().div_ceil(LANES);
         let key = |place: usize| {
             let (x, y) = pixels.places[place];
@@ -107,8 +109,11 @@ impl Workspace {
         }));
         hits.clear();
         paths.clear();
-        view.scene.intersect_batch(rays, view.camera.pixel_spread(view.height), key, tile, hits);
+        emission.clear();
+        let emitted = view.scene.is_emissive().then_some(&mut *emission);
+        view.scene.intersect_and_emit(rays, view.camera.pixel_spread(view.height), key, tile, hits, emitted);
         paths.extend(hits.iter().map(|&pixel| Path { pixel, throughput: Vec3A::ONE }));
+        add_emission(paths, emission, pixels);
         let mut seen = hits.iter().peekable();
         let mut past = arena.list();
         past.extend((0..rays.len()).filter(|k| seen.next_if_eq(&k).is_none()).map(|k| k as u16));
@@ -166,8 +171,8 @@ impl Workspace {
 
     /// Light that reaches a surface over other surfaces: paths go on by BRDF sampling. One that leaves the scene adds nothing: the estimator
     /// at its last surface stands for all light from the environment.
-    fn continue_paths(&mut self, view: &View<'_>, points: Points, bounces: u32) {
-        let Self { arena, tiles: [tile, next_tile], paths: [paths, next_paths], rays, keys, hits, .. } = self;
+    fn continue_paths(&mut self, view: &View<'_>, points: Points, bounces: u32, pixels: &mut TilePixels<'_>) {
+        let Self { arena, tiles: [tile, next_tile], paths: [paths, next_paths], rays, keys, hits, emission, .. } = self;
         let at = tile.rows();
         let mut columns = arena.columns::<10>(at.strips());
         let [u, v, roulette, x, y, z, pdf, red, green, blue] = columns.get_mut();
@@ -194,9 +199,21 @@ impl Workspace {
             }
         }
         hits.clear();
-        timed(Stage::CameraRays, || view.scene.intersect_batch(rays, BOUNCE_SPREAD, |k| keys[k], next_tile, hits));
+        emission.clear();
+        let emitted = view.scene.is_emissive().then_some(&mut *emission);
+        timed(Stage::CameraRays, || {
+            view.scene.intersect_and_emit(rays, BOUNCE_SPREAD, |k| keys[k], next_tile, hits, emitted);
+        });
         paths.clear();
         paths.extend(hits.iter().map(|&k| next_paths[k]));
+        add_emission(paths, emission, pixels);
         self.tiles.swap(0, 1);
+    }
+}
+
+/// Adds what surfaces emit where paths hit them; nothing where no surface does.
+fn add_emission(paths: &[Path], emission: &[Vec3A], pixels: &mut TilePixels<'_>) {
+    for (path, &emission) in paths.iter().zip(emission) {
+        pixels.sums[path.pixel].surfaces += (path.throughput * emission).as_dvec3();
     }
 }

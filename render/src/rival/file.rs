@@ -13,6 +13,7 @@ use crate::{
     error::{Error, Result},
     file,
     head::Linear,
+    tensor_file,
 };
 
 /// The version of the format that is written and read.
@@ -72,8 +73,7 @@ impl RivalFile {
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self> {
         let none =
             |reason: String| Error::invalid(path, "header", format!("this is no sampler of materials ({reason})"));
-        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| none(error.to_string()))?;
-        let tensors = SafeTensors::deserialize(bytes).map_err(|error| none(error.to_string()))?;
+        let (metadata, tensors) = tensor_file::open(bytes).map_err(none)?;
         let field = "metadata 'headtail-rival'";
         let text = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail-rival"));
         let text = text.ok_or_else(|| none(format!("{field} is missing")))?;

@@ -33,6 +33,9 @@ impl Scene {
             if !mesh.colors.is_empty() {
                 add_floats(&mut hasher, mesh.colors.iter().map(Vec3::to_array));
             }
+            if let Some(own) = &mesh.emission_texcoords {
+                add_floats(&mut hasher, own.iter().map(Vec2::to_array));
+            }
             add(&mut hasher, &[(mesh.material as u64).to_le_bytes(), own.to_le_bytes()].concat());
         }
         self.materials.iter().for_each(|material| add_material(&mut hasher, material));
@@ -65,6 +68,13 @@ fn add_material(hasher: &mut Hasher, material: &Material) {
         textured.metallic_roughness_texture.as_ref(),
         map.map(|map| &map.texture),
     ];
+    if textured.emission != glam::Vec3A::ZERO {
+        add(hasher, format!("{:?}", textured.emission).as_bytes());
+        let (shape, texels) =
+            textured.emission_texture.as_ref().map_or_else(Default::default, |texture| Texture::content(texture));
+        add(hasher, shape.as_bytes());
+        add(hasher, texels);
+    }
     for texture in textures {
         let (shape, texels) = texture.map_or_else(Default::default, |texture| Texture::content(texture));
         add(hasher, shape.as_bytes());

@@ -41,6 +41,8 @@ pub struct SurfacePoint {
     pub color_uv: Option<Vec2>,
     /// The same of metalness and roughness.
     pub roughness_uv: Option<Vec2>,
+    /// The same of emitted light.
+    pub emission_uv: Option<Vec2>,
     /// The colour of the vertices there, linear Rec.709, which multiplies the base colour.
     pub vertex_color: Option<Vec3A>,
     /// How it is seen; neural materials alone need it.
@@ -63,6 +65,22 @@ impl Material {
         match self {
             Self::MetallicRoughness(textured) => textured.normal_map.as_ref(),
             Self::Diffuse(_) | Self::Ggx { .. } | Self::Indexed(_) | Self::Neural(_) => None,
+        }
+    }
+
+    /// Whether it emits light.
+    pub fn is_emissive(&self) -> bool {
+        matches!(self, Self::MetallicRoughness(textured) if textured.emission != Vec3A::ZERO)
+    }
+
+    /// The radiance that it emits at a point.
+    pub fn emission(&self, at: &SurfacePoint) -> Vec3A {
+        match self {
+            Self::MetallicRoughness(textured) => match (&textured.emission_texture, at.emission_uv) {
+                (Some(texture), Some(uv)) => textured.emission * texture.sample(uv),
+                _ => textured.emission,
+            },
+            Self::Diffuse(_) | Self::Ggx { .. } | Self::Indexed(_) | Self::Neural(_) => Vec3A::ZERO,
         }
     }
 
@@ -93,6 +111,26 @@ pub struct TexturedMetallicRoughness {
     pub metallic_roughness_texture: Option<Arc<Texture>>,
     /// Shading normals.
     pub normal_map: Option<NormalMap>,
+    /// Linear Rec.709 radiance that the surface emits to both sides, which multiplies the texture.
+    pub emission: Vec3A,
+    /// Emitted light, sRGB.
+    pub emission_texture: Option<Arc<Texture>>,
+}
+
+impl Default for TexturedMetallicRoughness {
+    /// What glTF means where a material says nothing: a white metal as rough as can be.
+    fn default() -> Self {
+        Self {
+            base_color: Vec3A::ONE,
+            base_color_texture: None,
+            metallic: 1.0,
+            roughness: 1.0,
+            metallic_roughness_texture: None,
+            normal_map: None,
+            emission: Vec3A::ZERO,
+            emission_texture: None,
+        }
+    }
 }
 
 impl TexturedMetallicRoughness {

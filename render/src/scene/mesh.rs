@@ -19,6 +19,8 @@ pub struct Mesh {
     pub(super) texcoords: Vec<Vec2>,
     /// The same for metalness and roughness, where they have coordinates of their own.
     pub(super) roughness_texcoords: Option<Vec<Vec2>>,
+    /// The same for emitted light, where it has coordinates of its own.
+    pub(super) emission_texcoords: Option<Vec<Vec2>>,
     /// `[vertices]` linear Rec.709 colours that multiply the material's base colour; empty where there are none.
     pub(super) colors: Vec<Vec3>,
     /// What a normal map needs, where the material has one.
@@ -74,6 +76,16 @@ impl Mesh {
     pub fn with_roughness_texcoords(mut self, texcoords: Vec<Vec2>) -> Result<Self> {
         check_texcoords(&texcoords, self.positions.len())?;
         self.roughness_texcoords = Some(texcoords);
+        Ok(self)
+    }
+
+    /// The mesh with texture coordinates `[vertices]` (or none) for emitted light that are not those of the base colour.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_emission_texcoords(mut self, texcoords: Vec<Vec2>) -> Result<Self> {
+        check_texcoords(&texcoords, self.positions.len())?;
+        self.emission_texcoords = Some(texcoords);
         Ok(self)
     }
 
@@ -143,7 +155,7 @@ impl Mesh {
         self
     }
 
-    /// Adds the triangles of `other`, which has the same attributes and neither colours nor a normal map.
+    /// Adds the triangles of `other`, which has the same attributes and neither colours, a normal map nor emission.
     pub(super) fn append(&mut self, other: &Self) {
         let first = self.positions.len() as u32;
         self.positions.extend(&other.positions);

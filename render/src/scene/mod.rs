@@ -262,6 +262,19 @@ impl Scene {
         tile: &mut Tile,
         indices: &mut Vec<usize>,
     ) {
+        self.intersect_and_emit(rays, spread, key, tile, indices, None);
+    }
+
+    /// [`Self::intersect_batch`], which also adds the radiance that each surface emits, if there is where to.
+    pub(crate) fn intersect_and_emit(
+        &self,
+        rays: &[Ray],
+        spread: f32,
+        key: impl Fn(usize) -> u32,
+        tile: &mut Tile,
+        indices: &mut Vec<usize>,
+        mut emission: Option<&mut Vec<Vec3A>>,
+    ) {
         /// So many hits are on the stack at a time.
         const CHUNK: usize = 256;
         tile.clear(&self.brdfs);
@@ -274,9 +287,28 @@ impl Scene {
                     let index = chunk * CHUNK + k;
                     indices.push(index);
                     tile.push(&self.surface(ray, hit, spread), key(index));
+                    if let Some(emission) = &mut emission {
+                        emission.push(self.emission(hit));
+                    }
                 }
             }
         }
+    }
+
+    /// Whether a material emits light.
+    pub fn is_emissive(&self) -> bool {
+        self.materials.iter().any(Material::is_emissive)
+    }
+
+    /// The radiance that a surface emits where it was hit.
+    fn emission(&self, hit: &Hit) -> Vec3A {
+        let face = self.faces[hit.triangle];
+        let mesh = &self.meshes[face.mesh as usize];
+        let texcoords = mesh.emission_texcoords.as_ref().unwrap_or(&mesh.texcoords);
+        let vertices = mesh.triangles[face.triangle as usize].map(|i| i as usize);
+        let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
+        let emission_uv = (!texcoords.is_empty()).then(|| (0..3).map(|k| weights[k] * texcoords[vertices[k]]).sum());
+        self.materials[mesh.material].emission(&SurfacePoint { emission_uv, ..SurfacePoint::default() })
     }
 
     /// The nearest hits of many rays; both slices have equal length.
@@ -344,7 +376,14 @@ impl Scene {
         };
         let vertex_color =
             (!mesh.colors.is_empty()).then(|| (0..3).map(|k| weights[k] * Vec3A::from(mesh.colors[vertices[k]])).sum());
-        let surface = material.surface(&SurfacePoint { p, color_uv, roughness_uv, vertex_color, view });
+        let surface = material.surface(&SurfacePoint {
+            p,
+            color_uv,
+            roughness_uv,
+            vertex_color,
+            view,
+            ..SurfacePoint::default()
+        });
         ShadingPoint { p, ng, ns, wo, surface }
     }
 

@@ -50,6 +50,7 @@ impl SamplerSpec {
     pub fn build_in(&self, environment: &Arc<Environment>, place: Place<'_>) -> Result<Box<dyn Estimator>> {
         let sampler = |source: &Source| source.build_in(environment, place);
         Ok(match self {
+            Self::Auto => return self.resolved(place.scene.is_some()).build_in(environment, place),
             Self::One(source) => Box::new(SingleSample::new(Covering::new(sampler(source)?)?, environment.clone())),
             Self::Two(source) => Box::new(TwoSampleMis::new(sampler(source)?, BrdfSampler, environment.clone())?),
             Self::Split(directions, source) => {

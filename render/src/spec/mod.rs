@@ -7,9 +7,11 @@
 //! | --- | --- |
 //! | `mod.rs` | what SPECs say |
 //! | `parse.rs`, `print.rs` | their grammar, both ways |
+//! | `forms.rs` | all forms, for help |
 //! | `build.rs` | the samplers and estimators that they name |
 
 mod build;
+pub mod forms;
 mod parse;
 mod print;
 #[cfg(test)]
@@ -20,6 +22,7 @@ pub use build::Place;
 use std::path::{Path, PathBuf};
 
 use crate::{
+    estimator::LearnedVisibility,
     export::{ExportedSampler, Intermediate},
     patches::Detail,
     rival::RivalKind,
@@ -28,6 +31,8 @@ use crate::{
 /// An estimator by name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SamplerSpec {
+    /// What suits the place: see [`Self::resolved`].
+    Auto,
     /// One direction.
     One(Source),
     /// Two-sample MIS with BRDF sampling, power heuristic; two shadow rays.
@@ -200,14 +205,41 @@ impl SamplerSpec {
         Self::One(if exported.has_share() && kind != FileKind::HeadOverPatches { source.mixed() } else { source })
     }
 
-    /// Where the directions come from.
+    /// Where the directions come from; of `auto`, what it is where there is no scene.
     pub fn source(&self) -> &Source {
         match self {
+            Self::Auto => &Source::Patches(Detail::Leaves),
             Self::One(source)
             | Self::Two(source)
             | Self::Split(_, source)
             | Self::Learning { source, .. }
             | Self::Ris(_, source) => source,
+        }
+    }
+
+    /// `split:N:patches+vis`.
+    pub fn split_patches_with_visibility(directions: u32) -> Self {
+        Self::Learning {
+            source: Source::Patches(Detail::Leaves),
+            drawn: Drawn::Directions(directions),
+            grid: LearnedVisibility::GRID,
+            known: None,
+        }
+    }
+
+    /// `split:N:mis-comp`.
+    pub fn split_compensated(directions: u32) -> Self {
+        Self::Split(directions, Source::Compensated.mixed())
+    }
+
+    /// What `auto` stands for by rule alone: `split:4:patches+vis` in a scene, and `patches` where there is none, because whoever calls decides
+    /// how many directions a point has. Others stand for themselves.
+    #[must_use]
+    pub fn resolved(&self, in_scene: bool) -> Self {
+        match (self, in_scene) {
+            (Self::Auto, true) => Self::split_patches_with_visibility(4),
+            (Self::Auto, false) => Self::patches(),
+            (other, _) => other.clone(),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, str::FromStr};
 
-use super::{Drawn, FileKind, ONLY_THESE_LEARN, RivalFamily, SamplerSpec, Source};
+use super::{Drawn, FileKind, ONLY_THESE_LEARN, RivalFamily, SamplerSpec, Source, forms};
 use crate::{
     bake::WeightedTable,
     error::{Error, Result},
@@ -13,19 +13,13 @@ use crate::{
     sampler::BrdfSampler,
 };
 
-/// All forms that there are, in the words of a mistake.
-const KNOWN: &str = "is not one of brdf (or cosine), emitter, mis, mis2, mis-comp, ris:4, patches, patches:fine, \
-                     patches+vis, patches:fine+vis, split:4:patches, split:4:patches+vis, patches+vis:FILE, \
-                     head:FILE, head+patches:FILE, \
-                     head+patches+vis:FILE, baked:FILE, direct:FILE, direct+vis:FILE, direct+vis@LEARNED:FILE, \
-                     ris:4+vis, ris:4+vis:direct:FILE, head+mis:FILE, direct+mis:FILE, ris:4:head:FILE, \
-                     ris:4:direct:FILE, neusample:FILE, neusample+emitter:FILE, reparam:FILE, reparam+emitter:FILE, \
-                     oracle";
-
 impl FromStr for SamplerSpec {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {
+        if text == "auto" {
+            return Ok(Self::Auto);
+        }
         if text == "mis2" {
             return Ok(Self::Two(Source::Emitter));
         }
@@ -156,7 +150,7 @@ fn source_of(text: &str, whole: &str) -> Result<Source> {
             };
             return match (rival, kind) {
                 (Some((family, with_emitter)), _) => Ok(Source::Rival { family, file: file()?, with_emitter }),
-                (None, None) => Err(wrong(KNOWN.to_owned())),
+                (None, None) => Err(wrong(forms::is_none())),
                 (None, Some(FileKind::HeadOverPatches)) if mixed => {
                     Err(wrong("'head+patches' is beside BRDF sampling already".to_owned()))
                 }
@@ -171,6 +165,6 @@ fn source_of(text: &str, whole: &str) -> Result<Source> {
     match source {
         source if !mixed => Ok(source),
         Source::Emitter | Source::Oracle => Ok(source.mixed()),
-        _ => Err(wrong(KNOWN.to_owned())),
+        _ => Err(wrong(forms::is_none())),
     }
 }

@@ -8,6 +8,7 @@ use crate::{estimator::LearnedVisibility, patches::Detail, path_text::text_of};
 impl fmt::Display for SamplerSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Auto => f.write_str("auto"),
             Self::One(source) => source.fmt(f),
             Self::Learning { source, drawn, grid, known } => {
                 if let Drawn::Directions(directions) = drawn

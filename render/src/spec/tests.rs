@@ -112,3 +112,14 @@ fn mistakes_are_named() {
         assert!(error.contains(&format!("'{text}'")), "{error}");
     }
 }
+
+#[test]
+fn every_form_of_the_help_is_one() {
+    for form in forms::FORMS {
+        let text = form.form.replace("SOURCE", "mis").replace("split:N", "split:4").replace("ris:M", "ris:4");
+        let spec: SamplerSpec = text.parse().unwrap();
+        assert_eq!(spec.to_string(), text);
+    }
+    let error = "magic".parse::<SamplerSpec>().unwrap_err().to_string();
+    assert!(error.contains("is not one of auto, split:N:SOURCE, patches"), "{error}");
+}

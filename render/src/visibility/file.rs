@@ -3,10 +3,7 @@
 use std::{collections::HashMap, path::Path};
 
 use glam::Vec3A;
-use safetensors::{
-    SafeTensors,
-    tensor::{Dtype, TensorView, serialize},
-};
+use safetensors::tensor::{Dtype, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -17,7 +14,7 @@ use super::{
 };
 use crate::{
     error::{Error, Result},
-    file,
+    file, tensor_file,
 };
 
 /// The version of the format, and of the division of the sky into patches that its counts belong to.
@@ -91,8 +88,7 @@ impl SceneVisibility {
         let invalid = |field: &str, reason: String| Error::invalid(path, field, reason);
         let foreign =
             |reason: String| invalid("header", format!("this is no visibility written by headtail ({reason})"));
-        let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| foreign(error.to_string()))?;
-        let tensors = SafeTensors::deserialize(&bytes).map_err(|error| foreign(error.to_string()))?;
+        let (metadata, tensors) = tensor_file::open(&bytes).map_err(foreign)?;
         let text = metadata.metadata().as_ref().and_then(|entries| entries.get(ENTRY));
         let text = text.ok_or_else(|| foreign(format!("metadata '{ENTRY}' is missing")))?;
         let description: Description = serde_json::from_str(text).map_err(|error| invalid(ENTRY, error.to_string()))?;

@@ -19,7 +19,7 @@ fn what_is_not_a_map_gets_one_sentence_with_file_and_field() {
     assert!(message("huge.hdr", &hdr_file(4_000_000, 1_000, &[])).contains("dimensions: 4000000 x 1000"));
     assert!(message("promise.hdr", &hdr_file(8192, 4096, &[])).contains("take at least 49152 bytes"));
     assert!(message("cut.hdr", &hdr_file(4, 4, &[[9; 4]; 15])).contains("pixels: the file ends too early"));
-    assert!(message("flipped.hdr", b"#?RADIANCE\n\n+Y 2 +X 2\n0123456789abcdef").contains("header"));
+    assert!(message("flipped.hdr", b"#?RADIANCE\n\n+Y 2 +Y 2\n0123456789abcdef").contains("resolution"));
     let missing = read_radiance(&folder.path().join("missing.hdr")).unwrap_err();
     assert!(matches!(missing, Error::Io { .. }) && missing.to_string().contains("missing.hdr"));
     assert!(matches!(read_radiance(folder.path()), Err(Error::Io { .. })));

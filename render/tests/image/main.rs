@@ -2,6 +2,7 @@
 
 mod hostile;
 mod openexr;
+mod unusual;
 
 use std::path::{Path, PathBuf};
 

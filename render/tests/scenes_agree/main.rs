@@ -285,7 +285,7 @@ fn glossy_surfaces_in_a_white_furnace_show_their_albedo() {
         metallic: 0.2,
         roughness: 0.5,
         metallic_roughness_texture: None,
-        normal_map: None,
+        ..TexturedMetallicRoughness::default()
     });
     let materials = [
         ("ggx 0.4", spec("ggx:alpha=0.4")),

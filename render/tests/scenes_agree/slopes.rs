@@ -54,7 +54,7 @@ fn glossy_lobes_keep_strata() {
         metallic: 0.2,
         roughness: 0.5,
         metallic_roughness_texture: None,
-        normal_map: None,
+        ..TexturedMetallicRoughness::default()
     });
     let plastic: Dress = Box::new(move |scene| scene.with_material(plastic.clone()));
     let materials = [("ggx 0.1", glossy("ggx:alpha=0.1")), ("ggx 0.4", glossy("ggx:alpha=0.4")), ("plastic", plastic)];

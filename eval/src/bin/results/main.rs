@@ -24,7 +24,9 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
-use headtail_eval::{Experiment, Outcome, Record, Recording, RunOptions, Store, ViewKey, Watch, run, source_hash};
+use headtail_eval::{
+    Experiment, Outcome, Recording, RunOptions, Store, VerifiedSources, Watch, run, source_hash, verify,
+};
 
 /// Measure experiments (results/*.toml) and build the pages that show their data.
 #[derive(Parser)]
@@ -53,11 +55,14 @@ enum Task {
     },
     /// List experiments whose samplers or integrator have changed since they were measured.
     Stale,
-    /// Render the first run of every stored measurement with a budget of samples again, and compare it bit for bit: whether a rebuilding has changed
-    /// what samplers draw.
+    /// Render first runs of stored measurements again and compare them: whether a rebuilding has changed what samplers draw. If it has not, pages
+    /// no longer call the data stale, and say so.
     Verify {
         /// Experiments by name; all if none is named.
         names: Vec<String>,
+        /// Views of each experiment.
+        #[arg(long, default_value_t = 6)]
+        views: usize,
         #[command(flatten)]
         files: Files,
     },
@@ -140,8 +145,11 @@ fn perform(arguments: &Arguments) -> Result<()> {
             }
             Ok(())
         }
-        Task::Verify { names, files } => {
-            verify(&Plans::open(&folder)?.chosen(names)?, &Store::new(&folder), &files.options()?)
+        Task::Verify { names, views, files } => {
+            let (plans, store) = (Plans::open(&folder)?.chosen(names)?, Store::new(&folder));
+            let pictures = verify_all(&plans, &store, &files.options()?, *views)?;
+            // Only all experiments together say that nothing has changed.
+            if names.is_empty() { keep_verified(&store, pictures) } else { Ok(()) }
         }
         Task::Run { names, stale, quick, files } => {
             let (chosen, options) = (Plans::open(&folder)?.chosen(names)?, files.options()?);
@@ -180,46 +188,32 @@ fn in_temporary_folder<T>(call: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
     result
 }
 
-/// Renders the first runs of stored measurements again and compares their errors, means and weights.
+/// Renders pictures of stored measurements again, and counts them.
 ///
 /// # Errors
-/// Names the measurements that differ.
-fn verify(plans: &Plans, known: &Store, options: &RunOptions) -> Result<()> {
-    let (mut count, mut different) = (0, Vec::new());
-    in_temporary_folder(|temporary| {
-        let again = Store::new(temporary);
-        for experiment in &plans.experiments {
-            let mut experiment = experiment.clone();
-            experiment.budgets.retain(|entry| entry.0.seconds().is_none());
-            experiment.runs = 1;
-            if experiment.budgets.is_empty() {
-                eprintln!("{}: budgets of time depend on the machine; nothing to verify", experiment.name);
-                continue;
-            }
-            measure(&experiment, &again, options)?;
-            let rendered = again.records(&experiment.name)?;
-            for own in known.records(&experiment.name)? {
-                let is_same = |other: &&Record| {
-                    (other.view(), &other.sampler, &other.budget, other.run)
-                        == (own.view(), &own.sampler, &own.budget, own.run)
-                };
-                let Some(other) = rendered.iter().find(is_same) else { continue };
-                count += 1;
-                // Of the picture alone: errors depend on how far the reference was refined.
-                let numbers = |record: &Record| {
-                    [record.mean_luminance, record.max_weight, record.rays_per_sample].map(f64::to_bits)
-                };
-                if numbers(&own) != numbers(other) {
-                    let ViewKey { scene, map, material } = own.view();
-                    different.push(format!("{}: {scene} under {map}, {material}: {}", experiment.name, own.sampler));
-                }
-            }
-        }
-        Ok(())
-    })?;
-    ensure!(different.is_empty(), "{} of {count} measurements differ:\n{}", different.len(), different.join("\n"));
-    println!("{count} measurements are the same");
-    Ok(())
+/// Names the pictures that differ.
+fn verify_all(plans: &Plans, store: &Store, options: &RunOptions, views: usize) -> Result<usize> {
+    let (stop, mut pictures, mut different) = (stop_flag()?, 0, Vec::new());
+    for experiment in &plans.experiments {
+        let found = verify(experiment, store, options, views, &stop)?;
+        ensure!(!stop.load(std::sync::atomic::Ordering::Relaxed), "interrupted");
+        eprintln!("{}: {} pictures, {} differ", experiment.name, found.pictures, found.different.len());
+        pictures += found.pictures;
+        different.extend(found.different.into_iter().map(|own| format!("{}: {own}", experiment.name)));
+    }
+    ensure!(different.is_empty(), "{} of {pictures} pictures differ:\n{}", different.len(), different.join("\n"));
+    println!("{pictures} pictures are the same");
+    Ok(pictures)
+}
+
+/// Lets the data of all earlier sources count as those of now.
+fn keep_verified(store: &Store, pictures: usize) -> Result<()> {
+    let mut earlier: Vec<String> = store.environments()?.into_iter().map(|(_, own)| own.sources).collect();
+    earlier.sort();
+    earlier.dedup();
+    earlier.retain(|sources| sources != source_hash());
+    let row = |measured| VerifiedSources { measured, verified: source_hash().to_owned(), pictures };
+    Ok(store.add_verified(&earlier.into_iter().map(row).collect::<Vec<_>>())?)
 }
 
 /// Measures miniatures and builds the pages from them in memory.
@@ -294,9 +288,14 @@ impl Plans {
     }
 }
 
+/// Ids of environments whose sources are those of now, or render the same.
 fn current_environments(store: &Store) -> Result<Vec<String>> {
-    let known = store.environments()?;
-    Ok(known.into_iter().filter(|(_, own)| own.sources == source_hash()).map(|(id, _)| id).collect())
+    let (known, verified) = (store.environments()?, store.verified()?);
+    let is_current = |sources: &str| {
+        let same = verified.iter().any(|own| own.measured == sources && own.verified == source_hash());
+        sources == source_hash() || same
+    };
+    Ok(known.into_iter().filter(|(_, own)| is_current(&own.sources)).map(|(id, _)| id).collect())
 }
 
 /// The program `headtail` in this program's folder.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use anyhow::{Context, Result, bail, ensure};
 use headtail_eval::{
-    Experiment, MeasurementEnvironment, Output, Record, Store, ViewKey, source_hash,
+    Experiment, MeasurementEnvironment, Output, Record, Store, VerifiedSources, ViewKey, source_hash,
     summary::{Comparison, Interval, Ratios, ViewRuns, views_of},
 };
 use headtail_render::statistics::{MeanInterval, sidak};
@@ -17,6 +17,18 @@ pub struct Data {
     /// Outputs by recording and command.
     recorded: Vec<(String, String, Option<Output>)>,
     environments: Vec<(String, MeasurementEnvironment)>,
+    verified: Vec<VerifiedSources>,
+}
+
+/// How data stand to the sources of now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// Measured with them.
+    Current,
+    /// Measured with others that render the same; so many pictures were compared.
+    Verified(usize),
+    /// Measured with others.
+    Stale,
 }
 
 /// What a block without data becomes.
@@ -59,8 +71,8 @@ impl Data {
                 recorded.push((recording.name.clone(), command.name.clone(), recording.output(store, command)?));
             }
         }
-        let environments = store.environments()?;
-        Ok(Self { experiments, recorded, environments })
+        let (environments, verified) = (store.environments()?, store.verified()?);
+        Ok(Self { experiments, recorded, environments, verified })
     }
 
     /// Fills a block.
@@ -98,15 +110,31 @@ impl Data {
         })
     }
 
+    /// How data of some sources stand to those of now.
+    fn state(&self, sources: &str) -> State {
+        let same = self.verified.iter().find(|own| own.measured == sources && own.verified == source_hash());
+        match same {
+            _ if sources == source_hash() => State::Current,
+            Some(own) => State::Verified(own.pictures),
+            None => State::Stale,
+        }
+    }
+
     /// Where an output is from.
     fn provenance(&self, output: &Output) -> String {
         let found = self.environments.iter().find(|(id, _)| *id == output.environment);
         let machine = found.map_or("an unknown machine".to_owned(), |(_, own)| {
             format!("{} ({}), {} threads", own.machine, own.instruction_set, own.threads)
         });
-        let stale = found.is_none_or(|(_, own)| own.sources != source_hash());
-        let stale = if stale { " **Stale:** samplers or integrator have changed since." } else { "" };
-        format!("\n\n*`{}`, {machine}.*{stale}", output.command)
+        let state = found.map_or(State::Stale, |(_, own)| self.state(&own.sources));
+        let state = match state {
+            State::Current => String::new(),
+            State::Verified(pictures) => {
+                format!(" Measured before sources changed; {pictures} pictures are the same since.")
+            }
+            State::Stale => " **Stale:** samplers or integrator have changed since.".to_owned(),
+        };
+        format!("\n\n*`{}`, {machine}.*{state}", output.command)
     }
 
     /// Where and how the data were measured, and whether they are stale.
@@ -140,9 +168,18 @@ impl Data {
             records.len(),
             experiment.name,
         );
-        let is_current =
-            |id: &str| self.environments.iter().any(|(own, with)| own == id && with.sources == source_hash());
-        let stale = records.iter().filter(|own| !is_current(&own.environment)).count();
+        let state = |own: &Record| {
+            let found = self.environments.iter().find(|(id, _)| *id == own.environment);
+            found.map_or(State::Stale, |(_, with)| self.state(&with.sources))
+        };
+        let states: Vec<State> = records.iter().map(state).collect();
+        let stale = states.iter().filter(|state| **state == State::Stale).count();
+        let verified = states
+            .iter()
+            .filter_map(|state| if let State::Verified(pictures) = state { Some(*pictures) } else { None });
+        if let Some(pictures) = verified.max() {
+            text += &format!("\n\nMeasured before sources changed; {pictures} pictures are the same since.");
+        }
         if stale > 0 {
             text += &format!(
                 "\n\n**Stale:** samplers or integrator have changed since {stale} of {} runs were measured.",

@@ -16,6 +16,7 @@ use crate::{
     error::{Error, Result},
     file,
     linear::Linear,
+    tensor_file,
 };
 
 /// The version of the format, in the metadata `headtail-materials`.
@@ -129,11 +130,10 @@ fn network(path: &Path, name: &str, layers: Vec<Linear>) -> Result<Network> {
 
 fn read_safetensors(path: &Path) -> Result<Vec<(String, Network)>> {
     let bytes = read_bounded(path)?;
-    let reason = |error: safetensors::SafeTensorError| {
+    let reason = |error: String| {
         Error::invalid(path, "header", format!("this is no file of materials written by headtail ({error})"))
     };
-    let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(reason)?;
-    let tensors = SafeTensors::deserialize(&bytes).map_err(reason)?;
+    let (metadata, tensors) = tensor_file::open(&bytes).map_err(reason)?;
     let field = "metadata 'headtail-materials'";
     let text = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail-materials"));
     let text = text.ok_or_else(|| Error::invalid(path, field, "is missing: this is no file of materials"))?;

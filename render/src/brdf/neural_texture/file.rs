@@ -14,6 +14,7 @@ use crate::{
     error::{Error, Result},
     file,
     linear::Linear,
+    tensor_file,
 };
 
 /// The version of the format that is written and read.
@@ -72,8 +73,7 @@ impl NeuralTexture {
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self> {
         let no_material =
             |reason: String| Error::invalid(path, "header", format!("this is no neural material ({reason})"));
-        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| no_material(error.to_string()))?;
-        let tensors = SafeTensors::deserialize(bytes).map_err(|error| no_material(error.to_string()))?;
+        let (metadata, tensors) = tensor_file::open(bytes).map_err(no_material)?;
         let text = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail"));
         let text = text.ok_or_else(|| no_material("metadata 'headtail' is missing".into()))?;
         let description: Description = serde_json::from_str(text)

@@ -91,7 +91,7 @@ impl Model {
             metallic,
             roughness,
             metallic_roughness_texture: wear.map(Arc::new),
-            normal_map: None,
+            ..TexturedMetallicRoughness::default()
         }));
         Paint(self.materials.len() - 1)
     }

@@ -27,9 +27,10 @@ const MAX_ELEMENTS: u64 = 1 << 26;
 const MAX_OBJECTS: usize = 1 << 21;
 
 /// Extensions that are read, or that change neither light nor geometry.
-const READ: [&str; 8] = [
+const READ: [&str; 9] = [
     "EXT_mesh_gpu_instancing",
     "KHR_animation_pointer",
+    "KHR_materials_emissive_strength",
     "KHR_materials_variants",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
@@ -39,13 +40,12 @@ const READ: [&str; 8] = [
 ];
 
 /// Extensions that a file may require though they are not applied: the geometry and the base colours stay right without.
-const LEFT_OUT: [&str; 14] = [
+const LEFT_OUT: [&str; 13] = [
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
     "KHR_materials_diffuse_transmission",
     "KHR_materials_dispersion",
-    "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_iridescence",
     "KHR_materials_sheen",
@@ -175,10 +175,15 @@ impl Document {
         if let Some(name) = self.root.extensions_required.iter().find(|name| !is_known(name)) {
             return Err(self.invalid("extensionsRequired", format!("'{name}' is not supported")));
         }
-        for name in self.root.extensions_used.iter().filter(|name| !READ.contains(&name.as_str())) {
+        self.root.extensions_used.iter().for_each(|name| self.warn_of_extension(name));
+        Ok(())
+    }
+
+    /// Warns of an extension that is not read.
+    pub fn warn_of_extension(&self, name: &str) {
+        if !READ.contains(&name) {
             self.warn(format!("its extension {} is not applied", name.escape_debug()));
         }
-        Ok(())
     }
 
     /// The bytes of a buffer: `blob` for the first one without URI.

@@ -156,9 +156,26 @@ pub struct Material {
     pub alpha_mode: Option<String>,
     pub emissive_factor: [f32; 3],
     pub emissive_texture: Option<TextureInfo>,
-    pub name: Option<String>,
+    pub extensions: MaterialExtensions,
     pub normal_texture: Option<TextureInfo>,
     pub pbr_metallic_roughness: Pbr,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+pub struct MaterialExtensions {
+    #[serde(rename = "KHR_materials_emissive_strength")]
+    pub emissive_strength: Option<EmissiveStrength>,
+    /// All others.
+    #[serde(flatten)]
+    pub others: HashMap<String, de::IgnoredAny>,
+}
+
+/// `KHR_materials_emissive_strength`.
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct EmissiveStrength {
+    pub emissive_strength: Option<f32>,
 }
 
 #[derive(Deserialize)]

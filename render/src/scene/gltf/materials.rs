@@ -42,16 +42,15 @@ pub fn read_all(document: &Document, used: &BTreeSet<usize>) -> Result<Vec<Mater
 
 /// What a material has that the model has not.
 fn warn_of_what_is_left_out(document: &Document, material: &json::Material) {
+    let mut extensions: Vec<&String> = material.extensions.others.keys().collect();
+    extensions.sort();
+    extensions.into_iter().for_each(|name| document.warn_of_extension(name));
     match material.alpha_mode.as_deref() {
         None | Some("OPAQUE") => {}
         Some(mode) => {
             let cutoff = material.alpha_cutoff.map(|cutoff| format!(" at {cutoff}")).unwrap_or_default();
             document.warn(format!("surfaces of alphaMode {}{cutoff} are shown opaque", mode.escape_debug()));
         }
-    }
-    if material.emissive_factor.iter().any(|&value| value > 0.0) {
-        let texture = if material.emissive_texture.is_some() { " (with its texture)" } else { "" };
-        document.warn(format!("the light that surfaces emit{texture} is left out: the environment alone is light"));
     }
 }
 
@@ -85,6 +84,17 @@ fn read_material(
         }
         None => None,
     };
+    let strength = material.extensions.emissive_strength.as_ref().and_then(|own| own.emissive_strength).unwrap_or(1.0);
+    let emission = strength * Vec3A::from_array(material.emissive_factor);
+    if !(emission.is_finite() && emission.min_element() >= 0.0) {
+        return Err(document.invalid(format!("materials[{index}].emissiveFactor"), "is negative or not finite"));
+    }
+    let emission_texture = match &material.emissive_texture {
+        Some(info) if emission != Vec3A::ZERO => {
+            textures.get(info.index, &format!("materials[{index}].emissiveTexture.index"))?
+        }
+        _ => None,
+    };
     let mut texture = |info: &Option<TextureInfo>, name: &str| match info {
         Some(info) => textures.get(info.index, &format!("{field}.{name}.index")),
         None => Ok(None),
@@ -96,6 +106,8 @@ fn read_material(
         roughness: pbr.roughness_factor.min(1.0),
         metallic_roughness_texture: texture(&pbr.metallic_roughness_texture, "metallicRoughnessTexture")?,
         normal_map,
+        emission,
+        emission_texture,
     }))
 }
 
@@ -127,8 +139,8 @@ impl Textures<'_> {
             texture.extensions.keys().map(|name| name.escape_debug().to_string()).collect();
         extensions.sort();
         let Some(source) = texture.source else {
-            let by = if extensions.is_empty() { "no extension".into() } else { extensions.join(", ") };
-            document.warn(format!("textures without an image (by {by}) are left out"));
+            let by = if extensions.is_empty() { String::new() } else { format!(" but by {}", extensions.join(", ")) };
+            document.warn(format!("textures that have no image{by} are left out"));
             return Ok(None);
         };
         let image = document.get(&root.images, source, &format!("{field}.source"))?;

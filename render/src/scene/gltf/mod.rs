@@ -60,7 +60,7 @@ impl Scene {
     /// Loads a scene of a glTF 2.0 file.
     ///
     /// Read are the node hierarchy with instances, triangles with normals, texture coordinates and vertex colours, morph targets at their
-    /// weights, cameras, and metallic-roughness materials with their textures of base colour, metalness with roughness, and normals.
+    /// weights, cameras, and metallic-roughness materials with their textures of base colour, metalness with roughness, normals and emission.
     /// [`Self::remarks`] names what a file has besides and is left out. A scene far from the origin is moved there.
     ///
     /// # Errors
@@ -142,14 +142,7 @@ fn in_field(document: &Document, field: &str, error: Error) -> Error {
     }
 }
 
-/// The material of primitives without one: glTF's defaults, a white metal as rough as can be.
+/// The material of primitives without one.
 fn default_material() -> Material {
-    Material::MetallicRoughness(TexturedMetallicRoughness {
-        base_color: glam::Vec3A::ONE,
-        base_color_texture: None,
-        metallic: 1.0,
-        roughness: 1.0,
-        metallic_roughness_texture: None,
-        normal_map: None,
-    })
+    Material::MetallicRoughness(TexturedMetallicRoughness::default())
 }

@@ -37,11 +37,21 @@ pub fn place(document: &Document, mesh: Mesh, to_world: &DAffine3, origin: DVec3
         let moved = mesh.positions.iter().map(|p| shifted.transform_point3(p.as_dvec3()).as_vec3());
         moved.collect::<Vec<_>>()
     });
-    let Mesh { positions, normals, texcoords, roughness_texcoords, tangent_space, triangles, material, colors, .. } =
-        mesh.transformed(&shifted.as_affine3a());
+    let Mesh {
+        positions,
+        normals,
+        texcoords,
+        roughness_texcoords,
+        tangent_space,
+        triangles,
+        material,
+        colors,
+        emission_texcoords,
+        ..
+    } = mesh.transformed(&shifted.as_affine3a());
     // Checked a second time: the transform may have made them infinite.
     Mesh::new(exact.unwrap_or(positions), normals, texcoords, triangles, material)
-        .map(|mesh| Mesh { roughness_texcoords, tangent_space, colors, ..mesh })
+        .map(|mesh| Mesh { roughness_texcoords, emission_texcoords, tangent_space, colors, ..mesh })
         .map_err(|error| in_field(document, field, error))
 }
 
@@ -66,13 +76,18 @@ fn read_primitive(document: &Document, primitive: &Primitive, weights: &[f32], f
     if let Some(normals) = &mut normals {
         repair_normals(document, normals, &positions, &triangles);
     }
-    let (material, [color, roughness, normal]) = material(document, primitive, field)?;
+    let (material, [color, roughness, normal, emission]) = material(document, primitive, field)?;
     let coordinates = |info: Option<&TextureInfo>| info.map_or(Ok(Vec::new()), |info| attributes.texcoords_of(info));
-    let is_shared = match (color, roughness) {
-        (Some(a), Some(b)) => (set_of(a), transform_of(a)) == (set_of(b), transform_of(b)),
-        (a, b) => a.is_none() && b.is_none(),
+    let own_coordinates = |other: Option<&TextureInfo>| {
+        let is_shared = match (color, other) {
+            (Some(a), Some(b)) => (set_of(a), transform_of(a)) == (set_of(b), transform_of(b)),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        if is_shared { Ok(None) } else { coordinates(other).map(Some) }
     };
-    let roughness_texcoords = if is_shared { None } else { Some(coordinates(roughness)?) };
+    let roughness_texcoords = own_coordinates(roughness)?;
+    // Most surfaces emit nothing.
+    let emission_texcoords = if emission.is_some() { own_coordinates(emission)? } else { None };
     let tangent_space = TangentSpace {
         texcoords: coordinates(normal)?,
         tangents: if normal.is_some() { attributes.tangents()? } else { Vec::new() },
@@ -89,6 +104,10 @@ fn read_primitive(document: &Document, primitive: &Primitive, weights: &[f32], f
     Mesh::new(positions, normals.unwrap_or_default(), texcoords, triangles, material)
         .and_then(|mesh| match roughness_texcoords {
             Some(texcoords) => mesh.with_roughness_texcoords(texcoords),
+            None => Ok(mesh),
+        })
+        .and_then(|mesh| match emission_texcoords {
+            Some(texcoords) => mesh.with_emission_texcoords(texcoords),
             None => Ok(mesh),
         })
         .and_then(|mesh| mesh.with_tangent_space(tangent_space))
@@ -213,19 +232,24 @@ fn repair_normals(document: &Document, normals: &mut [Vec3], positions: &[Vec3],
     document.warn(format!("{count} vertices had no usable normal and take that of their triangles"));
 }
 
-/// The index of the primitive's material, and how it refers to its base-colour, its metallic-roughness and its normal texture.
+/// The index of the primitive's material, and how it refers to the textures of base colour, of metalness and roughness, of normals and of emission.
 ///
 /// The index after the last one is the default material.
 fn material<'a>(
     document: &'a Document,
     primitive: &Primitive,
     field: &str,
-) -> Result<(usize, [Option<&'a TextureInfo>; 3])> {
+) -> Result<(usize, [Option<&'a TextureInfo>; 4])> {
     let materials = &document.root().materials;
-    let Some(index) = primitive.material else { return Ok((materials.len(), [None; 3])) };
+    let Some(index) = primitive.material else { return Ok((materials.len(), [None; 4])) };
     let material = document.get(materials, index, &format!("{field}.material"))?;
     let pbr = &material.pbr_metallic_roughness;
-    let textures = [&pbr.base_color_texture, &pbr.metallic_roughness_texture, &material.normal_texture];
+    let textures = [
+        &pbr.base_color_texture,
+        &pbr.metallic_roughness_texture,
+        &material.normal_texture,
+        &material.emissive_texture,
+    ];
     Ok((index.index(), textures.map(Option::as_ref)))
 }
 

@@ -1,0 +1,252 @@
+//! `auto`: chooses the sampler of a view by a pilot rendering that is no part of the picture.
+//!
+//! Candidates render the same small picture twice, with points of their own. Half the squared difference of the two is a sampler's error, and
+//! its efficiency one over error x cost. Costs are not timed but taken from [`COSTS`], so that the choice depends on the view, the number of
+//! samples and nothing else. After the choice the sampler is fixed: the picture is as unbiased as by any of the candidates.
+
+use std::{sync::atomic::AtomicBool, time::Instant};
+
+use headtail_render::{
+    brdf::{BrdfTable, Surface},
+    estimator::Estimator,
+    integrator::Rendering,
+    spec::SamplerSpec,
+};
+
+use crate::{Budget, OpenedView, Result};
+
+/// The share of a budget that a pilot may take.
+const SHARE: f64 = 0.04;
+/// The pilot's picture has one pixel for so many of the picture's along each side.
+const COARSENESS: usize = 8;
+/// Samples per pixel of the pilot, the most that fit.
+const SAMPLES: [u32; 4] = [16, 8, 4, 2];
+/// The pilot's seeds, which users' seeds have no reason to be.
+const SEEDS: [u64; 2] = [0x7069_6c6f_7431, 0x7069_6c6f_7432];
+/// Of the pixels with the greatest difference, the share that is left out: a single one would decide.
+const TRIMMED: f64 = 0.01;
+/// How much better another candidate must seem than the first, which is the best in most views.
+const MARGIN: f64 = 1.1;
+/// What it takes to prepare the second candidate, in samples of `mis` for each texel of the map.
+const PREPARATION: f64 = 0.3;
+/// Seconds of one thread for a sample of `mis`: it turns a budget of seconds into samples before anything was timed.
+const SECONDS_PER_SAMPLE: f64 = 2.6e-7;
+/// The width below which lobes of GGX are narrow.
+const NARROW: f32 = 0.2;
+
+/// What surfaces are like, by what a sample on them costs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum SurfaceClass {
+    Diffuse,
+    Glossy,
+    Narrow,
+    MetallicRoughness,
+    Other,
+}
+
+/// The time of a sample over that of one of `mis` on the same surfaces: medians of the measurements of `results/equal-time.csv`, by surface, for
+/// `patches+vis`, `split:4:patches+vis`, `mis-comp` and `split:4:mis-comp`.
+const COSTS: [(SurfaceClass, [f64; 4]); 5] = [
+    (SurfaceClass::Diffuse, [1.3, 3.3, 1.0, 2.4]),
+    (SurfaceClass::Glossy, [1.8, 4.1, 1.0, 2.4]),
+    (SurfaceClass::Narrow, [2.1, 5.2, 1.0, 2.4]),
+    (SurfaceClass::MetallicRoughness, [1.9, 4.9, 1.0, 2.5]),
+    (SurfaceClass::Other, [3.0, 9.0, 1.0, 2.6]),
+];
+
+/// What a candidate did in the pilot.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    /// Its SPEC.
+    pub spec: SamplerSpec,
+    /// Mean squared error of the pilot's picture, without its worst pixels.
+    pub error: f64,
+    /// The time of a sample over that of one of `mis`.
+    pub cost: f64,
+}
+
+/// The sampler of a view.
+pub struct Choice {
+    /// What was chosen; a picture that is rendered with it is the same to the bit.
+    pub spec: SamplerSpec,
+    /// What renders.
+    pub estimator: Box<dyn Estimator>,
+    /// The pilot, the first candidate first; empty where the budget is too small for one, so that a fixed rule decided.
+    pub trials: Vec<Trial>,
+    /// Seconds that the choice and the preparation took.
+    pub seconds: f64,
+}
+
+/// Chooses the sampler of a view for a budget.
+///
+/// # Errors
+/// If a candidate cannot be prepared.
+pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Choice> {
+    let start = Instant::now();
+    let shares = classes(view);
+    let cost = |column: usize| -> f64 {
+        let weighted = COSTS.iter().map(|(class, costs)| shares[*class as usize] * costs[column]);
+        weighted.sum()
+    };
+    let mut candidates =
+        vec![(SamplerSpec::split_patches_with_visibility(4), cost(1)), (SamplerSpec::split_compensated(4), cost(3))];
+    // Splitting pays least where a sample is dear.
+    if shares[SurfaceClass::Narrow as usize] + shares[SurfaceClass::Other as usize] > 0.5 {
+        candidates.push((SamplerSpec::split_patches_with_visibility(1), cost(0)));
+        candidates.push((SamplerSpec::split_compensated(1), cost(2)));
+    }
+    let small = view.resized(COARSENESS);
+    let pixels = (small.view().width * small.view().height) as f64;
+    let texels = (view.environment.width() * view.environment.height()) as f64;
+    let dearness: f64 = candidates.iter().map(|(_, cost)| cost).sum();
+    let affordable = |samples: &&u32| {
+        let pilot = 2.0 * f64::from(**samples) * pixels * dearness;
+        pilot + PREPARATION * texels <= SHARE * samples_of(view, budget)
+    };
+    let Some(&samples) = SAMPLES.iter().find(affordable) else {
+        let spec = candidates.swap_remove(0).0;
+        let estimator = view.estimator(&spec)?;
+        return Ok(Choice { spec, estimator, trials: Vec::new(), seconds: start.elapsed().as_secs_f64() });
+    };
+    let (mut estimators, mut trials) = (Vec::new(), Vec::new());
+    for (spec, cost) in candidates {
+        let estimator = view.estimator(&spec)?;
+        trials.push(Trial { error: error(&small, &*estimator, samples, stop), spec, cost });
+        estimators.push(estimator);
+    }
+    let chosen = best_of(&trials);
+    let (spec, estimator) = (trials[chosen].spec.clone(), estimators.swap_remove(chosen));
+    Ok(Choice { spec, estimator, trials, seconds: start.elapsed().as_secs_f64() })
+}
+
+/// The number of the most efficient candidate; of the first one, unless another is better by a margin.
+fn best_of(trials: &[Trial]) -> usize {
+    let price = |k: usize| trials[k].error * trials[k].cost * if k == 0 { 1.0 } else { MARGIN };
+    let best = (0..trials.len()).min_by(|&a, &b| price(a).total_cmp(&price(b)));
+    // Where the camera sees nothing lit, nothing was learned.
+    best.filter(|_| trials[0].error > 0.0).unwrap_or(0)
+}
+
+/// A budget in samples of `mis` over all pixels.
+fn samples_of(view: &OpenedView, budget: Budget) -> f64 {
+    let part = view.part();
+    match budget {
+        Budget::Samples(samples) => f64::from(samples) * (part.width * part.height) as f64,
+        Budget::Seconds(seconds) => seconds * rayon::current_num_threads() as f64 / SECONDS_PER_SAMPLE,
+    }
+}
+
+/// Which share of what the camera sees is of each class.
+fn classes(view: &OpenedView) -> [f64; COSTS.len()] {
+    let small = view.resized(4 * COARSENESS);
+    let (seen, mut counts) = (small.view(), [0.0; COSTS.len()]);
+    for y in 0..seen.height {
+        for x in 0..seen.width {
+            let ray = seen.camera.ray(x as f32 + 0.5, y as f32 + 0.5, seen.width, seen.height);
+            if let Some(at) = seen.scene.intersect(&ray) {
+                counts[class_of(&at.surface) as usize] += 1.0;
+            }
+        }
+    }
+    let all: f64 = counts.iter().sum();
+    // Nothing to see costs nothing, whatever it is.
+    if all == 0.0 { [1.0, 0.0, 0.0, 0.0, 0.0] } else { counts.map(|count| count / all) }
+}
+
+fn class_of(surface: &Surface) -> SurfaceClass {
+    match surface.brdf {
+        BrdfTable::LAMBERT => SurfaceClass::Diffuse,
+        // Its first parameter is the width.
+        BrdfTable::GGX if surface.parameters[0] < NARROW => SurfaceClass::Narrow,
+        BrdfTable::GGX => SurfaceClass::Glossy,
+        BrdfTable::METALLIC_ROUGHNESS => SurfaceClass::MetallicRoughness,
+        _ => SurfaceClass::Other,
+    }
+}
+
+/// Half the mean squared difference of two pilots, without the worst pixels.
+fn error(small: &OpenedView, estimator: &dyn Estimator, samples: u32, stop: &AtomicBool) -> f64 {
+    let budget = Budget::Samples(samples);
+    let [a, b]: [Rendering; 2] =
+        SEEDS.map(|seed| small.render(estimator, budget, small.points(budget, seed), stop, &|_| {}));
+    let square =
+        |(a, b): (&[f32; 3], &[f32; 3])| -> f64 { (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>() / 6.0 };
+    let mut squares: Vec<f64> = a.surfaces.pixels.iter().zip(&b.surfaces.pixels).map(square).collect();
+    squares.sort_by(f64::total_cmp);
+    let kept = squares.len() - (TRIMMED * squares.len() as f64) as usize;
+    squares[..kept].iter().sum::<f64>() / kept as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{CameraSettings, ViewSettings};
+
+    fn opened(scene: &str, env: &str, material: Option<&str>) -> OpenedView {
+        let mut settings = ViewSettings::new(scene, env, CameraSettings::of_size(128, 96));
+        settings.material = material.map(|material| material.parse().unwrap());
+        settings.open().unwrap()
+    }
+
+    #[test]
+    fn the_choice_depends_on_nothing_but_view_and_samples() {
+        let view = opened("dishes", "studio", Some("lambert"));
+        let choice = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| choose(&view, Budget::Samples(512), &AtomicBool::new(false)).unwrap())
+        };
+        let (one, two) = (choice(1), choice(2));
+        assert_eq!((one.spec, one.trials.len()), (two.spec, 2));
+        for (a, b) in one.trials.iter().zip(&two.trials) {
+            assert_eq!((a.error.to_bits(), a.cost), (b.error.to_bits(), b.cost));
+        }
+    }
+
+    #[test]
+    fn small_budgets_have_no_pilot() {
+        let view = opened("sphere", "studio", None);
+        let choice = choose(&view, Budget::Samples(1), &AtomicBool::new(false)).unwrap();
+        assert!(choice.trials.is_empty() && choice.spec.to_string() == "split:4:patches+vis");
+    }
+
+    #[test]
+    fn narrow_lobes_have_candidates_without_splitting() {
+        let view = opened("sphere", "studio", Some("ggx:alpha=0.05"));
+        let choice = choose(&view, Budget::Samples(1024), &AtomicBool::new(false)).unwrap();
+        assert_eq!(choice.trials.len(), 4);
+        assert!(choice.trials.iter().all(|trial| trial.error > 0.0 && trial.cost >= 1.0));
+    }
+
+    /// The table of costs is what was measured.
+    #[test]
+    fn costs_are_those_of_the_data() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../results/equal-time.csv");
+        let Ok(text) = std::fs::read_to_string(path) else { return };
+        let mut lines = text.lines();
+        let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+        let column = |name: &str| names.iter().position(|own| *own == name).unwrap();
+        let [view, material, sampler, budget, spp, seconds] =
+            [0, column("material"), column("sampler"), column("budget"), column("spp"), column("seconds")];
+        let rows: Vec<Vec<&str>> =
+            lines.map(|line| line.split(',').collect()).filter(|row: &Vec<&str>| row[budget] == "1s").collect();
+        let time = |row: &[&str]| row[seconds].parse::<f64>().unwrap() / row[spp].parse::<f64>().unwrap();
+        let specs = ["patches+vis", "split:4:patches+vis", "mis-comp", "split:4:mis-comp"];
+        for (name, class) in [("diffuse", 0), ("glossy", 1), ("mirror-like", 2)] {
+            for (k, spec) in specs.iter().enumerate() {
+                let mut ratios: Vec<f64> = Vec::new();
+                for row in rows.iter().filter(|row| row[material] == name && row[sampler] == *spec) {
+                    let is_mis =
+                        |other: &&Vec<&str>| other[view..=material] == row[view..=material] && other[sampler] == "mis";
+                    ratios.extend(rows.iter().find(is_mis).map(|mis| time(row) / time(mis)));
+                }
+                ratios.sort_by(f64::total_cmp);
+                let Some(median) = ratios.get(ratios.len() / 2) else { continue };
+                let stated = COSTS[class].1[k];
+                assert!(
+                    (stated / median - 1.0).abs() < 0.15,
+                    "{spec} on {name} surfaces: {stated}, measured {median:.2}"
+                );
+            }
+        }
+    }
+}
