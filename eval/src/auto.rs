@@ -9,12 +9,14 @@ use std::{sync::atomic::AtomicBool, time::Instant};
 use headtail_render::{
     brdf::{BrdfTable, Surface},
     estimator::Estimator,
-    integrator::Rendering,
+    integrator::{Rendering, learn_visibility},
     spec::SamplerSpec,
 };
 
 use crate::{Budget, OpenedView, Result};
 
+/// Directions of candidates that split.
+const DIRECTIONS: u32 = 4;
 /// The share of a budget that a pilot may take.
 const SHARE: f64 = 0.04;
 /// The pilot's picture has one pixel for so many of the picture's along each side.
@@ -26,7 +28,7 @@ const SEEDS: [u64; 2] = [0x7069_6c6f_7431, 0x7069_6c6f_7432];
 /// Of the pixels with the greatest difference, the share that is left out: a single one would decide.
 const TRIMMED: f64 = 0.01;
 /// How much better another candidate must seem than the first, which is the best in most views.
-const MARGIN: f64 = 1.1;
+const MARGIN: f64 = 1.04;
 /// What it takes to prepare the second candidate, in samples of `mis` for each texel of the map.
 const PREPARATION: f64 = 0.3;
 /// Seconds of one thread for a sample of `mis`: it turns a budget of seconds into samples before anything was timed.
@@ -88,35 +90,63 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
         let weighted = COSTS.iter().map(|(class, costs)| shares[*class as usize] * costs[column]);
         weighted.sum()
     };
-    let mut candidates =
-        vec![(SamplerSpec::split_patches_with_visibility(4), cost(1)), (SamplerSpec::split_compensated(4), cost(3))];
-    // Splitting pays least where a sample is dear.
-    if shares[SurfaceClass::Narrow as usize] + shares[SurfaceClass::Other as usize] > 0.5 {
-        candidates.push((SamplerSpec::split_patches_with_visibility(1), cost(0)));
-        candidates.push((SamplerSpec::split_compensated(1), cost(2)));
-    }
+    let patches = view.patches_with_visibility()?;
+    let splits = patches.clone().drawing(DIRECTIONS)?;
+    let spec = SamplerSpec::split_patches_with_visibility(DIRECTIONS);
+    // Splitting pays least where a sample is expensive.
+    let is_expensive = shares[SurfaceClass::Narrow as usize] + shares[SurfaceClass::Other as usize] > 0.5;
+    let others = if is_expensive { [cost(3), cost(0), cost(2)].iter().sum() } else { cost(3) };
     let small = view.resized(COARSENESS);
     let pixels = (small.view().width * small.view().height) as f64;
     let texels = (view.environment.width() * view.environment.height()) as f64;
-    let dearness: f64 = candidates.iter().map(|(_, cost)| cost).sum();
     let affordable = |samples: &&u32| {
-        let pilot = 2.0 * f64::from(**samples) * pixels * dearness;
+        let pilot = 2.0 * f64::from(**samples) * pixels * (cost(1) + others);
         pilot + PREPARATION * texels <= SHARE * samples_of(view, budget)
     };
     let Some(&samples) = SAMPLES.iter().find(affordable) else {
-        let spec = candidates.swap_remove(0).0;
-        let estimator = view.estimator(&spec)?;
-        return Ok(Choice { spec, estimator, trials: Vec::new(), seconds: start.elapsed().as_secs_f64() });
+        let seconds = start.elapsed().as_secs_f64();
+        return Ok(Choice { spec, estimator: Box::new(splits), trials: Vec::new(), seconds });
     };
-    let (mut estimators, mut trials) = (Vec::new(), Vec::new());
-    for (spec, cost) in candidates {
-        let estimator = view.estimator(&spec)?;
-        trials.push(Trial { error: error(&small, &*estimator, samples, stop), spec, cost });
-        estimators.push(estimator);
+    // The pilot is too small to learn as much as the picture will.
+    let learning = view.resized(COARSENESS / 2);
+    let learned = learn_visibility(learning.view(), &patches, None, (1, SEEDS[0]), stop, &|_| {});
+    let informed = patches.clone().knowing(&learned)?;
+
+    let mut pilot = Pilot { small: &small, samples, stop, trials: Vec::new() };
+    pilot.add(spec, cost(1), &informed.clone().drawing(DIRECTIONS)?);
+    let compensated = |directions: u32| -> Result<(SamplerSpec, Box<dyn Estimator>)> {
+        let spec = SamplerSpec::split_compensated(directions);
+        Ok((spec.clone(), view.estimator(&spec)?))
+    };
+    let (spec, split_mis) = compensated(DIRECTIONS)?;
+    pilot.add(spec, cost(3), &*split_mis);
+    let mut estimators: Vec<Box<dyn Estimator>> = vec![Box::new(splits), split_mis];
+    if is_expensive {
+        pilot.add(SamplerSpec::split_patches_with_visibility(1), cost(0), &informed);
+        let (spec, mis) = compensated(1)?;
+        pilot.add(spec, cost(2), &*mis);
+        estimators.extend([Box::new(patches) as Box<dyn Estimator>, mis]);
     }
+    let trials = pilot.trials;
     let chosen = best_of(&trials);
     let (spec, estimator) = (trials[chosen].spec.clone(), estimators.swap_remove(chosen));
     Ok(Choice { spec, estimator, trials, seconds: start.elapsed().as_secs_f64() })
+}
+
+/// Pilot renderings of one view.
+struct Pilot<'a> {
+    small: &'a OpenedView,
+    /// Samples per pixel.
+    samples: u32,
+    stop: &'a AtomicBool,
+    trials: Vec<Trial>,
+}
+
+impl Pilot<'_> {
+    /// Renders with a candidate.
+    fn add(&mut self, spec: SamplerSpec, cost: f64, estimator: &dyn Estimator) {
+        self.trials.push(Trial { error: error(self.small, estimator, self.samples, self.stop), spec, cost });
+    }
 }
 
 /// The number of the most efficient candidate; of the first one, unless another is better by a margin.

@@ -7,6 +7,7 @@ use headtail_render::{
     environment::Environment,
     estimator::{Estimator, LearnedVisibility},
     integrator::{self, Part, Rendering, View},
+    patches::Detail,
     points::Points,
     remark::Remark,
     scene::{Camera, MaterialSpec, Scene},
@@ -214,6 +215,15 @@ impl OpenedView {
     pub fn estimator(&self, spec: &SamplerSpec) -> Result<Box<dyn Estimator>> {
         let place = Place { scene: Some(&self.scene), memory: self.visibility_bytes, always: self.visibility_always };
         Ok(spec.build_in(&self.environment, place)?)
+    }
+
+    /// The estimator of `patches+vis` for this map and this scene.
+    ///
+    /// # Errors
+    /// If the map has no light.
+    pub(crate) fn patches_with_visibility(&self) -> Result<LearnedVisibility> {
+        let patches = LearnedVisibility::new(self.environment.clone(), Detail::Leaves, self.visibility_bytes)?;
+        Ok(if self.visibility_always { patches.always() } else { patches })
     }
 
     /// The scene.

@@ -98,21 +98,18 @@ pub(super) fn choose(headers: &[Header], wanted: Option<&str>) -> Result<(Source
         return Err(format!("found only {}; R, G and B are needed, or Y", channel_names(headers)));
     };
     let source = chosen.source().ok_or("no colour was found")?;
-    let rivals: Vec<&str> = ranked.filter(|&(other, _)| other == rank).map(|(_, layer)| layer.name.as_str()).collect();
+    let rivals: Vec<String> = ranked
+        .filter(|&(other, _)| other == rank)
+        .map(|(_, layer)| format!("'{}'", layer.name.escape_debug()))
+        .collect();
     let remark = match rank {
         Rank::Plain | Rank::PlainLuminance => None,
         _ if layers.len() == 1 => None,
-        Rank::Picture => Some(Remark::Note(format!("its layer '{}' is read", chosen.name.escape_debug()))),
-        Rank::Color | Rank::Luminance if rivals.len() == 1 => {
-            Some(Remark::Note(format!("its layer '{}' is read", chosen.name.escape_debug())))
-        }
-        Rank::Color | Rank::Luminance => {
-            let all = rivals.join("', '");
-            Some(Remark::Warning(format!(
-                "the first of its layers '{}' is read; another can be named",
-                all.escape_debug()
-            )))
-        }
+        Rank::Color | Rank::Luminance if rivals.len() > 1 => Some(Remark::Warning(format!(
+            "the first of its layers {} is read; another can be named",
+            rivals.join(", ")
+        ))),
+        _ => Some(Remark::Note(format!("its layer '{}' is read", chosen.name.escape_debug()))),
     };
     Ok((source, remark))
 }

@@ -227,9 +227,10 @@ impl SamplerSpec {
         }
     }
 
-    /// `split:N:mis-comp`.
+    /// `split:N:mis-comp`, or `mis-comp` for one direction.
     pub fn split_compensated(directions: u32) -> Self {
-        Self::Split(directions, Source::Compensated.mixed())
+        let source = Source::Compensated.mixed();
+        if directions == 1 { Self::One(source) } else { Self::Split(directions, source) }
     }
 
     /// What `auto` stands for by rule alone: `split:4:patches+vis` in a scene, and `patches` where there is none, because whoever calls decides

@@ -204,7 +204,7 @@ impl PlacedCamera {
             ("perspective", Some(perspective), _) => perspective_camera(&to_world, perspective.yfov),
             ("orthographic", _, Some(orthographic)) => {
                 let scale = to_world.matrix3.y_axis.length();
-                rigid(&to_world).and_then(|motion| Camera::orthographic(motion, orthographic.ymag.abs() * scale))
+                Camera::orthographic(rigid(&to_world), orthographic.ymag.abs() * scale)
             }
             ("perspective" | "orthographic", ..) => {
                 return Err(document.invalid(format!("cameras[{}]", index.0), "has none of its projection"));
@@ -221,17 +221,17 @@ fn perspective_camera(to_world: &Affine3A, vertical_fov: f32) -> Result<Camera> 
     // Far from the origin of the coordinates, one metre ahead would be rounded away.
     let look_at = look_from + forward * look_from.abs().max_element().max(1.0);
     let upright = Camera::new(look_from, look_at, vertical_fov.to_degrees())?;
-    let motion = rigid(to_world)?;
+    let motion = rigid(to_world);
     // Stored with six digits, a camera without roll has one of a thousandth of a degree.
     let is_upright = upright.to_world().matrix3.y_axis.dot(motion.matrix3.y_axis) > 1.0 - 1e-6;
     if is_upright { Ok(upright) } else { Camera::of_photograph(motion, (0.5 * vertical_fov).tan(), Vec2::ZERO) }
 }
 
 /// The rotation and the translation of a transform.
-fn rigid(to_world: &Affine3A) -> Result<Affine3A> {
+fn rigid(to_world: &Affine3A) -> Affine3A {
     let back = to_world.matrix3.z_axis.normalize_or_zero();
     let up = to_world.matrix3.y_axis.reject_from_normalized(back).normalize_or_zero();
     let matrix3 = glam::Mat3A::from_cols(up.cross(back), up, back);
     // Checked to be a rotation by the camera that is made of it.
-    Ok(Affine3A { matrix3, translation: to_world.translation })
+    Affine3A { matrix3, translation: to_world.translation }
 }

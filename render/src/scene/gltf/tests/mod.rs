@@ -124,7 +124,7 @@ fn broken_fields_are_named() {
         ("/accessors/0/bufferView", json!(2), "accessors[0].bufferView"),
         // Zeros, as the specification says; but not without end.
         ("/accessors/0/bufferView", Value::Null, ""),
-        ("/accessors/2", json!({"componentType": 5126, "count": 5_000_000, "type": "VEC2"}), "accessors[2].bufferView"),
+        ("/accessors/0", json!({"componentType": 5126, "count": 5_000_000, "type": "VEC3"}), "accessors[0].bufferView"),
         ("/accessors/0/componentType", json!(5130), "accessors[0].componentType"),
         ("/accessors/0/type", json!("VEC9"), "accessors[0].type"),
         ("/accessors/0/count", json!(6), "accessors[0].count"),

@@ -4,11 +4,14 @@ use glam::{Vec3, Vec3A};
 use serde_json::{Value, json};
 
 use super::{color_at, glb, load, load_bytes, set, triangle};
-use crate::scene::{LoadOptions, Ray, Scene};
+use crate::{
+    remark::Remark,
+    scene::{LoadOptions, Ray, Scene},
+};
 
 /// The texts of a scene's warnings.
 fn warnings(scene: &Scene) -> Vec<&str> {
-    scene.remarks().iter().filter(|remark| remark.is_warning()).map(|remark| remark.text()).collect()
+    scene.remarks().iter().filter(|remark| remark.is_warning()).map(Remark::text).collect()
 }
 
 /// Adds floats as a buffer view and an accessor of a type; the number of the accessor.
@@ -355,7 +358,7 @@ fn textures_that_cannot_be_read_are_left_out_where_the_file_says_so() {
         assert!(warnings(&scene).iter().any(|text| text.contains(word)), "{word} in {:?}", warnings(&scene));
     }
     // Where other materials take their place, textures are not looked for.
-    let mut json = plain.clone();
+    let mut json = plain;
     set(&mut json, "/images", json!([{"uri": "missing.png"}]));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.glb");
