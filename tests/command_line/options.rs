@@ -4,7 +4,7 @@ use std::fs;
 
 use headtail_render::{
     environment::Environment,
-    image::{Image, text_attributes, write_exr},
+    image::{Image, read_picture, text_attributes, write_exr},
     statistics::ErrorMetrics,
 };
 
@@ -121,10 +121,64 @@ fn features_lie_beside_the_picture() {
     for name in ["albedo.R", "normal.Y", "depth.Z"] {
         assert!(layers.windows(name.len()).any(|window| window == name.as_bytes()), "{name}");
     }
-    let albedo = picture(&path.join("a.aovs.exr"));
+    let albedo = read_picture(&path.join("a.aovs.exr"), Some("albedo")).unwrap().image;
     let seen = albedo.pixels.iter().filter(|pixel| pixel[0] > 0.0).count();
     assert!(seen > 0 && albedo.pixels.iter().all(|pixel| pixel[0] <= 0.25 + 1e-5), "{:?}", albedo.pixels);
     assert!(albedo.pixels.iter().any(|pixel| (pixel[0] - 0.25).abs() < 1e-5));
+}
+
+#[test]
+fn the_default_sampler_is_chosen_and_named() {
+    let here = folder();
+    let path = here.path();
+    let view = "render --scene dishes --env studio --material lambert --spp 512 --width 64 --height 48";
+    let said = succeed(path, &format!("{view} --out a.exr"));
+    let chosen = said.split("auto: ").nth(1).and_then(|rest| rest.split(' ').next()).expect("the choice is said");
+    assert!(said.contains("efficiencies in a pilot"), "{said}");
+    succeed(path, &format!("{view} --sampler {chosen} --threads 1 --out b.exr"));
+    assert_eq!(picture(&path.join("a.exr")), picture(&path.join("b.exr")));
+    let attributes = text_attributes(&path.join("a.exr")).unwrap();
+    let of = |name: &str| attributes.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
+    assert_eq!(of("sampler"), Some(chosen));
+    assert!(of("auto").is_some_and(|text| text.contains("split:4:mis-comp")));
+}
+
+#[test]
+fn maps_are_read_in_the_layout_and_by_the_layer_that_is_named() {
+    let here = folder();
+    let path = here.path();
+    // Six faces in a column; the one to +Y, up, is bright.
+    let mut image = Image { width: 8, height: 48, pixels: vec![[0.1; 3]; 8 * 48] };
+    image.pixels[2 * 64..3 * 64].fill([1.0; 3]);
+    write_exr(&path.join("cube.exr"), &image, &[]).unwrap();
+    let view = "render --scene plane --material lambert --sampler mis --spp 16 --width 16 --height 12 --out a.exr --env cube.exr";
+    let light = |more: &str| {
+        succeed(path, &format!("{view}{more}"));
+        mean(&picture(&path.join("a.exr")))
+    };
+    let as_cube = light(" --env-layout cube");
+    assert_eq!(as_cube, light("#layout=cube"));
+    assert!(as_cube > 1.1 * light(""), "{as_cube}");
+    assert!(refuse(path, &format!("{view} --env-layout sphere")).contains("equal-area"));
+    assert!(fail(path, &format!("{view} --env-layout cross")).contains("are not 3 x 4 squares"));
+    assert!(fail(path, &format!("{view} --env-layer beauty")).contains("no layer is called 'beauty'"));
+}
+
+#[test]
+fn warnings_about_files_are_errors_where_that_is_asked_for() {
+    let here = folder();
+    let path = here.path();
+    let image = Image { width: 4, height: 2, pixels: vec![[1.0, f32::NAN, 1.0]; 8] };
+    write_exr(&path.join("nan.exr"), &image, &[]).unwrap();
+    let view = "render --scene plane --env nan.exr --spp 1 --width 8 --height 6 --out a.exr";
+    let output = command(path, view).output().unwrap();
+    assert!(output.status.success() && text(&output.stderr).contains("warning: nan.exr: 8 channel values were NaN"));
+    assert!(
+        fail(path, &format!("{view} --strict"))
+            .contains("were NaN and were replaced by 0 (an error because of --strict)")
+    );
+    let said = succeed(path, "info nan.exr");
+    assert!(said.contains("warnings") && said.contains("8 channel values were NaN"), "{said}");
 }
 
 #[test]
