@@ -282,14 +282,14 @@ impl Scene {
             let mut hits = [None; CHUNK];
             let hits = &mut hits[..rays.len()];
             self.bvh.closest_batch(rays, hits);
+            if let Some(emission) = &mut emission {
+                emission.extend(hits.iter().flatten().map(|hit| self.emission(hit)));
+            }
             for (k, (ray, hit)) in rays.iter().zip(hits).enumerate() {
                 if let Some(hit) = hit {
                     let index = chunk * CHUNK + k;
                     indices.push(index);
                     tile.push(&self.surface(ray, hit, spread), key(index));
-                    if let Some(emission) = &mut emission {
-                        emission.push(self.emission(hit));
-                    }
                 }
             }
         }
