@@ -9,7 +9,7 @@ use crate::{
 
 /// By how much the mean luminance may differ: it is of the pixels that surfaces cover entirely, and which those are at the border depends on
 /// the samples that look.
-const MEAN: f64 = 1e-3;
+const MEAN: f64 = 1e-2;
 
 /// What came of a verification.
 #[derive(Debug, Default)]
