@@ -41,7 +41,7 @@ pub struct ViewArguments {
     pub map: MapArguments,
     #[command(flatten)]
     pub camera: CameraArguments,
-    /// The camera of that name, or number from 0 on, in the scene's file. Default: its first perspective one.
+    /// Name, or number from 0, of a camera in the scene file. Default: the first perspective camera.
     #[arg(long = "camera", value_name = "NAME", conflicts_with = "look_from")]
     pub own_camera: Option<String>,
     /// Put a grey diffuse plane under the scene, which reaches to the horizon.
@@ -97,11 +97,11 @@ pub struct CameraArguments {
 /// What a map's file leaves open.
 #[derive(Args, Clone, Debug, Default)]
 pub struct MapArguments {
-    /// How directions lie in the map's picture: latlong, equal-area (pbrt's square), cube (six faces in a row or a column), cross (an unfolded cube)
-    /// or angular (a light probe). Default: what the file says, else latlong.
+    /// Layout of the map: latlong, equal-area (the square of pbrt-v4), cube (six faces in a row or a column), cross (an unfolded cube) or
+    /// angular (a light probe). Default: that of the file, else latlong.
     #[arg(long, value_name = "LAYOUT")]
     pub env_layout: Option<MapLayout>,
-    /// The layer of an OpenEXR map that is the light, or the end of its name. Default: R, G and B, else a layer called as pictures are.
+    /// Layer of an OpenEXR map, or the end of its name. Default: R, G and B without a layer, else Combined, beauty and the like.
     #[arg(long, value_name = "NAME")]
     pub env_layer: Option<String>,
 }

@@ -197,7 +197,7 @@ pub fn lock_or_open(path: &Path) -> std::io::Result<Option<(File, bool)>> {
                 static WARNED: Once = Once::new();
                 let folder = path.parent().unwrap_or(Path::new(".")).display();
                 WARNED.call_once(|| {
-                    warning!("{folder}: its file system has no locks ({error}); write each result by one command");
+                    warning!("{folder}: the file system does not support locks ({error}); do not write to it from two commands at once");
                 });
                 return Ok(Some((file, false)));
             }

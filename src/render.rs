@@ -180,8 +180,8 @@ fn prepared(
     let trials: Vec<String> =
         trials.iter().map(|trial| format!("{} {:.2}", trial.spec, best / (trial.error * trial.cost))).collect();
     let why = match trials.is_empty() {
-        true => "by rule: the budget is too small for a pilot".to_owned(),
-        false => format!("efficiencies in a pilot of {seconds:.2} s: {}", trials.join(", ")),
+        true => "default: the budget is too small for a pilot".to_owned(),
+        false => format!("relative efficiency in a pilot of {seconds:.2} s: {}", trials.join(", ")),
     };
     let text = format!("auto: {spec} ({why})");
     Ok((spec, estimator, Some(text)))

@@ -27,7 +27,7 @@ pub struct Voice {
     /// Say nothing but data, warnings and errors.
     #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = "Messages")]
     quiet: bool,
-    /// Stop where a file would be rendered otherwise than it is meant: each warning about one becomes an error.
+    /// Treat warnings about input files as errors.
     #[arg(long, global = true, help_heading = "Messages")]
     strict: bool,
     /// Say what is opened, what is written, and the memory that it takes.
@@ -142,7 +142,7 @@ pub fn say_remark(file: &str, remark: &Remark) -> Result<()> {
     match remark {
         Remark::Note(text) => note!("{file}: {text}"),
         Remark::Warning(text) if TERMINAL.get().is_some_and(|terminal| terminal.voice.strict) => {
-            anyhow::bail!("{file}: {text} (an error because of --strict)")
+            anyhow::bail!("{file}: {text} (--strict)")
         }
         Remark::Warning(text) => warning!("{file}: {text}"),
     }

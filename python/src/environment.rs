@@ -3,9 +3,8 @@
 use std::sync::Arc;
 
 use headtail_render::{
-    batch,
+    Error, batch,
     environment::{self, MapSpec},
-    Error,
     image::{Image, MapLayout},
     remark::Remark,
 };
@@ -27,7 +26,9 @@ impl Environment {
         let open = || {
             let spec = MapSpec::parse(name_or_path)?;
             let layout = layout.map(layout_of).transpose()?.or(spec.layout);
-            environment::Environment::open(&MapSpec { name: spec.name, layout, layer: layer.or(spec.layer) }.to_string())
+            environment::Environment::open(
+                &MapSpec { name: spec.name, layout, layer: layer.or(spec.layer) }.to_string(),
+            )
         };
         let map = py.detach(open).map_err(of_render)?;
         Ok(Self(Arc::new(map)))

@@ -13,7 +13,7 @@ use serde::{
 /// A key that the header has twice is refused: which of the two is meant differs between programs.
 pub(crate) fn open(bytes: &[u8]) -> Result<(Metadata, SafeTensors<'_>), String> {
     if bytes.starts_with(b"version https://git-lfs") {
-        return Err("it is a pointer of Git LFS; fetch the file itself with `git lfs pull`".into());
+        return Err("is a Git LFS pointer; run `git lfs pull` to fetch the file".into());
     }
     let (length, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| error.to_string())?;
     // Eight bytes say how long the header is.

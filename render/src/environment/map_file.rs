@@ -102,11 +102,10 @@ impl Environment {
         let (width, height) = (image.width, image.height);
         let (own, asked) = (layout, spec.layout);
         if let Some(layout) = asked.or(own).filter(|&layout| layout != MapLayout::LatLong) {
-            remarks.push(Remark::Note(format!("its {width} x {height} pixels are converted from the layout {layout}")));
+            remarks.push(Remark::Note(format!("converted {width}x{height} pixels from layout {layout}")));
         } else if own.or(asked).is_none() && width != 2 * height {
             remarks.push(Remark::Note(format!(
-                "its {width} x {height} pixels are read as latitude and longitude, though they are not twice as wide as high; \
-                 layouts that can be named: {}",
+                "read {width}x{height} pixels as a latitude-longitude map although their aspect is not 2:1; layouts are {}",
                 MapLayout::names().collect::<Vec<_>>().join(", ")
             )));
         }

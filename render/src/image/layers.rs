@@ -106,10 +106,10 @@ pub(super) fn choose(headers: &[Header], wanted: Option<&str>) -> Result<(Source
         Rank::Plain | Rank::PlainLuminance => None,
         _ if layers.len() == 1 => None,
         Rank::Color | Rank::Luminance if rivals.len() > 1 => Some(Remark::Warning(format!(
-            "the first of its layers {} is read; another can be named",
+            "read the first of the layers {}; select another by its name",
             rivals.join(", ")
         ))),
-        _ => Some(Remark::Note(format!("its layer '{}' is read", chosen.name.escape_debug()))),
+        _ => Some(Remark::Note(format!("read layer '{}'", chosen.name.escape_debug()))),
     };
     Ok((source, remark))
 }

@@ -55,15 +55,14 @@ pub(super) fn read(path: &Path, file: File, file_size: u64, layer: Option<&str>)
     decoder.decode(path, reader)?;
     if decoder.overflown > 0 {
         let count = decoder.overflown;
-        remarks
-            .push(Remark::Warning(format!("{count} channel values were too bright for 16 bits and are read as 65504")));
+        remarks.push(Remark::Warning(format!("replaced {count} infinite half-precision values by 65504")));
     }
     let mut image = displayed(path, decoder.image, &header, &mut remarks)?;
     if let Some(chromaticities) = &header.shared_attributes.chromaticities {
         let matrix = primaries_of(chromaticities).to_rec_709();
         if let Some(matrix) = matrix.map_err(|reason| Error::invalid(path, "chromaticities", reason))? {
             primaries::convert(&mut image.pixels, &matrix);
-            remarks.push(Remark::Note("its colours are converted from the primaries that it names to Rec.709".into()));
+            remarks.push(Remark::Note("converted colours from the primaries of the file to Rec.709".into()));
         }
     }
     let layout = header.own_attributes.environment_map.map(|map| match map {
@@ -96,7 +95,7 @@ fn displayed(path: &Path, data: Image, header: &Header, remarks: &mut Vec<Remark
         }
     }
     remarks.push(Remark::Note(format!(
-        "the {} x {} pixels of its data window are placed in its display window of {width} x {height}",
+        "placed the {}x{} data window in the {width}x{height} display window",
         data.width, data.height
     )));
     Ok(image)

@@ -141,7 +141,7 @@ impl Header {
             }
             let [r, g, b] = inverse.to_array();
             let factors = if r == g && g == b { format!("{r}") } else { format!("{r}, {g}, {b}") };
-            remarks.push(Remark::Note(format!("its exposure is divided out: values are multiplied by {factors}")));
+            remarks.push(Remark::Note(format!("divided out the exposure: multiplied values by {factors}")));
             matrix = Some(DMat3::from_diagonal(inverse));
         }
         let colors = match (self.is_xyz, self.primaries) {
@@ -150,12 +150,12 @@ impl Header {
             (false, None) => None,
         };
         if let Some(colors) = colors {
-            remarks.push(Remark::Note("its colours are converted from the primaries that it names to Rec.709".into()));
+            remarks.push(Remark::Note("converted colours from the primaries of the file to Rec.709".into()));
             matrix = Some(colors * matrix.unwrap_or(DMat3::IDENTITY));
         }
         if self.gamma != 1.0 {
             let gamma = self.gamma;
-            remarks.push(Remark::Warning(format!("its GAMMA={gamma} is not applied: values are taken as linear")));
+            remarks.push(Remark::Warning(format!("ignored GAMMA={gamma}: values are assumed to be linear")));
         }
         Ok((matrix, remarks))
     }

@@ -56,11 +56,7 @@ pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
     } else if start.is_empty() {
         Err(Error::invalid(path, "first bytes", "the file is empty"))
     } else if start.starts_with(b"version https://git-lfs") {
-        Err(Error::invalid(
-            path,
-            "first bytes",
-            "it is a pointer of Git LFS; fetch the file itself with `git lfs pull`",
-        ))
+        Err(Error::invalid(path, "first bytes", "is a Git LFS pointer; run `git lfs pull` to fetch the file"))
     } else {
         Err(Error::invalid(path, "first bytes", "neither a Radiance (.hdr) nor an OpenEXR (.exr) file"))
     }

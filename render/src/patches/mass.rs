@@ -77,11 +77,12 @@ impl Patch {
         let regular = spread + DMat3::from_diagonal(glam::DVec3::splat(f64::from(LEAST_VARIANCE)));
         let inverse = regular.inverse();
         let (mut reach, mut mahalanobis) = (0.0_f64, 0.0_f64);
-        for (_, w) in map.directions(node) {
+        map.each_direction(node, |_, w| {
             let d = w - s;
-            reach = reach.max(d.length());
+            reach = reach.max(d.length_squared());
             mahalanobis = mahalanobis.max(d.dot(inverse * d));
-        }
+        });
+        let reach = reach.sqrt();
         let diagonal = glam::DVec3::new(spread.col(0)[0], spread.col(1)[1], spread.col(2)[2]);
         Self {
             energy: moments.energy as f32,
@@ -406,12 +407,12 @@ mod tests {
                 let n = Vec3::from(random.direction());
                 let bound = patch.cosines(Scalar, n).bound;
                 let mass = patch.diffuse_mass::<_, true>(Scalar, n) / patch.energy;
-                for (_, w) in map.directions(node) {
+                map.each_direction(node, |_, w| {
                     let cosine = n.dot(w.as_vec3());
                     assert!(cosine <= bound + 1e-6, "{node:?} {n}: {cosine} {bound}");
                     // So no weight exceeds 1 / 0.15 of what the leaf's share is worth.
                     assert!(mass >= (LEAF_FLOOR - 1e-6) * cosine, "{node:?} {n}: {mass} {cosine}");
-                }
+                });
             }
         }
     }

@@ -2,10 +2,10 @@
 
 use std::ops::Add;
 
-use glam::{DMat3, DVec3, Vec2};
+use glam::{DMat3, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::{environment::BilinearDensity, latlong, tail::Node};
+use crate::{environment::BilinearDensity, simd, tail::Node};
 
 /// Light of a rectangle: its energy, and that times the first and second moments of its directions.
 #[derive(Clone, Copy, Debug, Default)]
@@ -74,6 +74,8 @@ pub struct MomentMap<'a> {
     root: Node,
     /// Points along a side of a cell.
     points: usize,
+    /// Cosine and sine of the azimuth of each column of points, and of the polar angle of each row.
+    angles: [Vec<(f32, f32)>; 2],
     /// Root first; each row by row.
     levels: Vec<Vec<Moments>>,
 }
@@ -83,7 +85,7 @@ impl<'a> MomentMap<'a> {
     pub fn new(density: &'a BilinearDensity) -> Self {
         let root = Node::root(density.columns(), density.rows());
         let points = LEAST_ROWS.div_ceil(density.rows().min(density.columns().div_ceil(2)).max(1)).max(1);
-        let mut map = Self { density, root, points, levels: Vec::new() };
+        let mut map = Self { density, root, points, angles: angles(density, points), levels: Vec::new() };
         let mut shape = root;
         while !shape.is_cell() && map.bits_above(shape) < KEPT_BITS {
             shape = shape.children()[0];
@@ -122,25 +124,27 @@ impl<'a> MomentMap<'a> {
         level[(node.row >> node.height_bits) as usize * width + (node.column >> node.width_bits) as usize]
     }
 
-    /// The directions of a node at which there is light, with its share of the whole.
-    pub fn directions(&self, node: Node) -> impl Iterator<Item = (f64, DVec3)> {
-        let (columns, rows) = (self.density.columns() as u32, self.density.rows() as u32);
-        let columns = node.column..(node.column + (1 << node.width_bits)).min(columns);
-        let rows = node.row..(node.row + (1 << node.height_bits)).min(rows);
-        rows.flat_map(move |row| columns.clone().map(move |column| (column, row)))
-            .flat_map(|(column, row)| self.points_of(column, row))
-    }
-
-    /// The points of a cell that are lit.
-    fn points_of(&self, column: u32, row: u32) -> impl Iterator<Item = (f64, DVec3)> {
-        let corners = self.density.corners(column as usize, row as usize);
-        let (side, is_lit) = (self.points, corners.mean() > 0.0);
-        let points = self.density.columns() * self.density.rows() * side * side;
-        (0..if is_lit { side * side } else { 0 }).map(move |k| {
-            let inside = (Vec2::new((k % side) as f32, (k / side) as f32) + 0.5) / side as f32;
-            let w = latlong::direction(self.density.point(column, row, inside));
-            (f64::from(corners.evaluate(inside)) / points as f64, w.as_dvec3())
-        })
+    /// Calls `visit` for the directions of a node at which there is light, with its share of the whole.
+    pub fn each_direction(&self, node: Node, mut visit: impl FnMut(f64, DVec3)) {
+        let (columns, rows) = (self.density.columns(), self.density.rows());
+        let side = self.points;
+        let points = (columns * rows * side * side) as f64;
+        let [across, down] = &self.angles;
+        let of_node = |start: u32, bits: u32, end: usize| start as usize..(start as usize + (1 << bits)).min(end);
+        for row in of_node(node.row, node.height_bits, rows) {
+            for column in of_node(node.column, node.width_bits, columns) {
+                let corners = self.density.corners(column, row);
+                if corners.mean() <= 0.0 {
+                    continue;
+                }
+                for (k, inside) in insides(side).enumerate() {
+                    let (cos_phi, sin_phi) = across[column * side + k % side];
+                    let (cos_theta, sin_theta) = down[row * side + k / side];
+                    let w = Vec3::new(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta);
+                    visit(f64::from(corners.evaluate(inside)) / points, w.as_dvec3());
+                }
+            }
+        }
     }
 
     /// Levels between the root and a node.
@@ -151,10 +155,12 @@ impl<'a> MomentMap<'a> {
     fn sum_cells(&self, node: Node) -> Moments {
         let variance = self.step() * self.step() / 12.0;
         let points = (self.density.columns() * self.density.rows() * self.points * self.points) as f64;
-        self.directions(node).fold(Moments::default(), |sum, (energy, w)| {
+        let mut sum = Moments::default();
+        self.each_direction(node, |energy, w| {
             let over_sphere = 2.0 * std::f64::consts::PI.powi(2) * (1.0 - w.y * w.y).max(1e-14).sqrt();
-            sum + Moments::of(energy, energy * points / over_sphere, w, variance)
-        })
+            sum = sum + Moments::of(energy, energy * points / over_sphere, w, variance);
+        });
+        sum
     }
 
     /// The shape of the parents of nodes of a shape.
@@ -187,9 +193,29 @@ impl<'a> MomentMap<'a> {
     }
 }
 
+/// The points of a cell, from 0 to 1.
+fn insides(side: usize) -> impl Iterator<Item = Vec2> {
+    (0..side * side).map(move |k| (Vec2::new((k % side) as f32, (k / side) as f32) + 0.5) / side as f32)
+}
+
+/// Cosines and sines of azimuths and polar angles: those of [`latlong::direction`], which are products of the two.
+fn angles(density: &BilinearDensity, side: usize) -> [Vec<(f32, f32)>; 2] {
+    let inside = |i: usize| ((i % side) as f32 + 0.5) / side as f32;
+    let across = |i: usize| {
+        let x = density.point((i / side) as u32, 0, Vec2::new(inside(i), 0.0));
+        simd::cos_sin_turns(x.x)
+    };
+    let down = |i: usize| {
+        let x = density.point(0, (i / side) as u32, Vec2::new(0.0, inside(i)));
+        simd::cos_sin_turns(0.5 * x.y)
+    };
+    [(0..density.columns() * side).map(across).collect(), (0..density.rows() * side).map(down).collect()]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::latlong;
 
     fn density(columns: usize, rows: usize) -> BilinearDensity {
         let luminance: Vec<f32> = (0..columns * (rows + 1)).map(|k| ((k * 7919) % 13) as f32).collect();
@@ -209,6 +235,26 @@ mod tests {
                 assert!((whole.energy - sum.energy).abs() < 1e-12 && (whole.first - sum.first).length() < 1e-12);
                 node = node.children()[(columns + node.row as usize) % 2];
             }
+        }
+    }
+
+    #[test]
+    fn directions_are_those_of_the_map() {
+        for (columns, rows) in [(7, 3), (300, 150)] {
+            let density = density(columns, rows);
+            let map = MomentMap::new(&density);
+            let mut expected = Vec::new();
+            for row in 0..rows as u32 {
+                for column in 0..columns as u32 {
+                    let lit = density.corners(column as usize, row as usize).mean() > 0.0;
+                    let points = insides(map.points).filter(|_| lit);
+                    expected
+                        .extend(points.map(|inside| latlong::direction(density.point(column, row, inside)).as_dvec3()));
+                }
+            }
+            let mut found = Vec::new();
+            map.each_direction(map.root(), |_, w| found.push(w));
+            assert_eq!(found, expected);
         }
     }
 

@@ -182,7 +182,7 @@ impl Document {
     /// Warns of an extension that is not read.
     pub fn warn_of_extension(&self, name: &str) {
         if !READ.contains(&name) {
-            self.warn(format!("its extension {} is not applied", name.escape_debug()));
+            self.warn(format!("ignored extension {}", name.escape_debug()));
         }
     }
 

@@ -152,7 +152,6 @@ pub struct Image {
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub struct Material {
-    pub alpha_cutoff: Option<f32>,
     pub alpha_mode: Option<String>,
     pub emissive_factor: [f32; 3],
     pub emissive_texture: Option<TextureInfo>,

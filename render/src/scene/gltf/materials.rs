@@ -48,8 +48,7 @@ fn warn_of_what_is_left_out(document: &Document, material: &json::Material) {
     match material.alpha_mode.as_deref() {
         None | Some("OPAQUE") => {}
         Some(mode) => {
-            let cutoff = material.alpha_cutoff.map(|cutoff| format!(" at {cutoff}")).unwrap_or_default();
-            document.warn(format!("surfaces of alphaMode {}{cutoff} are shown opaque", mode.escape_debug()));
+            document.warn(format!("ignored alphaMode {}: surfaces are opaque", mode.escape_debug()));
         }
     }
 }
@@ -139,18 +138,17 @@ impl Textures<'_> {
             texture.extensions.keys().map(|name| name.escape_debug().to_string()).collect();
         extensions.sort();
         let Some(source) = texture.source else {
-            let by = if extensions.is_empty() { String::new() } else { format!(" but by {}", extensions.join(", ")) };
-            document.warn(format!("textures that have no image{by} are left out"));
+            let by = if extensions.is_empty() { String::new() } else { format!(" ({})", extensions.join(", ")) };
+            document.warn(format!("ignored textures without a PNG or JPEG image{by}"));
             return Ok(None);
         };
         let image = document.get(&root.images, source, &format!("{field}.source"))?;
         let field = format!("images[{}]", source.0);
-        // What PNG and JPEG are not is left out where the file says so itself.
+        // The file itself says that they are neither PNG nor JPEG.
         if let Some(kind @ ("image/webp" | "image/ktx2" | "image/avif" | "image/vnd-ms.dds")) =
             image.mime_type.as_deref()
         {
-            let by = if extensions.is_empty() { kind.to_owned() } else { format!("{kind}, {}", extensions.join(", ")) };
-            document.warn(format!("textures of {by} are left out"));
+            document.warn(format!("ignored textures of type {kind}"));
             return Ok(None);
         }
         let (width, height, texels) = match (image.buffer_view, &image.uri) {

@@ -92,7 +92,7 @@ impl Scene {
         let origin = origin(&meshes);
         if origin != DVec3::ZERO {
             let [x, y, z] = origin.to_array();
-            document.remark(Remark::Note(format!("it is far from its origin and is moved by {}, {}, {}", -x, -y, -z)));
+            document.remark(Remark::Note(format!("moved the scene by {}, {}, {} to the origin", -x, -y, -z)));
         }
         let meshes: Vec<Mesh> = meshes
             .into_iter()

@@ -64,7 +64,7 @@ pub fn placed(document: &Document, scene: Option<&str>) -> Result<Placed> {
             return Err(document.invalid(field, "the product of the transforms down to it is not finite"));
         }
         if node.extensions.light.is_some() {
-            document.warn("its lamps are left out: the environment alone is light");
+            document.warn("ignored punctual lights: only the environment lights the scene");
         }
         if let Some(mesh) = node.mesh {
             place_mesh(document, node, mesh, to_world, &field, &mut placed.meshes)?;
@@ -92,7 +92,7 @@ fn roots(document: &Document, scene: Option<&str>) -> Result<(Vec<Whole>, String
                         scene.name.as_ref().map_or(k.to_string(), |name| format!("'{}'", name.escape_debug()))
                     })
                     .collect();
-                document.invalid("scenes", format!("none is called '{wanted}'; there are {}", names.join(", ")))
+                document.invalid("scenes", format!("no scene is called '{wanted}'; the file has {}", names.join(", ")))
             })?
         }
         None if root.scenes.is_empty() && root.scene.is_none() => {
@@ -124,7 +124,7 @@ fn place_mesh(
     let own = document.get(&document.root().meshes, mesh, &format!("{field}.mesh"))?;
     let name = node.name.as_ref().or(own.name.as_ref()).cloned().unwrap_or_default();
     if node.skin.is_some() {
-        document.warn("its skins are shown in the pose in which they were bound");
+        document.warn("skinned meshes are shown in bind pose");
     }
     let instance =
         |to_world| Instance { mesh: mesh.index(), to_world, name: name.clone(), weights: node.weights.clone() };

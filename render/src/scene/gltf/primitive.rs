@@ -229,7 +229,7 @@ fn repair_normals(document: &Document, normals: &mut [Vec3], positions: &[Vec3],
         // Of a vertex without triangles, nothing is seen.
         *normal = sum.try_normalize().unwrap_or(Vec3::ZERO);
     }
-    document.warn(format!("{count} vertices had no usable normal and take that of their triangles"));
+    document.warn(format!("replaced {count} invalid normals by those of adjacent triangles"));
 }
 
 /// The index of the primitive's material, and how it refers to the textures of base colour, of metalness and roughness, of normals and of emission.
