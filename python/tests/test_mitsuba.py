@@ -1,7 +1,5 @@
 """The integrators in Mitsuba 3: the same means as Mitsuba's own, and what they refuse."""
 
-import traceback
-
 import numpy as np
 import pytest
 
@@ -168,7 +166,7 @@ def test_the_sampler_follows_texels_that_are_replaced(variant, width):
 def test_columns_that_are_not_known_are_refused():
     from headtail.mitsuba._integrators import unpadded
 
-    texels = lamp(10)
+    texels = np.random.default_rng(1).random((4, 8, 3), np.float32)
     np.testing.assert_array_equal(unpadded(np.array(padded(texels))), texels)
     for data in (texels, np.concatenate([texels, texels[:, :1]], 1), texels[:, :3]):
         with pytest.raises(headtail.HeadtailError, match="do not repeat"):
@@ -232,9 +230,8 @@ def test_a_file_of_the_scenes_map_is_used(variant, tmp_path):
     headtail.bake(map).save(tmp_path / "table.safetensors")
     own = scene("diffuse", {"type": "headtail_direct", "file": str(tmp_path / "table.safetensors")})
     if is_grey(variant):
-        with pytest.raises(RuntimeError) as raised:
+        with pytest.raises(headtail.HeadtailError, match="texels differ"):
             mi.render(own, spp=4)
-        assert "texels differ" in "".join(traceback.format_exception(raised.value))
     else:
         assert np.isfinite(np.array(mi.render(own, spp=4))).all()
 

@@ -145,7 +145,7 @@ def test_mistakes_raise_with_a_sentence(patches, studio, tmp_path):
         (lambda: patches.sample(n, seed=-1), "seed: -1"),
         (lambda: patches.sample(n, out=(np.zeros((10, 3)), None, None)), "out: wi must be a writable"),
         (lambda: patches.pdf(n * 0, n), "wi: row 0"),
-        (lambda: Sampler.from_spec("nonsense", studio), "is not one of brdf"),
+        (lambda: Sampler.from_spec("nonsense", studio), "is not one of auto"),
         (lambda: Sampler.from_spec("ris:4", studio).sample(n), "has no pdf of its own"),
         (lambda: patches.save(tmp_path / "x"), "bake or fit one"),
         (lambda: headtail.Environment.from_array(np.zeros((4, 8, 3))), "black"),

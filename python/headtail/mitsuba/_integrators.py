@@ -41,20 +41,25 @@ def unpadded(data):
 
 
 class State:
-    """What a sampler was made for: texels, their scale and the map's orientation."""
+    """What a sampler was made for: texels, their scale and the map's orientation, as numbers of Dr.Jit's variables, so that nothing is evaluated."""
 
     def __init__(self, scene):
         self.scene, self.environment = scene, scene.environment()
         parameters = {} if self.environment is None else mi.traverse(self.environment)
-        # Kept, so that its number is not given to another array, and what is written into it becomes a new one.
-        self.data = parameters["data"].array if "data" in parameters else None
-        self.scale = np.array(parameters["scale"]).ravel().tolist() if "scale" in parameters else None
-        self.axes = None if self.environment is None else np.array(self.environment.world_transform().matrix).ravel().tolist()
+        # Kept, so that a number is not given to another variable, and what is written into one becomes a new one.
+        self.kept = [parameters[name] for name in ("data", "scale", "to_world") if name in parameters]
+        self.numbers = [number for value in self.kept for number in numbers(value)]
 
-    def __eq__(self, other):
-        index = lambda state: None if state.data is None else state.data.index
-        same = self.scene is other.scene and self.environment == other.environment
-        return same and index(self) == index(other) and (self.scale, self.axes) == (other.scale, other.axes)
+    def is_of(self, other):
+        """Whether a sampler for one is a sampler for the other."""
+        return self.scene is other.scene and self.environment == other.environment and self.numbers == other.numbers
+
+
+def numbers(value):
+    """The numbers of the variables of a parameter."""
+    if hasattr(value, "matrix"):
+        return [entry.index for row in value.matrix for entry in row]
+    return [getattr(value, "array", value).index]
 
 
 def product_of(arrays, loops=None):
@@ -216,9 +221,10 @@ def make():
 
         def light(self, scene):
             """The scene's light; made anew for another scene, map or orientation. Mitsuba does not tell integrators of changed emitters."""
-            state = State(scene)
-            if self._light is None or self._state != state:
-                self._light, self._state = Light(scene, self.file, self.spec), state
+            if self._light is None or not self._state.is_of(State(scene)):
+                self._light = Light(scene, self.file, self.spec)
+                # After that, because looking at a parameter can make it another variable.
+                self._state = State(scene)
             return self._light
 
         def aov_names(self):
