@@ -198,7 +198,7 @@ fn insides(side: usize) -> impl Iterator<Item = Vec2> {
     (0..side * side).map(move |k| (Vec2::new((k % side) as f32, (k / side) as f32) + 0.5) / side as f32)
 }
 
-/// Cosines and sines of azimuths and polar angles: those of [`latlong::direction`], which are products of the two.
+/// Cosines and sines of azimuths and polar angles: those of [`crate::latlong::direction`], which are products of the two.
 fn angles(density: &BilinearDensity, side: usize) -> [Vec<(f32, f32)>; 2] {
     let inside = |i: usize| ((i % side) as f32 + 0.5) / side as f32;
     let across = |i: usize| {
