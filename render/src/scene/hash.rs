@@ -3,15 +3,17 @@
 use blake3::Hasher;
 use glam::{Vec2, Vec3, Vec4};
 
-use super::{Material, Scene, Texture};
+use super::{Material, Mesh, Scene, Texture};
 
 impl Scene {
-    /// BLAKE3 of all triangles in hexadecimal, which visibility depends on: the same whatever the surfaces are made of.
+    /// BLAKE3 of all triangles and alpha masks in hexadecimal: what visibility depends on, whatever the
+    /// surfaces are made of.
     pub fn geometry_hash(&self) -> String {
         let mut hasher = Hasher::new();
         for mesh in &self.meshes {
             add_floats(&mut hasher, mesh.positions.iter().map(Vec3::to_array));
             add(&mut hasher, &mesh.triangles.iter().flatten().flat_map(|i| i.to_le_bytes()).collect::<Vec<_>>());
+            add_mask(&mut hasher, mesh);
         }
         hasher.finalize().to_hex().to_string()
     }
@@ -36,6 +38,7 @@ impl Scene {
             if let Some(own) = &mesh.emission_texcoords {
                 add_floats(&mut hasher, own.iter().map(Vec2::to_array));
             }
+            add_mask(&mut hasher, mesh);
             add(&mut hasher, &[(mesh.material as u64).to_le_bytes(), own.to_le_bytes()].concat());
         }
         self.materials.iter().for_each(|material| add_material(&mut hasher, material));
@@ -53,6 +56,15 @@ fn add(hasher: &mut Hasher, list: &[u8]) {
 
 fn add_floats<const N: usize>(hasher: &mut Hasher, vectors: impl Iterator<Item = [f32; N]>) {
     add(hasher, &vectors.flatten().flat_map(f32::to_le_bytes).collect::<Vec<_>>());
+}
+
+/// Adds the alpha mask of a mesh and what it is evaluated on; nothing for opaque meshes.
+fn add_mask(hasher: &mut Hasher, mesh: &Mesh) {
+    let Some(mask) = &mesh.mask else { return };
+    add(hasher, format!("mask {:?} {:?}", mask.cutoff, mask.factor).as_bytes());
+    add(hasher, mask.texture.as_ref().map_or(&[] as &[u8], |texture| texture.digest()));
+    add_floats(hasher, mesh.texcoords.iter().map(Vec2::to_array));
+    add_floats(hasher, mesh.alphas.iter().map(|&alpha| [alpha]));
 }
 
 /// Numbers by their shortest decimals that read back to the same bits, textures by their texels.

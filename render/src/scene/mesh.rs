@@ -2,7 +2,7 @@
 
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 
-use super::normal_map::TangentSpace;
+use super::{mask::Mask, normal_map::TangentSpace};
 use crate::error::{Error, Result};
 
 /// The largest coordinate, in metres: areas and squared lengths of everything smaller stay finite in f32.
@@ -23,6 +23,10 @@ pub struct Mesh {
     pub(super) emission_texcoords: Option<Vec<Vec2>>,
     /// `[vertices]` linear Rec.709 colours that multiply the material's base colour; empty where there are none.
     pub(super) colors: Vec<Vec3>,
+    /// `[vertices]` alphas that multiply the mask's; empty if there are none.
+    pub(super) alphas: Vec<f32>,
+    /// The alpha test, if the mesh has both opaque and transparent points.
+    pub(super) mask: Option<Mask>,
     /// What a normal map needs, where the material has one.
     pub(super) tangent_space: Option<TangentSpace>,
     /// `[triangles]` vertex indices, counter-clockwise as seen from outside.
@@ -122,6 +126,22 @@ impl Mesh {
         Ok(self)
     }
 
+    /// The mesh with alphas `[vertices]` (or none) that multiply the alpha of its mask.
+    ///
+    /// # Errors
+    /// When there is not one per position, or one is negative or not finite.
+    pub(super) fn with_alphas(mut self, alphas: Vec<f32>) -> Result<Self> {
+        let vertices = self.positions.len();
+        if !alphas.is_empty() && alphas.len() != vertices {
+            return Err(Error::argument("alphas", format!("there are {}, but {vertices} positions", alphas.len())));
+        }
+        if let Some(i) = alphas.iter().position(|alpha| !(alpha.is_finite() && *alpha >= 0.0)) {
+            return Err(Error::argument("alphas", format!("vertex {i} has {}", alphas[i])));
+        }
+        self.alphas = alphas;
+        Ok(self)
+    }
+
     /// The three corners of a triangle.
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.triangles[triangle].map(|i| self.positions[i as usize])
@@ -155,7 +175,7 @@ impl Mesh {
         self
     }
 
-    /// Adds the triangles of `other`, which has the same attributes and neither colours, a normal map nor emission.
+    /// Adds the triangles of `other`, which has the same attributes and neither colours, a mask, a normal map nor emission.
     pub(super) fn append(&mut self, other: &Self) {
         let first = self.positions.len() as u32;
         self.positions.extend(&other.positions);

@@ -3,10 +3,12 @@
 mod built_in;
 mod bvh;
 mod camera;
+mod context;
 mod fspy;
 mod gltf;
 mod ground;
 mod hash;
+mod mask;
 mod material;
 mod material_spec;
 mod measured;
@@ -34,6 +36,7 @@ pub use texture::{Texture, Wrap};
 
 use glam::{Vec2, Vec3, Vec3A};
 
+use self::mask::MaskedFaces;
 use crate::{
     brdf::{BrdfTable, tabulate_lobe_albedo},
     error::{Error, Result},
@@ -73,8 +76,11 @@ pub struct Scene {
     cameras: Vec<(String, Camera)>,
     /// What the file has that is not shown, and what was converted.
     remarks: Vec<Remark>,
+    /// Opaque faces, then masked ones.
     faces: Vec<Face>,
+    /// The opaque faces.
     bvh: Bvh,
+    masked: Option<MaskedFaces>,
     bounds: Bounds,
 }
 
@@ -106,6 +112,7 @@ impl Scene {
             remarks: Vec::new(),
             faces: Vec::new(),
             bvh: Bvh::build(&[]),
+            masked: None,
             bounds: Bounds::EMPTY,
         };
         let triangles: usize = scene.meshes.iter().map(|mesh| mesh.triangles.len()).sum();
@@ -130,7 +137,8 @@ impl Scene {
         Self::open_dressed(name_or_path, true)
     }
 
-    /// [`Self::open`]; without `materials`, those of a file are not read, because others will take their place.
+    /// [`Self::open`]; without `materials`, those of a file are not read, because others will take their place. Alpha
+    /// masks are: see [`LoadOptions::materials`].
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -151,25 +159,30 @@ impl Scene {
         Self::load_with(path, &LoadOptions { scene, materials })
     }
 
-    /// Makes the hierarchy fit the meshes.
+    /// Makes the hierarchies fit the meshes.
     fn rebuild(&mut self) {
-        self.faces.clear();
         self.bounds = Bounds::EMPTY;
-        let mut triangles = Vec::new();
+        // Opaque ones, then masked ones.
+        let mut faces = [Vec::new(), Vec::new()];
+        let mut triangles = [Vec::new(), Vec::new()];
         for (m, mesh) in self.meshes.iter().enumerate() {
+            let kind = usize::from(mesh.mask.is_some());
             for t in (0..mesh.triangles.len()).filter(|&t| !mesh.is_degenerate(t)) {
                 let corners = mesh.corners(t);
                 corners.iter().for_each(|&corner| self.bounds.extend(corner));
-                triangles.push(corners);
+                triangles[kind].push(corners);
                 let [a, b, c] = corners.map(Vec3A::from);
                 let normal = (b - a).cross(c - a).normalize().into();
-                self.faces.push(Face { mesh: m as u32, triangle: t as u32, normal });
+                faces[kind].push(Face { mesh: m as u32, triangle: t as u32, normal });
             }
         }
-        self.bvh = Bvh::build(&triangles);
+        let [opaque, masked] = triangles;
+        self.bvh = Bvh::build(&opaque);
+        self.masked = (!masked.is_empty()).then(|| MaskedFaces::build(&masked, opaque.len()));
+        self.faces = faces.into_iter().flatten().collect();
     }
 
-    /// The same geometry, all of it of one material.
+    /// The same geometry, with its alpha masks, all of it of one material.
     #[must_use]
     pub fn with_material(mut self, material: Material) -> Self {
         self.materials.fill(material);
@@ -199,12 +212,12 @@ impl Scene {
         self.bounds
     }
 
-    /// How many triangles rays can hit.
+    /// How many triangles rays can hit, masked ones included.
     pub fn triangle_count(&self) -> usize {
         self.faces.len()
     }
 
-    /// The corners (metres) of the triangles that rays can hit.
+    /// The corners (metres) of the triangles that rays can hit: opaque ones, then those with alpha masks.
     pub fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
         self.faces.iter().map(|face| self.meshes[face.mesh as usize].corners(face.triangle as usize))
     }
@@ -249,7 +262,9 @@ impl Scene {
 
     /// The nearest surface along a ray, as seen from the ray's origin: both normals are on the viewer's side.
     pub fn intersect(&self, ray: &Ray) -> Option<ShadingPoint> {
-        Some(self.surface(ray, &self.bvh.closest(ray)?, 0.0))
+        let mut hits = [None];
+        self.closest_batch(std::slice::from_ref(ray), &mut hits);
+        Some(self.surface(ray, &hits[0]?, 0.0))
     }
 
     /// [`Self::intersect`] of many rays: fills a tile with what they hit, and `indices` with the rays that hit something, in order. `key` gives
@@ -281,7 +296,7 @@ impl Scene {
         for (chunk, rays) in rays.chunks(CHUNK).enumerate() {
             let mut hits = [None; CHUNK];
             let hits = &mut hits[..rays.len()];
-            self.bvh.closest_batch(rays, hits);
+            self.closest_batch(rays, hits);
             if let Some(emission) = &mut emission {
                 emission.extend(hits.iter().flatten().map(|hit| self.emission(hit)));
             }
@@ -314,6 +329,9 @@ impl Scene {
     /// The nearest hits of many rays; both slices have equal length.
     pub(crate) fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         self.bvh.closest_batch(rays, hits);
+        if let Some(masked) = &self.masked {
+            self.add_masked_hits(masked, rays, hits);
+        }
     }
 
     /// The BRDFs that surfaces refer to.
@@ -398,6 +416,9 @@ impl Scene {
     /// Whether the environment is seen along rays; both slices have equal length.
     pub fn visible_batch(&self, rays: &[Ray], out: &mut [bool]) {
         self.bvh.occluded_batch(rays, out);
+        if let Some(masked) = &self.masked {
+            self.add_masked_occlusion(masked, rays, out);
+        }
         out.iter_mut().for_each(|out| *out = !*out);
     }
 }

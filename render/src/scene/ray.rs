@@ -27,7 +27,8 @@ impl Ray {
 /// The nearest intersection along a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Index of the triangle, in the order given to [`Bvh::build`](super::Bvh::build).
+    /// Index of the triangle, in the order given to [`Bvh::build`](super::Bvh::build), or in that of
+    /// [`Scene::triangles`](super::Scene::triangles).
     pub triangle: usize,
     /// Distance in metres.
     pub t: f32,

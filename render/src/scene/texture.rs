@@ -1,4 +1,4 @@
-//! Textures of 8-bit texels: colours in sRGB, looked up bilinearly in linear light, or numbers.
+//! Textures of 8-bit texels: colours in sRGB, looked up bilinearly in linear light, or numbers; and their alpha.
 
 use std::sync::LazyLock;
 
@@ -40,13 +40,50 @@ impl Wrap {
     }
 }
 
+/// The size of a texture, in texels, and its wrap modes for u and v.
+#[derive(Clone, Debug, PartialEq)]
+struct Grid {
+    width: usize,
+    height: usize,
+    wrap: [Wrap; 2],
+}
+
+impl Grid {
+    /// The grid of `count` texels.
+    fn new(width: usize, height: usize, count: usize, wrap: [Wrap; 2]) -> Result<Self> {
+        if count == 0 || width.checked_mul(height) != Some(count) {
+            return Err(Error::argument("texture", format!("{count} texels cannot be {width} x {height}")));
+        }
+        Ok(Self { width, height, wrap })
+    }
+
+    /// Interpolates bilinearly between the four texels next to `uv`; `texel` takes their indices.
+    fn interpolate<T>(&self, uv: Vec2, texel: impl Fn(usize) -> T, lerp: impl Fn(T, T, f32) -> T) -> T {
+        let x = uv.x * self.width as f32 - 0.5;
+        let y = uv.y * self.height as f32 - 0.5;
+        let (left, top) = (x.floor(), y.floor());
+        let (s, t) = (x - left, y - top);
+        // The conversion saturates, and the bounds keep the additions below from overflowing.
+        let [left, top] = [left, top].map(|i| (i as i64).clamp(-(1 << 60), 1 << 60));
+        let at = |x: i64, y: i64| {
+            let (x, y) = (self.wrap[0].texel(x, self.width), self.wrap[1].texel(y, self.height));
+            texel(y * self.width + x)
+        };
+        let row = |y: i64| lerp(at(left, y), at(left + 1, y), s);
+        lerp(row(top), row(top + 1), t)
+    }
+
+    /// Size and wrap modes as a text.
+    fn content(&self) -> String {
+        format!("{} x {} {:?}", self.width, self.height, self.wrap)
+    }
+}
+
 /// A texture of three channels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
-    width: usize,
-    height: usize,
+    grid: Grid,
     texels: Vec<[u8; 3]>,
-    wrap: [Wrap; 2],
 }
 
 impl Texture {
@@ -55,11 +92,7 @@ impl Texture {
     /// # Errors
     /// When it has no texels or their number is not `width * height`.
     pub fn new(width: usize, height: usize, texels: Vec<[u8; 3]>, wrap: [Wrap; 2]) -> Result<Self> {
-        if texels.is_empty() || width.checked_mul(height) != Some(texels.len()) {
-            let reason = format!("{} texels cannot be {width} x {height}", texels.len());
-            return Err(Error::argument("texture", reason));
-        }
-        Ok(Self { width, height, texels, wrap })
+        Ok(Self { grid: Grid::new(width, height, texels.len(), wrap)?, texels })
     }
 
     /// The linear colour of sRGB texels at texture coordinates `uv` (v downwards, texel centres at half-integers), interpolated
@@ -75,22 +108,49 @@ impl Texture {
 
     /// Size and wrap modes as a text, and the texels.
     pub(super) fn content(&self) -> (String, &[u8]) {
-        (format!("{} x {} {:?}", self.width, self.height, self.wrap), self.texels.as_flattened())
+        (self.grid.content(), self.texels.as_flattened())
     }
 
     fn interpolate(&self, uv: Vec2, decode: impl Fn(u8) -> f32) -> Vec3A {
-        let x = uv.x * self.width as f32 - 0.5;
-        let y = uv.y * self.height as f32 - 0.5;
-        let (left, top) = (x.floor(), y.floor());
-        let (s, t) = (x - left, y - top);
-        // The conversion saturates, and the bounds keep the additions below from overflowing.
-        let [left, top] = [left, top].map(|i| (i as i64).clamp(-(1 << 60), 1 << 60));
-        let texel = |x: i64, y: i64| {
-            let (x, y) = (self.wrap[0].texel(x, self.width), self.wrap[1].texel(y, self.height));
-            Vec3A::from_array(self.texels[y * self.width + x].map(&decode))
-        };
-        let row = |y: i64| texel(left, y).lerp(texel(left + 1, y), s);
-        row(top).lerp(row(top + 1), t)
+        self.grid.interpolate(uv, |i| Vec3A::from_array(self.texels[i].map(&decode)), Vec3A::lerp)
+    }
+}
+
+/// The alpha channel of a texture.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct AlphaTexture {
+    grid: Grid,
+    texels: Vec<u8>,
+    /// BLAKE3 of the content, computed once because many meshes share a texture.
+    digest: blake3::Hash,
+}
+
+impl AlphaTexture {
+    /// A texture of `[height * width]` alphas, 0 to 255 for 0 to 1, row-major from the top left; `wrap` is for u and v.
+    ///
+    /// # Errors
+    /// As [`Texture::new`].
+    pub fn new(width: usize, height: usize, texels: Vec<u8>, wrap: [Wrap; 2]) -> Result<Self> {
+        let grid = Grid::new(width, height, texels.len(), wrap)?;
+        let digest = blake3::Hasher::new().update(grid.content().as_bytes()).update(&texels).finalize();
+        Ok(Self { grid, texels, digest })
+    }
+
+    /// The alpha at texture coordinates `uv`, interpolated as [`Texture::sample_linear`] does.
+    pub fn sample(&self, uv: Vec2) -> f32 {
+        // Exact between equal texels, so that an alpha of 1 passes a cutoff of 1.
+        self.grid.interpolate(uv, |i| f32::from(self.texels[i]) / 255.0, |a, b, s| a + s * (b - a))
+    }
+
+    /// The least and the greatest alpha.
+    pub fn range(&self) -> [f32; 2] {
+        let codes = self.texels.iter().fold([u8::MAX, 0], |[least, most], &code| [least.min(code), most.max(code)]);
+        codes.map(|code| f32::from(code) / 255.0)
+    }
+
+    /// The hash of size, wrap modes and texels.
+    pub fn digest(&self) -> &[u8] {
+        self.digest.as_bytes()
     }
 }
 
@@ -115,6 +175,15 @@ mod tests {
         let texture = Texture::new(1, 1, vec![[0, 51, 255]], [Wrap::Clamp; 2]).unwrap();
         assert_eq!(texture.sample_linear(Vec2::splat(0.5)), Vec3A::new(0.0, 0.2, 1.0));
         assert!(texture.sample(Vec2::splat(0.5)).y < 0.04);
+    }
+
+    #[test]
+    fn alpha_is_interpolated_and_not_decoded() {
+        let texture = AlphaTexture::new(2, 1, vec![51, 255], [Wrap::Clamp; 2]).unwrap();
+        assert_eq!([0.1, 0.9].map(|u| texture.sample(Vec2::new(u, 0.5))), [0.2, 1.0]);
+        assert!((texture.sample(Vec2::splat(0.5)) - 0.6).abs() < 1e-6);
+        assert_eq!(texture.range(), [0.2, 1.0]);
+        assert!(AlphaTexture::new(2, 2, vec![0; 3], [Wrap::Clamp; 2]).is_err());
     }
 
     #[test]

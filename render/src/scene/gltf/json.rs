@@ -152,12 +152,21 @@ pub struct Image {
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub struct Material {
+    /// Of alpha mode `MASK` alone.
+    pub alpha_cutoff: Option<f32>,
     pub alpha_mode: Option<String>,
     pub emissive_factor: [f32; 3],
     pub emissive_texture: Option<TextureInfo>,
     pub extensions: MaterialExtensions,
     pub normal_texture: Option<TextureInfo>,
     pub pbr_metallic_roughness: Pbr,
+}
+
+impl Material {
+    /// Whether surfaces are opaque where alpha is at least the cutoff, and absent elsewhere.
+    pub fn is_masked(&self) -> bool {
+        self.alpha_mode.as_deref() == Some("MASK")
+    }
 }
 
 #[derive(Default, Deserialize)]

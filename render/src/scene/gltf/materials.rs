@@ -6,6 +6,7 @@ use std::{
 };
 
 use glam::{Vec3A, Vec4};
+use image::{DynamicImage, GenericImageView};
 
 use super::{
     default_material,
@@ -16,22 +17,21 @@ use super::{
 use crate::{
     error::Result,
     image::decode_compressed,
-    scene::{Material, NormalMap, Texture, TexturedMetallicRoughness, Wrap},
+    scene::{Material, NormalMap, Texture, TexturedMetallicRoughness, Wrap, texture::AlphaTexture},
 };
 
-/// The most texels that all textures of a file may have together (768 MiB). One image can be named by any number of
-/// textures, and compresses to almost nothing when it is blank.
+/// The most texels that all textures of a file may have together (768 MiB, and 256 MiB of alpha if all are masks). One
+/// image can be named by any number of textures, and compresses to almost nothing when it is blank.
 const MAX_TEXELS: u64 = 1 << 28;
 
 /// The materials of the file in their order, and the default one behind them. The textures of materials outside of
 /// `used` are not read.
-pub fn read_all(document: &Document, used: &BTreeSet<usize>) -> Result<Vec<Material>> {
-    let mut textures = Textures { document, read: HashMap::new(), texels_left: MAX_TEXELS };
+pub fn read_all(document: &Document, used: &BTreeSet<usize>, textures: &mut Textures<'_>) -> Result<Vec<Material>> {
     let mut materials = Vec::new();
     for (i, material) in document.root().materials.iter().enumerate() {
         materials.push(if used.contains(&i) {
             warn_of_what_is_left_out(document, material);
-            read_material(document, material, i, &mut textures)?
+            read_material(document, material, i, textures)?
         } else {
             default_material()
         });
@@ -46,7 +46,7 @@ fn warn_of_what_is_left_out(document: &Document, material: &json::Material) {
     extensions.sort();
     extensions.into_iter().for_each(|name| document.warn_of_extension(name));
     match material.alpha_mode.as_deref() {
-        None | Some("OPAQUE") => {}
+        None | Some("OPAQUE" | "MASK") => {}
         Some(mode) => {
             document.warn(format!("ignored alphaMode {}: surfaces are opaque", mode.escape_debug()));
         }
@@ -111,19 +111,54 @@ fn read_material(
 }
 
 /// The textures read so far.
-struct Textures<'a> {
+pub struct Textures<'a> {
     document: &'a Document,
-    /// By index of the texture.
+    /// Colours by index of the texture.
     read: HashMap<usize, Arc<Texture>>,
+    /// Alphas by index of the texture; `None` where the image has no alpha channel.
+    alphas: HashMap<usize, Option<Arc<AlphaTexture>>>,
     texels_left: u64,
 }
 
-impl Textures<'_> {
+impl<'a> Textures<'a> {
+    /// Starts without textures.
+    pub fn new(document: &'a Document) -> Self {
+        Self { document, read: HashMap::new(), alphas: HashMap::new(), texels_left: MAX_TEXELS }
+    }
+
     /// The texture of that index, which stands in `field`; `None` where it has no image that can be read.
     fn get(&mut self, index: Whole, field: &str) -> Result<Option<Arc<Texture>>> {
         if let Some(texture) = self.read.get(&index.index()) {
             return Ok(Some(Arc::clone(texture)));
         }
+        let Some(decoded) = self.decode(index, field)? else { return Ok(None) };
+        self.keep_color(index, decoded).map(Some)
+    }
+
+    /// The alpha channel of the texture of that index, which stands in `field`; `None` if it has none
+    /// or its image cannot be read. The colours are kept too, so that the image is decoded once.
+    pub fn alpha(&mut self, index: Whole, field: &str) -> Result<Option<Arc<AlphaTexture>>> {
+        if let Some(alpha) = self.alphas.get(&index.index()) {
+            return Ok(alpha.clone());
+        }
+        let Some(decoded) = self.decode(index, field)? else { return Ok(None) };
+        let alpha = decoded.alpha().map_err(|error| in_field(self.document, &decoded.field, error))?.map(Arc::new);
+        self.keep_color(index, decoded)?;
+        self.alphas.insert(index.index(), alpha.clone());
+        Ok(alpha)
+    }
+
+    fn keep_color(&mut self, index: Whole, decoded: Decoded) -> Result<Arc<Texture>> {
+        let field = decoded.field.clone();
+        let texture = decoded.into_color().map_err(|error| in_field(self.document, &field, error))?;
+        let texture = Arc::new(texture);
+        self.read.insert(index.index(), Arc::clone(&texture));
+        Ok(texture)
+    }
+
+    /// Decodes the image of the texture of that index, which stands in `field`; `None` if its format
+    /// is not supported.
+    fn decode(&mut self, index: Whole, field: &str) -> Result<Option<Decoded>> {
         let (document, root) = (self.document, self.document.root());
         let texture = document.get(&root.textures, index, field)?;
         let field = format!("textures[{}]", index.0);
@@ -151,24 +186,52 @@ impl Textures<'_> {
             document.warn(format!("ignored textures of type {kind}"));
             return Ok(None);
         }
-        let (width, height, texels) = match (image.buffer_view, &image.uri) {
-            (Some(view), _) => self.decode(document.view(view, &field)?.0, &field)?,
-            (None, Some(uri)) => self.decode(&document.resolve(uri, &format!("{field}.uri"))?, &field)?,
+        let image = match (image.buffer_view, &image.uri) {
+            (Some(view), _) => self.decompress(document.view(view, &field)?.0, &field)?,
+            (None, Some(uri)) => self.decompress(&document.resolve(uri, &format!("{field}.uri"))?, &field)?,
             (None, None) => return Err(document.invalid(field, "has neither uri nor bufferView")),
         };
-        let texture = Texture::new(width, height, texels, wrap).map_err(|error| in_field(document, &field, error))?;
-        let texture = Arc::new(texture);
-        self.read.insert(index.index(), Arc::clone(&texture));
-        Ok(Some(texture))
+        Ok(Some(Decoded { image, wrap, field }))
     }
 
-    /// Width, height and texels of a PNG or JPEG file.
-    fn decode(&mut self, bytes: &[u8], field: &str) -> Result<(usize, usize, Vec<[u8; 3]>)> {
+    /// Decodes a PNG or JPEG file.
+    fn decompress(&mut self, bytes: &[u8], field: &str) -> Result<DynamicImage> {
         let invalid = |reason: String| self.document.invalid(field, reason);
-        let image = decode_compressed(bytes, self.texels_left).map_err(invalid)?.into_rgb8();
+        let image = decode_compressed(bytes, self.texels_left).map_err(invalid)?;
         self.texels_left -= u64::from(image.width()) * u64::from(image.height());
-        let texels = image.pixels().map(|pixel| pixel.0).collect();
-        Ok((image.width() as usize, image.height() as usize, texels))
+        Ok(image)
+    }
+}
+
+/// The decoded image of a texture.
+struct Decoded {
+    image: DynamicImage,
+    wrap: [Wrap; 2],
+    /// The image's field in the file.
+    field: String,
+}
+
+impl Decoded {
+    /// Width and height in texels.
+    fn size(&self) -> (usize, usize) {
+        (self.image.width() as usize, self.image.height() as usize)
+    }
+
+    /// The alpha channel in 8 bits, if the image has one.
+    fn alpha(&self) -> Result<Option<AlphaTexture>> {
+        if !self.image.color().has_alpha() {
+            return Ok(None);
+        }
+        let (width, height) = self.size();
+        let texels = self.image.pixels().map(|(_, _, pixel)| pixel.0[3]).collect();
+        AlphaTexture::new(width, height, texels, self.wrap).map(Some)
+    }
+
+    /// The colours.
+    fn into_color(self) -> Result<Texture> {
+        let ((width, height), wrap) = (self.size(), self.wrap);
+        let texels = self.image.into_rgb8().pixels().map(|pixel| pixel.0).collect();
+        Texture::new(width, height, texels, wrap)
     }
 }
 

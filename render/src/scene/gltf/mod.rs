@@ -6,6 +6,7 @@
 mod accessor;
 mod document;
 mod json;
+mod masks;
 mod materials;
 mod nodes;
 mod primitive;
@@ -27,6 +28,7 @@ use crate::{
     remark::Remark,
 };
 use document::Document;
+use materials::Textures;
 use nodes::Placed;
 
 /// A scene whose middle is farther from the origin than this many times its size is moved there: positions of 32 bits would not tell apart
@@ -39,6 +41,10 @@ pub struct LoadOptions<'a> {
     /// The name or the number of the scene; without it the file's default.
     pub scene: Option<&'a str>,
     /// Whether materials and textures are read; without them, all surfaces are of glTF's default material.
+    ///
+    /// Alpha masks are read in both cases, with the textures they need, because they change visibility.
+    /// A mask that cannot be read is an error with materials. Without them it raises a warning, and its
+    /// surfaces are opaque.
     pub materials: bool,
 }
 
@@ -60,7 +66,8 @@ impl Scene {
     /// Loads a scene of a glTF 2.0 file.
     ///
     /// Read are the node hierarchy with instances, triangles with normals, texture coordinates and vertex colours, morph targets at their
-    /// weights, cameras, and metallic-roughness materials with their textures of base colour, metalness with roughness, normals and emission.
+    /// weights, cameras, and metallic-roughness materials with their textures of base colour, metalness with roughness, normals and emission,
+    /// and their alpha masks.
     /// [`Self::remarks`] names what a file has besides and is left out. A scene far from the origin is moved there.
     ///
     /// # Errors
@@ -102,12 +109,7 @@ impl Scene {
                 primitive::place(&document, mesh, &to_world, origin, &field).map(|mesh| Mesh { name, ..mesh })
             })
             .collect::<Result<_>>()?;
-        let materials = if options.materials {
-            let used: BTreeSet<usize> = meshes.iter().map(|mesh| mesh.material).collect();
-            materials::read_all(&document, &used)?
-        } else {
-            vec![default_material(); document.root().materials.len() + 1]
-        };
+        let (meshes, materials) = with_materials(&document, meshes, options.materials)?;
         let cameras = cameras
             .iter()
             .map(|placed| Ok((placed.name.clone(), placed.open(&document, origin)?)))
@@ -118,6 +120,24 @@ impl Scene {
         let scene = Self::new(name, meshes, materials, first)?;
         Ok(Self { cameras, remarks: document.into_remarks(), ..scene })
     }
+}
+
+/// The meshes with their alpha masks, and the materials they refer to: the file's or, if not
+/// `materials`, copies of the default one.
+fn with_materials(document: &Document, meshes: Vec<Mesh>, materials: bool) -> Result<(Vec<Mesh>, Vec<Material>)> {
+    let used: BTreeSet<usize> = meshes.iter().map(|mesh| mesh.material).collect();
+    let mut textures = Textures::new(document);
+    let masks = masks::read_all(document, &used, &mut textures, materials)?;
+    let masked = |mesh: Mesh| match masks.get(&mesh.material) {
+        Some(mask) => mesh.with_mask(mask.clone()),
+        None => mesh,
+    };
+    let materials = if materials {
+        materials::read_all(document, &used, &mut textures)?
+    } else {
+        vec![default_material(); document.root().materials.len() + 1]
+    };
+    Ok((meshes.into_iter().map(masked).collect(), materials))
 }
 
 /// Where the origin of the scene is to be: in the middle of what is far away, to whole metres.

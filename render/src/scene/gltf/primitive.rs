@@ -6,7 +6,7 @@ use super::{
     accessor::{has_components, read_indices, read_vectors},
     document::Document,
     in_field,
-    json::{Primitive, TextureInfo, TextureTransform, Whole},
+    json::{self, Primitive, TextureInfo, TextureTransform, Whole},
 };
 use crate::{
     error::Result,
@@ -46,12 +46,13 @@ pub fn place(document: &Document, mesh: Mesh, to_world: &DAffine3, origin: DVec3
         triangles,
         material,
         colors,
+        alphas,
         emission_texcoords,
         ..
     } = mesh.transformed(&shifted.as_affine3a());
     // Checked a second time: the transform may have made them infinite.
     Mesh::new(exact.unwrap_or(positions), normals, texcoords, triangles, material)
-        .map(|mesh| Mesh { roughness_texcoords, emission_texcoords, tangent_space, colors, ..mesh })
+        .map(|mesh| Mesh { roughness_texcoords, emission_texcoords, tangent_space, colors, alphas, ..mesh })
         .map_err(|error| in_field(document, field, error))
 }
 
@@ -100,7 +101,8 @@ fn read_primitive(document: &Document, primitive: &Primitive, weights: &[f32], f
             attributes.texcoords(Whole(0)).ok().filter(is_whole).unwrap_or_default()
         }
     };
-    let colors = attributes.colors()?;
+    let is_masked = document.root().materials.get(material).is_some_and(json::Material::is_masked);
+    let (colors, alphas) = attributes.colors(is_masked)?;
     Mesh::new(positions, normals.unwrap_or_default(), texcoords, triangles, material)
         .and_then(|mesh| match roughness_texcoords {
             Some(texcoords) => mesh.with_roughness_texcoords(texcoords),
@@ -112,6 +114,7 @@ fn read_primitive(document: &Document, primitive: &Primitive, weights: &[f32], f
         })
         .and_then(|mesh| mesh.with_tangent_space(tangent_space))
         .and_then(|mesh| mesh.with_colors(colors))
+        .and_then(|mesh| mesh.with_alphas(alphas))
         .map(Some)
         .map_err(|error| in_field(document, field, error))
 }
@@ -166,14 +169,16 @@ impl Attributes<'_> {
         Ok(values)
     }
 
-    /// Colours that multiply the base colour: linear, with or without an opacity, which is left out.
-    fn colors(&self) -> Result<Vec<Vec3>> {
-        let Some((accessor, field)) = self.find("COLOR_0") else { return Ok(Vec::new()) };
+    /// Linear colours that multiply the base colour, and their alphas if `is_masked`.
+    fn colors(&self, is_masked: bool) -> Result<(Vec<Vec3>, Vec<f32>)> {
+        let Some((accessor, field)) = self.find("COLOR_0") else { return Ok((Vec::new(), Vec::new())) };
         if has_components::<4>(self.document, accessor) {
             let colors = read_vectors::<4>(self.document, accessor, &field)?;
-            return Ok(colors.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b)).collect());
+            let alphas = if is_masked { colors.iter().map(|color| color[3]).collect() } else { Vec::new() };
+            return Ok((colors.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b)).collect(), alphas));
         }
-        Ok(read_vectors(self.document, accessor, &field)?.into_iter().map(Vec3::from_array).collect())
+        let colors = read_vectors(self.document, accessor, &field)?.into_iter().map(Vec3::from_array).collect();
+        Ok((colors, Vec::new()))
     }
 
     /// A set of texture coordinates; empty where there is none.

@@ -10,12 +10,12 @@ use crate::{
 };
 
 /// The texts of a scene's warnings.
-fn warnings(scene: &Scene) -> Vec<&str> {
+pub(super) fn warnings(scene: &Scene) -> Vec<&str> {
     scene.remarks().iter().filter(|remark| remark.is_warning()).map(Remark::text).collect()
 }
 
 /// Adds floats as a buffer view and an accessor of a type; the number of the accessor.
-fn add_floats(json: &mut Value, bin: &mut Vec<u8>, kind: &str, values: &[f32]) -> usize {
+pub(super) fn add_floats(json: &mut Value, bin: &mut Vec<u8>, kind: &str, values: &[f32]) -> usize {
     let components = match kind {
         "VEC2" => 2,
         "VEC3" => 3,
@@ -268,13 +268,13 @@ fn what_is_left_out_is_named_once() {
     set(&mut json, "/scenes/0/nodes", json!([0, 1, 2]));
     set(&mut json, "/nodes", json!([{"mesh": 0, "skin": 0}, {"extensions": lamp}, {"extensions": lamp}]));
     let material = json!({
-        "alphaMode": "MASK", "alphaCutoff": 0.25,
+        "alphaMode": "BLEND",
         "extensions": {"KHR_materials_sheen": {}, "KHR_materials_pbrSpecularGlossiness": {}}
     });
     set(&mut json, "/materials", json!([material.clone(), material]));
     set(&mut json, "/extensionsUsed", json!(["KHR_lights_punctual", "KHR_materials_sheen"]));
     let scene = load(&json, &bin).unwrap();
-    for word in ["KHR_lights_punctual", "sheen", "pbrSpecularGlossiness", "punctual lights", "bind pose", "MASK"] {
+    for word in ["KHR_lights_punctual", "sheen", "pbrSpecularGlossiness", "punctual lights", "bind pose", "BLEND"] {
         assert_eq!(
             warnings(&scene).iter().filter(|text| text.contains(word)).count(),
             1,
