@@ -27,7 +27,6 @@ use crate::given::given;
 use crate::output::OutputFile;
 use crate::report::{
     chart::{Panel, Scale, Sides, densities},
-    pdf::pdf,
     vector::Chart,
 };
 use crate::terminal::{self, out};
@@ -70,8 +69,8 @@ pub struct Arguments {
     /// Print the figures as a JSON object.
     #[arg(long, conflicts_with = "visibility")]
     json: bool,
-    /// SVG or PDF file to write.
-    #[arg(long, value_name = "FILE.svg|FILE.pdf")]
+    /// SVG file to write.
+    #[arg(long, value_name = "FILE.svg")]
     out: PathBuf,
     #[command(flatten)]
     cloth: cloth::Arguments,
@@ -95,15 +94,15 @@ struct Figures {
 
 /// Draws the picture.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let is_drawing = arguments.out.extension().is_some_and(|extension| extension == "svg" || extension == "pdf");
-    ensure!(is_drawing, "--out {}: the picture is a drawing; name a .svg or .pdf file", arguments.out.display());
+    let is_drawing = arguments.out.extension().is_some_and(|extension| extension == "svg");
+    ensure!(is_drawing, "--out {}: the picture is a drawing; name a .svg file", arguments.out.display());
     let output = OutputFile::take(&arguments.out)?;
     if let (true, Some(map)) = (arguments.tail, &arguments.env) {
         let file = arguments.file.as_deref().map(ExportedSampler::read).transpose()?;
         let environment = open_environment(map)?;
         let flow = file.as_ref().map(|file| tails::flow_of(file, &environment)).transpose()?.flatten();
         let tails::Found { picture, table, objects } = tails::inspect(&environment, flow)?;
-        write(&output, arguments, &picture)?;
+        write(&output, &picture)?;
         if arguments.json {
             return terminal::print_json(&objects);
         }
@@ -112,7 +111,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     if let (true, Some(map), Some(file)) = (arguments.visibility, &arguments.env, &arguments.file) {
         let (picture, said) = visibility::inspect(&arguments.scene, file, map)?;
-        write(&output, arguments, &picture)?;
+        write(&output, &picture)?;
         out!("{said}\n{} written", arguments.out.display());
         return Ok(());
     }
@@ -141,7 +140,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(share) = figures.share {
         facts += &format!(", {:.0} % of samples from the head", 100.0 * share);
     }
-    write(&output, arguments, &densities("densities", &[title.clone(), facts.clone()], &panels, panels.len())?)?;
+    write(&output, &densities("densities", &[title.clone(), facts.clone()], &panels, panels.len())?)?;
     if arguments.json {
         terminal::print_json(&serde_json::json!({
             "title": title,
@@ -157,12 +156,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-fn write(output: &OutputFile, arguments: &Arguments, picture: &Chart) -> Result<()> {
+fn write(output: &OutputFile, picture: &Chart) -> Result<()> {
     let drawing = picture.widest().context("there is nothing to draw")?;
-    let svg = drawing.file();
-    let is_pdf = arguments.out.extension().is_some_and(|extension| extension == "pdf");
-    let bytes = if is_pdf { pdf(&svg)? } else { svg.into_bytes() };
-    output.write(|path| file::replace(path, &bytes))
+    output.write(|path| file::replace(path, drawing.file().as_bytes()))
 }
 
 /// The surface that the arguments describe, if it is one for the sampler.

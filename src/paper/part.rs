@@ -74,29 +74,23 @@ pub struct SavedDrawing {
 const FIGURES: &str = "figures";
 
 impl SavedDrawing {
-    /// Its files, without their extensions.
+    /// Its file.
     fn path(&self, out: &Path) -> PathBuf {
         // Only names, so that a file from elsewhere cannot lead out of the folder.
-        out.join(FIGURES).join(Path::new(&self.name).file_name().unwrap_or_default())
+        out.join(FIGURES).join(Path::new(&self.name).file_name().unwrap_or_default()).with_extension("svg")
     }
 
-    /// Removes its files.
-    fn remove(&self, out: &Path) -> Result<()> {
-        let path = self.path(out);
-        ["svg", "pdf"].into_iter().try_for_each(|extension| remove_kept(&path.with_extension(extension)))
-    }
-
-    /// Writes it as SVG and as PDF into a folder of its own in `out`, unless it is there.
+    /// Writes it as SVG into a folder of its own in `out`, unless it is there.
     ///
     /// # Errors
     /// If a file cannot be written.
     pub fn write(&self, out: &Path) -> Result<()> {
         make_folder(&out.join(FIGURES))?;
         let path = self.path(out);
-        if fs::read(path.with_extension("svg")).is_ok_and(|own| own == self.svg.as_bytes()) {
+        if fs::read(&path).is_ok_and(|own| own == self.svg.as_bytes()) {
             return Ok(());
         }
-        vector::write(&path, &self.svg)
+        Ok(file::replace(&path, self.svg.as_bytes())?)
     }
 }
 
@@ -121,10 +115,7 @@ impl Made {
         let name = name.replace(|c: char| !(c.is_ascii_alphanumeric() || "-_".contains(c)), "-");
         let saved = html! {
             p.save {
-                "Save "
-                @for extension in ["svg", "pdf"] {
-                    (vector::link(&name, extension, &format!("{FIGURES}/{name}.{extension}"))) " "
-                }
+                "Save " (vector::link(&name, "svg", &format!("{FIGURES}/{name}.svg")))
             }
         };
         self.html += &(strip.html() + &saved.into_string());
@@ -177,7 +168,7 @@ impl Kept {
             let path = entry.with_context(|| folder.display().to_string())?.path();
             let kept: Option<Self> = fs::read(&path).ok().and_then(|text| serde_json::from_slice(&text).ok());
             let Some(kept) = kept.filter(|kept| kept.stamp != stamp) else { continue };
-            kept.made.drawings.iter().try_for_each(|drawing| drawing.remove(out))?;
+            kept.made.drawings.iter().try_for_each(|drawing| remove_kept(&drawing.path(out)))?;
             remove_kept(&path)?;
         }
         Ok(())
@@ -223,9 +214,8 @@ mod tests {
         let own = out.path().join("figures/own.svg");
         fs::write(&own, "of somebody else").unwrap();
         Kept::remove_others(&folder, out.path(), "new").unwrap();
-        let is_there =
-            |name: &str| ["svg", "pdf"].map(|kind| out.path().join("figures").join(name).with_extension(kind).exists());
-        assert_eq!((is_there("one"), is_there("two")), ([false; 2], [true; 2]));
+        let is_there = |name: &str| out.path().join("figures").join(name).with_extension("svg").exists();
+        assert_eq!((is_there("one"), is_there("two")), (false, true));
         assert!(
             Kept::read(&folder, "fits", "one", "old").is_none() && Kept::read(&folder, "fits", "two", "new").is_some()
         );

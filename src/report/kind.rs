@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use headtail_render::spec::{Combiner, Companion, FileKind, SamplerSpec, Source, Visibility};
+
 /// What a sampler is, as far as colours and markers tell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -41,12 +43,14 @@ pub enum Kind {
     RivalWithEmitter,
     /// The exact product.
     Oracle,
-    /// Something that is no sampler of the program.
+    /// The choice of `auto`.
+    Auto,
+    /// Not a sampler of the program.
     Other,
 }
 
 /// The table: kinds with their colour (`--s0` to `--s9` in the style sheet) and their marker (see [`outline`]).
-const LOOKS: [(Kind, usize, usize); 19] = [
+const LOOKS: [(Kind, usize, usize); 20] = [
     (Kind::Mis, 0, 0),
     (Kind::TwoSampleMis, 8, 1),
     (Kind::CompensatedMis, 8, 3),
@@ -65,39 +69,56 @@ const LOOKS: [(Kind, usize, usize); 19] = [
     (Kind::Rival, 5, 8),
     (Kind::RivalWithEmitter, 5, 5),
     (Kind::Oracle, 0, 9),
+    (Kind::Auto, 6, 2),
     (Kind::Other, 8, 0),
 ];
 
 impl Kind {
-    /// The kind of a sampler that is named as `--sampler` takes it, or by a word that figures use for it.
+    /// The kind of a SPEC, with or without its file, or of a label in a figure.
     pub fn of(name: &str) -> Self {
         let name = name.strip_prefix("best: ").or(name.strip_prefix("cheap: ")).unwrap_or(name);
-        let first = name.split([':', ' ']).next().unwrap_or(name);
-        let has = |word: &str| name.contains(word);
-        match first {
-            "oracle" => Self::Oracle,
-            "ris" if ["head", "baked", "direct", "patches"].into_iter().any(has) => Self::RisOfProduct,
-            "ris" => Self::Ris,
-            "patches+vis" => Self::PatchesWithVisibility,
-            "patches" if has("+vis") => Self::PatchesWithVisibility,
-            "patches" => Self::Patches,
-            "head+patches" => Self::HeadOverPatches,
-            _ if first.starts_with("head") && has("+vis") => Self::HeadOverPatchesWithVisibility,
-            "neusample" | "reparam" => Self::Rival,
-            "neusample+emitter" | "reparam+emitter" => Self::RivalWithEmitter,
-            "direct" | "direct+mis" => Self::Direct,
-            "baked" | "baked+mis" => Self::Baked,
-            _ if first.starts_with("direct") && has("+vis") => Self::Direct,
-            _ if first.starts_with("baked") && has("+vis") => Self::Baked,
-            "head+mis" | "share" | "default" | "all" | "emitters" => Self::HeadWithMis,
-            "head" if ["MIS", "brdf", "BRDF", "share"].into_iter().any(has) => Self::HeadWithMis,
+        let spec = name.parse().or_else(|_| format!("{name}:FILE").parse());
+        spec.map_or_else(|_| Self::of_label(name), |spec| Self::of_spec(&spec))
+    }
+
+    /// The kind of a SPEC.
+    fn of_spec(spec: &SamplerSpec) -> Self {
+        let (source, companion) = (spec.source(), spec.companion());
+        let is_product = matches!(source, Source::Patches(_) | Source::File(..));
+        let has_visibility = *spec.visibility() != Visibility::None;
+        match (spec.combiner(), source, companion) {
+            (Combiner::TwoSampleMis, ..) => Self::TwoSampleMis,
+            (Combiner::Ris(_), ..) if is_product => Self::RisOfProduct,
+            (Combiner::Ris(_), ..) => Self::Ris,
+            (_, Source::Auto, _) => Self::Auto,
+            (_, Source::Brdf | Source::Cosine, _) => Self::Brdf,
+            (_, Source::Emitter, Companion::Brdf) => Self::Mis,
+            (_, Source::Emitter, _) => Self::Emitter,
+            (_, Source::Compensated, _) => Self::CompensatedMis,
+            (_, Source::Oracle, _) => Self::Oracle,
+            (_, Source::Patches(_), _) if has_visibility => Self::PatchesWithVisibility,
+            (_, Source::Patches(_), _) => Self::Patches,
+            (_, Source::File(FileKind::Head, _), Companion::Brdf) => Self::HeadWithMis,
+            (_, Source::File(FileKind::Head, _), _) => Self::Head,
+            (_, Source::File(FileKind::HeadOverPatches, _), _) if has_visibility => Self::HeadOverPatchesWithVisibility,
+            (_, Source::File(FileKind::HeadOverPatches, _), _) => Self::HeadOverPatches,
+            (_, Source::File(FileKind::Baked, _), _) => Self::Baked,
+            (_, Source::File(FileKind::Direct, _), _) => Self::Direct,
+            (_, Source::Rival(..), Companion::Emitter) => Self::RivalWithEmitter,
+            (_, Source::Rival(..), _) => Self::Rival,
+        }
+    }
+
+    /// The kind of a label that is not a SPEC, by its first word.
+    fn of_label(label: &str) -> Self {
+        match label.split([',', ' ']).next().unwrap_or(label) {
+            "head" if label.contains("MIS") || label.contains("share") => Self::HeadWithMis,
             "head" => Self::Head,
-            "mis" => Self::Mis,
-            "mis2" => Self::TwoSampleMis,
-            "split" => name.splitn(3, ':').nth(2).map_or(Self::Other, Self::of),
-            "mis-comp" => Self::CompensatedMis,
-            "brdf" | "cosine" => Self::Brdf,
-            "emitter" => Self::Emitter,
+            "share" | "default" => Self::HeadWithMis,
+            "bake" | "baked" => Self::Baked,
+            "direct" => Self::Direct,
+            "neusample" if label.contains("emitter") => Self::RivalWithEmitter,
+            "neusample" | "reparam" => Self::Rival,
             _ => Self::Other,
         }
     }
@@ -213,9 +234,11 @@ mod tests {
             ("patches:fine+vis", Kind::PatchesWithVisibility),
             ("head+patches:x", Kind::HeadOverPatches),
             ("head+patches+vis:x", Kind::HeadOverPatchesWithVisibility),
-            ("head+vis:x", Kind::HeadOverPatchesWithVisibility),
-            ("direct+vis8@y:x", Kind::Direct),
-            ("ris:4+vis:direct:x", Kind::RisOfProduct),
+            ("auto", Kind::Auto),
+            ("oracle+mis", Kind::Oracle),
+            ("head+mis", Kind::HeadWithMis),
+            ("direct 8x16 of 8x8", Kind::Direct),
+            ("bake of head 8x64, 250 steps", Kind::Baked),
             ("ris:4:head+patches:x", Kind::RisOfProduct),
             ("reparam:x", Kind::Rival),
             ("neusample+emitter:x", Kind::RivalWithEmitter),

@@ -10,7 +10,6 @@ mod html;
 pub mod kind;
 pub mod number;
 mod overview;
-pub mod pdf;
 pub mod picture;
 mod radiance;
 mod reading;

@@ -2,12 +2,6 @@
 
 use headtail_render::statistics::{MeanInterval, RatioInterval};
 
-/// What [`escape`] was given, but for control characters.
-pub fn unescape(text: &str) -> String {
-    let signs = [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&#39;", "'"), ("&amp;", "&")];
-    signs.into_iter().fold(text.to_owned(), |text, (escaped, sign)| text.replace(escaped, sign))
-}
-
 /// Escapes a text for HTML, in elements and in quoted attributes alike.
 pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());

@@ -10,7 +10,7 @@ use base64::Engine;
 use headtail_render::file;
 use maud::{Markup, PreEscaped, html};
 
-use super::{number::escape, pdf::pdf};
+use super::number::escape;
 
 /// Colours by name, the light theme first.
 pub const PALETTE: &str = include_str!("style/palette.css");
@@ -107,13 +107,13 @@ impl Chart {
         self.drawings.last()
     }
 
-    /// Writes it into a folder as SVG and as PDF.
+    /// Writes it into a folder as SVG.
     ///
     /// # Errors
-    /// If a file cannot be written, or the drawing has no form as PDF.
+    /// If the file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
         if let Some(drawing) = self.widest() {
-            write(&folder.join(&self.name), &drawing.file())?;
+            file::replace(&folder.join(&self.name).with_extension("svg"), drawing.file().as_bytes())?;
         }
         Ok(())
     }
@@ -124,20 +124,10 @@ impl Chart {
         html! {
             @for drawing in &self.drawings { (PreEscaped(drawing.svg())) }
             p.save {
-                "Save " (saved(&self.name, "svg", "image/svg+xml", widest.file().as_bytes())) " "
-                @if let Ok(pdf) = pdf(&widest.file()) { (saved(&self.name, "pdf", "application/pdf", &pdf)) }
+                "Save " (saved(&self.name, "svg", "image/svg+xml", widest.file().as_bytes()))
             }
         }
     }
-}
-
-/// Writes an SVG, and the same as PDF, to a path with these extensions.
-///
-/// # Errors
-/// If a file cannot be written, or the drawing has no form as PDF.
-pub fn write(path: &Path, svg: &str) -> Result<()> {
-    file::replace(&path.with_extension("pdf"), &pdf(svg)?)?;
-    Ok(file::replace(&path.with_extension("svg"), svg.as_bytes())?)
 }
 
 /// A link that saves bytes under a name.

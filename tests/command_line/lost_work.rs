@@ -28,7 +28,7 @@ fn a_full_output_is_said_when_all_is_written() {
     for (arguments, result) in [
         ("bake --direct --env overcast --normals 4x6 --cells 4x4 --out table".to_owned(), "table"),
         ("inspect table --out picture.svg".into(), "picture.svg"),
-        ("inspect table --json --out picture.pdf".into(), "picture.pdf"),
+        ("inspect table --json --out picture.json.svg".into(), "picture.json.svg"),
         (format!("render {view} --sampler mis --spp 1 --json --out a.exr"), "a.png"),
         (format!("compare {view} --samplers mis --runs 1 --spp 1 --reference-spp 1 --out c"), "c/report.html"),
         ("fit-material --source lacquer --side 8 --steps 1 --batch 256 --json --out cloth".into(), "cloth"),
