@@ -1,7 +1,7 @@
 //! Time of a training step's gradient: `cargo bench --bench training`.
 //!
-//! The head of the preset `paper-ggx` (36 k weights, K = 32), forward and backward on a batch that is already in memory, in three forms:
-//! everything in the tensor library's graph, splines beside the graph, and everything fused.
+//! The head of the preset `paper-ggx` (36 k weights, K = 32), forward and backward on a batch that is already in memory, in two forms:
+//! in the tensor library's graph, and fused.
 
 use divan::{Bencher, counter::ItemsCount};
 use headtail_model::{Head, HeadConfig, Mode};
@@ -11,7 +11,7 @@ use headtail_render::{
     tail::{Tail, TailKind},
 };
 use headtail_train::{
-    Backend, Batch, GradientSource, Loss, Objective, fused::FusedGradient, injection, integrand::BatchShape,
+    Backend, Batch, GradientSource, Loss, Objective, fused::FusedGradient, in_graph, integrand::BatchShape,
 };
 
 const MODES: [Mode; 2] = [Mode::Coupled, Mode::Autoregressive];
@@ -42,15 +42,7 @@ fn in_graph(bencher: Bencher, mode: Mode) {
     let (batch, (head, device)) = (batch(16, 32), head(mode));
     bencher
         .counter(ItemsCount::new(batch.densities.len()))
-        .bench_local(|| injection::in_graph(&head, OBJECTIVE, &batch, &device));
-}
-
-#[divan::bench(args = MODES, sample_count = 5)]
-fn injected(bencher: Bencher, mode: Mode) {
-    let (batch, (head, device)) = (batch(64, 32), head(mode));
-    bencher
-        .counter(ItemsCount::new(batch.densities.len()))
-        .bench_local(|| injection::injected(&head, OBJECTIVE, &batch, &device));
+        .bench_local(|| in_graph::in_graph(&head, OBJECTIVE, &batch, &device));
 }
 
 #[divan::bench(args = MODES, sample_count = 10)]

@@ -13,7 +13,7 @@ use headtail_model::{
     spline::{self, Topology},
 };
 use headtail_render::random::{Purpose, Stream};
-use headtail_train::{Batch, Loss, Objective, injection::injected};
+use headtail_train::{Batch, GradientSource, Loss, Objective, fused::FusedGradient};
 
 const MIN: f64 = 1e-4;
 
@@ -354,7 +354,7 @@ fn gradients_of_mixture_losses_agree_with_central_differences() {
         let mut reference = Reference::new(config, &head.weights());
         for kind in Loss::ALL {
             let objective = Objective { loss: kind, entropic: 0.05 };
-            let found = injected(&head, objective, &batch, &device).unwrap();
+            let found = FusedGradient::new(&head).gradient(&head.flat_weights(), objective, &batch).unwrap();
             let mean = |reference: &Reference| {
                 let of_condition = |index: usize| {
                     let c = widen(&batch.conditions[3 * index..3 * index + 3]);

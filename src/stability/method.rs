@@ -8,17 +8,13 @@ use std::{
 use anyhow::{Context, Result};
 use headtail_eval::{DirectionBench, DirectionEffort, DirectionStatistics};
 use headtail_render::{
-    environment::Environment,
     head::{Head, Linear},
     patches::{Detail, PatchSampler},
-    sampler::{
-        BrdfSampler, CompactEmitters, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler, Sampler,
-        WithCompactEmitters,
-    },
-    tail::TailKind,
+    sampler::{BrdfSampler, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler, Sampler},
+    tail::{Tail, TailKind},
     tile::ShadingPoint,
 };
-use headtail_train::{FitConfig, Run, TrainingLight, Viewpoints, build_target, fit, native_head};
+use headtail_train::{FitConfig, Run, Viewpoints, build_target, fit, fit_tail, native_head};
 
 use super::{
     picture::Pictures,
@@ -26,14 +22,12 @@ use super::{
 };
 
 /// What a method is, in a sentence.
-pub const METHODS: [(&str, &str); 8] = [
+pub const METHODS: [(&str, &str); 6] = [
     (MIS, "one-sample MIS of emitter and BRDF sampling: the baseline"),
     (PATCHES, "patches of sky, beside BRDF sampling where lobes are narrow: the product in closed form, no training"),
     ("head", "the head alone: the plain method"),
     (HALVES, "the same head and BRDF sampling, one half each"),
     ("share", "the same with a learned share, trained jointly"),
-    ("emitters", "compact emitters on their own, the head for the rest of the light"),
-    (ALL, "learned share, compact emitters, and no head that is worse than none"),
     (DEFAULT, "what headtail fit makes without further flags: learned share, and no head that is worse than none"),
 ];
 
@@ -43,8 +37,6 @@ pub const MIS: &str = "mis";
 const PATCHES: &str = "patches";
 /// The head in a mixture that it was not trained for.
 const HALVES: &str = "head and brdf by halves";
-/// All remedies.
-const ALL: &str = "all remedies";
 /// What `headtail fit` makes without further flags, used as it says.
 pub const DEFAULT: &str = "default";
 
@@ -67,7 +59,6 @@ pub struct Row {
 struct Trained {
     head: Head,
     light: EnvironmentLight,
-    compact: Option<Arc<CompactEmitters>>,
     skipped: usize,
     fell_back: bool,
 }
@@ -82,8 +73,8 @@ pub struct Laboratory<'a> {
     /// The point that they are of.
     pictured: ShadingPoint,
     stop: &'a AtomicBool,
-    /// Of the whole map, and without its compact emitters.
-    lights: [OnceCell<TrainingLight>; 2],
+    /// The tail of all methods.
+    tail: OnceCell<Arc<Tail>>,
 }
 
 impl<'a> Laboratory<'a> {
@@ -100,7 +91,7 @@ impl<'a> Laboratory<'a> {
         let brightest = brightest.with_context(|| format!("{}: no shading point sees light", regime.name))?;
         let pictures = Pictures::new(&brightest, &regime.environment);
         let (rows, pictured) = (Vec::new(), brightest);
-        let mut laboratory = Self { regime, bench, config, rows, pictures, pictured, stop, lights: Default::default() };
+        let mut laboratory = Self { regime, bench, config, rows, pictures, pictured, stop, tail: OnceCell::new() };
         laboratory.add(MIS, &OneSampleMis::new(EmitterSampler::new(light.clone()), BrdfSampler), 0, "");
         laboratory.add(PATCHES, &OneSampleMis::new(PatchSampler::new(light, Detail::Leaves)?, BrdfSampler), 0, "");
         laboratory.heads();
@@ -124,36 +115,18 @@ impl<'a> Laboratory<'a> {
             Ok(trained) if !trained.fell_back => Ok(trained.clone()),
             _ => self.train(&FitConfig { fall_back: false, ..self.config.clone() }),
         };
-        self.add_trained("share", &share, false);
-        if self.has_emitters() {
-            let with_emitters = |config: &FitConfig| FitConfig { compact_emitters: true, ..config.clone() };
-            self.add_trained("emitters", &self.train(&with_emitters(&plain)), false);
-            self.add_trained(ALL, &self.train(&with_emitters(&self.config)), true);
-        } else {
-            self.add_trained(ALL, &default, true);
-        }
-        self.add_trained(DEFAULT, &default, true);
+        self.add_trained("share", &share);
+        self.add_trained(DEFAULT, &default);
     }
 
     /// Measures a trained head in the form for which its file is made (see `SamplerSpec::of_exported`).
-    fn add_trained(&mut self, method: &'static str, trained: &Result<Trained>, noted: bool) {
+    fn add_trained(&mut self, method: &'static str, trained: &Result<Trained>) {
         let trained = match trained {
             Ok(trained) => trained,
             Err(error) => return self.stop(method, error),
         };
-        let note = match &trained.compact {
-            _ if !noted => String::new(),
-            _ if trained.fell_back => "training did not help: the untrained head was kept".to_owned(),
-            Some(compact) => format!("{} compact emitters", compact.count()),
-            None if method == ALL => "no compact emitter: as default".to_owned(),
-            None => String::new(),
-        };
-        self.add(method, &trained.sampler(), trained.skipped, &note);
-    }
-
-    fn has_emitters(&self) -> bool {
-        let config = FitConfig { compact_emitters: true, ..self.config.clone() };
-        TrainingLight::luminance_of(&config, &self.regime.environment) != self.regime.environment.luminance()
+        let note = if trained.fell_back { "training did not help: the untrained head was kept" } else { "" };
+        self.add(method, &trained.sampler(), trained.skipped, note);
     }
 
     fn add(&mut self, method: &'static str, sampler: &dyn Sampler, skipped: usize, note: &str) {
@@ -168,46 +141,34 @@ impl<'a> Laboratory<'a> {
         self.rows.push(Row { regime, method, outcome: Err(format!("{error:#}")), skipped: 0, note: String::new() });
     }
 
-    /// The light of a configuration; a flow tail is fitted once for all methods.
-    fn light(&self, config: &FitConfig) -> Result<TrainingLight> {
-        let kept = &self.lights[usize::from(config.compact_emitters && self.has_emitters())];
-        if let Some(light) = kept.get() {
-            return Ok(light.clone());
+    /// The tail of a configuration; a flow tail is fitted once for all methods.
+    fn tail(&self, config: &FitConfig) -> Result<Arc<Tail>> {
+        if let Some(tail) = self.tail.get() {
+            return Ok(tail.clone());
         }
         let run = Run { progress: &mut |_| Ok(()), interrupt: self.stop, checkpoints: None, warn: &mut |_| {} };
-        let (light, _) = TrainingLight::fit(config, &self.regime.environment, run)?;
-        Ok(kept.get_or_init(|| light).clone())
+        let (tail, _) = fit_tail(config, &self.regime.environment, run)?;
+        Ok(self.tail.get_or_init(|| tail).clone())
     }
 
     fn train(&self, config: &FitConfig) -> Result<Trained> {
-        let environment: &Arc<Environment> = &self.regime.environment;
-        let source = self.light(config)?;
-        let target = build_target(config, &source.tail, Viewpoints::Sphere);
+        let tail = self.tail(config)?;
+        let target = build_target(config, &tail, Viewpoints::Sphere);
         let fitted = fit(config, &*target, &mut |_| {}, self.stop)?;
         let mut head = native_head(&fitted.head)?;
         if self.regime.change == Change::HalfWeights {
             head = with_half_weights(&head)?;
         }
-        let compact = if source.luminance == environment.luminance() {
-            None
-        } else {
-            Some(Arc::new(CompactEmitters::new(environment, &source.luminance)?))
-        };
-        let light = EnvironmentLight::with_tail(environment.clone(), source.tail.clone());
-        Ok(Trained { head, light, compact, skipped: fitted.summary.skipped, fell_back: fitted.summary.fell_back })
+        let light = EnvironmentLight::with_tail(self.regime.environment.clone(), tail.clone());
+        Ok(Trained { head, light, skipped: fitted.summary.skipped, fell_back: fitted.summary.fell_back })
     }
 }
 
 impl Trained {
-    /// What its file is made to be: with compact emitters, and in a mixture with BRDF sampling where it has learned its share.
+    /// What its file is made to be: in a mixture with BRDF sampling where it has learned its share.
     fn sampler(&self) -> Arc<dyn Sampler> {
         let product = Arc::new(ProductSampler::new(self.light.clone(), self.head.clone()));
-        let rest: Arc<dyn Sampler> =
-            if self.head.has_share() { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product };
-        match self.compact.clone() {
-            Some(compact) => Arc::new(WithCompactEmitters::new(compact, rest)),
-            None => rest,
-        }
+        if self.head.has_share() { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product }
     }
 }
 

@@ -13,7 +13,7 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 use headtail_eval::{DirectionEffort, machine};
 use headtail_render::file;
-use headtail_train::{Backend, GradientForm};
+use headtail_train::Backend;
 
 use crate::terminal::{self, out};
 use crate::{backends::parse, cost, output::OutputFolder, progress};
@@ -23,7 +23,7 @@ use picture::Pictures;
 use regime::Regime;
 
 /// Train and measure every sampler in the regimes in which importance sampling is known to fail, and write DIR/stability.csv,
-/// DIR/stability.html, DIR/regimes.svg and DIR/regimes.pdf.
+/// DIR/stability.html and DIR/regimes.svg.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail stability --out out/stability --quick
@@ -86,7 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let configure = |regime: Regime| {
         let mut config = regime.config(arguments.quick);
         if let Some(backend) = arguments.backend {
-            (config.backend, config.gradient) = (backend, GradientForm::Injected);
+            config.backend = backend;
         }
         let known = kept.read(&regime, &config, effort);
         let seconds =

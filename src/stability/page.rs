@@ -105,14 +105,11 @@ impl Page<'_> {
         let all = of_method().count();
         let regimes = if all == 1 { "1 regime".to_owned() } else { format!("{all} regimes") };
         html! {
-            // A method that is for no regime of this suite has nothing to be said of it.
-            @if all > 0 {
-                li {
-                    b { (method) }
-                    @if worse.is_empty() { " has nowhere more variance than one-sample MIS (" (regimes) ")." }
-                    @else {
-                        " has more variance than one-sample MIS, or stopped, in " (worse.len()) " of " (regimes) ": " (worse.join(", ")) "."
-                    }
+            li {
+                b { (method) }
+                @if worse.is_empty() { " has nowhere more variance than one-sample MIS (" (regimes) ")." }
+                @else {
+                    " has more variance than one-sample MIS, or stopped, in " (worse.len()) " of " (regimes) ": " (worse.join(", ")) "."
                 }
             }
         }

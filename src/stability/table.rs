@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn every_row_has_every_column() {
-        let rows = [row(MIS, Ok(2.0)), row("head", Ok(1.0)), row("emitters", Err("diverged, \"badly\""))];
+        let rows = [row(MIS, Ok(2.0)), row("head", Ok(1.0)), row("share", Err("diverged, \"badly\""))];
         let missing = [("noon".to_owned(), "noon.hdr".to_owned())];
         let bytes = encode(&rows, &missing, "a, b", "headtail stability").unwrap();
         let mut reader = csv::Reader::from_reader(bytes.as_slice());

@@ -16,9 +16,6 @@ pub struct FitConfig {
     pub material: Material,
     /// The tail under the head.
     pub tail: TailKind,
-    /// Whether compact emitters (a sun, small lamps) are sampled on their own, where the map has any, and the head is trained for
-    /// the rest of the light.
-    pub compact_emitters: bool,
     /// Whether a head whose relative variance is not below that of the untrained one is given up for that one. With a learned
     /// share the untrained one is one-sample MIS.
     pub fall_back: bool,

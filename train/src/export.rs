@@ -11,7 +11,7 @@ use headtail_render::{
     tail::{FlowTail, Tail, WarpMap},
 };
 
-use crate::{FitConfig, Result, Summary, TrainingLight};
+use crate::{FitConfig, Result, Summary};
 
 /// The native head with the weights of a trained one.
 ///
@@ -48,7 +48,7 @@ pub fn exported_sampler(
     config: &FitConfig,
     summary: &Summary,
     environment: &Environment,
-    light: &TrainingLight,
+    tail: &Arc<Tail>,
     with_time: bool,
 ) -> Result<ExportedSampler> {
     let training = TrainingSummary {
@@ -61,10 +61,9 @@ pub fn exported_sampler(
         seconds: with_time.then_some(summary.seconds),
         tabulated_seconds: None,
     };
-    let TrainingLight { tail, luminance } = light.clone();
-    let tail = if config.naive { Arc::new(identity(&tail)?) } else { tail };
+    let tail = if config.naive { Arc::new(identity(tail)?) } else { tail.clone() };
     let head = Intermediate::Head(native_head(head)?);
-    let exported = ExportedSampler::of_tail(head, tail, luminance, environment, Some(training));
+    let exported = ExportedSampler::of_tail(head, tail, environment, Some(training));
     Ok(match config.over.detail() {
         Some(detail) => exported.over_patches(detail),
         None => exported,

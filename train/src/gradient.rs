@@ -6,7 +6,7 @@ use headtail_model::{Head, burn::prelude::Device};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Backend, GradientSource, Objective, StepGradient, config::name_of, fused::FusedGradient, injection,
+    Backend, GradientSource, Objective, StepGradient, config::name_of, fused::FusedGradient, in_graph::in_graph,
     integrand::Batch,
 };
 
@@ -19,15 +19,13 @@ pub enum GradientForm {
     Auto,
     /// Networks, splines and their derivatives in one pass over SIMD lanes, see [`crate::fused`]. Always on the host.
     Fused,
-    /// Networks in the tensor library's graph, splines and loss beside it, see [`crate::injection`].
-    Injected,
-    /// Everything in the tensor library's graph: the reference, and the form that a GPU runs.
+    /// In the tensor library's graph, see [`crate::in_graph`]: the reference, and the form that a GPU runs.
     InGraph,
 }
 
 impl GradientForm {
     /// Every form that is one.
-    pub const FORMS: [Self; 3] = [Self::Fused, Self::Injected, Self::InGraph];
+    pub const FORMS: [Self; 2] = [Self::Fused, Self::InGraph];
 
     /// The form that a backend runs.
     pub const fn on(self, backend: Backend) -> Self {
@@ -40,12 +38,9 @@ impl GradientForm {
 
     /// The source of gradients of heads of the shape of `head`, which lives on `device`.
     pub fn source(self, head: &Head, backend: Backend, device: &Device) -> Box<dyn GradientSource> {
-        let burn =
-            |injected| Box::new(BurnGradient { head: head.clone(), device: device.clone().autodiff(), injected });
         match self.on(backend) {
             Self::Fused | Self::Auto => Box::new(FusedGradient::new(head)),
-            Self::Injected => burn(true),
-            Self::InGraph => burn(false),
+            Self::InGraph => Box::new(BurnGradient { head: head.clone(), device: device.clone().autodiff() }),
         }
     }
 }
@@ -61,14 +56,11 @@ struct BurnGradient {
     head: Head,
     /// With autodiff.
     device: Device,
-    /// Whether splines and loss stay out of the graph.
-    injected: bool,
 }
 
 impl GradientSource for BurnGradient {
     fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Option<StepGradient> {
         let head = self.head.clone().with_flat_weights(weights, &self.device);
-        let form = if self.injected { injection::injected } else { injection::in_graph };
-        form(&head, objective, batch, &self.device)
+        in_graph(&head, objective, batch, &self.device)
     }
 }

@@ -82,7 +82,7 @@ mod tests {
     use headtail_render::random::{Purpose, Stream};
 
     use super::*;
-    use crate::{Backend, injection::tensors, integrand::Batch, test_support::batch_of_sky};
+    use crate::{Backend, in_graph::tensors, integrand::Batch, test_support::batch_of_sky};
 
     /// Three steps of plain maximum likelihood, by this optimiser and by burn's.
     #[test]

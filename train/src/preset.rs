@@ -84,7 +84,6 @@ impl FromStr for Preset {
 const FAST_COSINE: FitConfig = FitConfig {
     material: Material::Lambert,
     tail: TailKind::Hierarchical,
-    compact_emitters: false,
     fall_back: true,
     setback: 2.0,
     over: Over::Tail,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     Error, Loss, Objective, Result, Target,
-    injection::tensors,
+    in_graph::tensors,
     integrand::{Batch, BatchShape},
     loss::LossDerivatives,
 };

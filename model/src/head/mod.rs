@@ -121,20 +121,6 @@ impl Head {
         }
     }
 
-    /// The elevation spline's logits at `y`: `[conditions, samples, 3K + 1]`, in [`Mode::Autoregressive`] `[conditions, 1, 3K + 1]`.
-    ///
-    /// With [`azimuth_logits`](Self::azimuth_logits) this takes the networks apart from the splines, for whoever evaluates splines otherwise.
-    pub fn elevation_logits(&self, y: &Tensor<3>, c: Tensor<2>) -> Tensor<3> {
-        let [u, _] = split(y);
-        self.layers[0].logits(&u, self.encode(c))
-    }
-
-    /// The azimuth spline's logits, `[conditions, samples, 3K + 1]`, given the elevation that its network sees
-    /// (`[conditions, samples]`): `y_v` in [`Mode::Autoregressive`], `z_v` in [`Mode::Coupled`].
-    pub fn azimuth_logits(&self, elevation: &Tensor<2>, c: Tensor<2>) -> Tensor<3> {
-        self.layers[1].logits(elevation, self.encode(c))
-    }
-
     /// Logits `[conditions, 1]` of the probability to draw from the head rather than from the BRDF, for
     /// [`share_of_logit`]; `None` without [`HeadConfig::share`].
     pub fn share_logits(&self, c: Tensor<2>) -> Option<Tensor<2>> {

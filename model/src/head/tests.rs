@@ -8,11 +8,7 @@ use burn::{
 use headtail_render::random::{Purpose, Stream};
 
 use super::{EncoderConfig, Head, HeadConfig, share_of_logit, share_of_logits};
-use crate::{
-    Condition, Error, Mode, NamedTensor,
-    linear::read,
-    spline::{self, Topology},
-};
+use crate::{Condition, Error, Mode, NamedTensor, linear::read};
 
 const MODES: [Mode; 2] = [Mode::Coupled, Mode::Autoregressive];
 
@@ -235,22 +231,6 @@ fn configurations_out_of_range_are_refused() {
         HeadConfig { encoder: Some(EncoderConfig { hidden: 0, output: 1 }), ..HeadConfig::COSINE },
     ] {
         assert!(matches!(Head::new(config, 0, &device), Err(Error::Config { .. })), "{config:?}");
-    }
-}
-
-#[test]
-fn logits_taken_apart_give_the_density() {
-    let device = Device::flex();
-    for (mode, shared) in [(Mode::Coupled, 4), (Mode::Autoregressive, 1)] {
-        let head = random_head(HeadConfig { mode, ..HeadConfig::COSINE }, 50, &device);
-        let (y, c) = (points(3, 4, 12, &device), conditions(3, 3, 13, &device));
-        let [u, v] = super::split(&y);
-        let elevation = head.elevation_logits(&y, c.clone());
-        let (z_v, log_v) = spline::inverse(Topology::Interval, v.clone(), &elevation);
-        let azimuth = head.azimuth_logits(if mode == Mode::Coupled { &z_v } else { &v }, c.clone());
-        assert_eq!((elevation.dims(), azimuth.dims()), ([3, shared, 13], [3, 4, 13]));
-        let (_, log_u) = spline::inverse(Topology::Circle, u, &azimuth);
-        assert_eq!(read(log_v + log_u), read(head.log_density(&y, c)));
     }
 }
 

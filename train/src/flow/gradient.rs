@@ -24,13 +24,11 @@ pub enum FlowGradient {
 }
 
 impl FlowGradient {
-    /// The form that a configuration asks for; what is injected for heads is in the graph here.
+    /// The form that a configuration asks for.
     pub fn new(config: &FitConfig, flow: &Flow, device: &Device) -> Self {
         match config.gradient.on(config.backend) {
             GradientForm::Fused | GradientForm::Auto => Self::Fused(Box::new(FusedFlow::new(flow))),
-            GradientForm::Injected | GradientForm::InGraph => {
-                Self::InGraph { flow: Box::new(flow.clone()), device: device.clone().autodiff() }
-            }
+            GradientForm::InGraph => Self::InGraph { flow: Box::new(flow.clone()), device: device.clone().autodiff() },
         }
     }
 

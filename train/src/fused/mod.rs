@@ -4,7 +4,7 @@
 //! All matrices are `[features, columns]`, row-major, so that samples lie in SIMD lanes. What depends on the condition alone
 //! (encoder, first layers, in autoregressive mode the whole elevation network) has one column per condition. A group of
 //! conditions at a time goes through networks and splines and back; only the products of matrices are left to a library. The result is
-//! that of [`crate::injection`] to rounding.
+//! that of [`crate::in_graph`] to rounding.
 
 mod conditions;
 mod flow;
@@ -154,7 +154,8 @@ mod tests {
 
     use super::*;
     use crate::{
-        Backend, CosineTarget, Loss, injection,
+        Backend, CosineTarget, Loss,
+        in_graph::in_graph,
         integrand::BatchShape,
         test_support::{assert_same, random_head, studio},
     };
@@ -192,7 +193,7 @@ mod tests {
                 let head = head.with_flat_weights(&weights, &device);
                 let batch = batch(config.condition);
                 let objective = Objective { loss, entropic: 1e-2 };
-                let expected = injection::in_graph(&head, objective, &batch, &device).unwrap();
+                let expected = in_graph(&head, objective, &batch, &device).unwrap();
                 let mut fused = FusedGradient::new(&head);
                 // Twice, as buffers are used again.
                 for _ in 0..2 {
