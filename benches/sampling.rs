@@ -3,7 +3,7 @@
 //! Samplers work on tiles of 256 shading points, as the integrator calls them; each point has a normal of its own, so preparation is part of
 //! the time. `coherent` normals lie within six degrees of each other, as those of neighbouring pixels do; `scattered` normals are
 //! uniform over the sphere. The map is the file named by the environment variable HEADTAIL_MAP, else the built-in `studio`;
-//! `patches-ggx` and `mis-ggx` are of a surface of alpha = 0.4 that is seen from all sides, `compact+head` is of the built-in `sunset`, whose sun is a compact emitter. Weights of heads are the initial ones; they do not change
+//! `patches-ggx` and `mis-ggx` are of a surface of alpha = 0.4 that is seen from all sides. Weights of heads are the initial ones; they do not change
 //! the time.
 
 use std::{
@@ -18,17 +18,16 @@ use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     brdf::{Ggx, Lambert, Surface},
     columns::Arena,
-    environment::{Environment, built_in, without_compact_emitters},
+    environment::Environment,
     estimator::{Contributions, Estimator, Ris},
     head::Head,
     patches::{Detail, PatchSampler},
     points::{Dimension, PointSet, Points},
     random::{Purpose, Stream},
     sampler::{
-        BrdfSampler, CompactEmitters, Covering, Draws, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler,
-        Sampler, WithCompactEmitters, prepared,
+        BrdfSampler, Covering, Draws, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler, Sampler, prepared,
     },
-    tail::{Tail, TailKind},
+    tail::TailKind,
     tile::{ShadingPoint, Tile},
 };
 use headtail_train::native_head;
@@ -158,17 +157,6 @@ fn head_alone(bencher: Bencher, normals: Normals) {
 #[divan::bench(name = "head+mis", args = NORMALS)]
 fn head_with_mis(bencher: Bencher, normals: Normals) {
     bench(bencher, normals, &OneSampleMis::new(ProductSampler::new(LIGHT.clone(), head(true)), BrdfSampler));
-}
-
-#[divan::bench(name = "compact+head", args = NORMALS)]
-fn compact_emitters_and_head(bencher: Bencher, normals: Normals) {
-    let map = Arc::new(built_in("sunset").expect("a built-in map"));
-    let (width, height) = (map.width(), map.height());
-    let rest = without_compact_emitters(width, height, &map.luminance()).expect("a sun");
-    let tail = Arc::new(Tail::new(TailKind::Hierarchical, width, height, &rest).expect("a lit sky"));
-    let compact = Arc::new(CompactEmitters::new(&map, &rest).expect("a sun"));
-    let product = ProductSampler::new(EnvironmentLight::with_tail(map, tail), head(false));
-    bench(bencher, normals, &WithCompactEmitters::new(compact, product));
 }
 
 /// Two numbers of each point.

@@ -14,7 +14,7 @@ use headtail_render::{
     image::MapLayout,
     remark::Remark,
     scene::{Camera, MaterialSpec, Scene},
-    spec::{FileKind, SamplerSpec, Source},
+    spec::{Companion, FileKind, SamplerSpec},
     tail::TailKind,
 };
 
@@ -169,26 +169,12 @@ impl FromStr for Grid {
     }
 }
 
-/// The kind of tail warp, as the command line names it.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-pub enum TailArgument {
-    /// Quad-tree warp: keeps neighbours together; the better one on most maps.
-    Hierarchical,
-    /// First a row, then a column.
-    RowColumn,
-    /// A smooth flow that is fitted to the map first.
-    Flow,
-}
-
-impl From<TailArgument> for TailKind {
-    fn from(argument: TailArgument) -> Self {
-        match argument {
-            TailArgument::Hierarchical => Self::Hierarchical,
-            TailArgument::RowColumn => Self::RowColumn,
-            TailArgument::Flow => Self::Flow,
-        }
-    }
-}
+/// The kinds of tail warp.
+pub const TAILS: [(TailKind, &str, &str); 3] = [
+    (TailKind::Hierarchical, "hierarchical", "Quad-tree warp: neighbours stay together; best on most maps"),
+    (TailKind::RowColumn, "row-column", "First a row, then a column"),
+    (TailKind::Flow, "flow", "A smooth flow that is fitted to the map first"),
+];
 
 impl ViewArguments {
     /// A view with the scene's own materials, shadows and light from one surface, rendered with Sobol points.
@@ -290,8 +276,10 @@ pub fn open_environment(name_or_path: &str) -> Result<Arc<Environment>> {
 
 /// Says on standard error where a file that knows only the cosine is to serve glossy surfaces.
 pub fn note_surfaces(spec: &SamplerSpec, opened: &OpenedView) -> Result<()> {
-    if let (false, SamplerSpec::One(source), Some((_, file))) = (opened.is_diffuse(), spec, spec.path())
-        && let Source::File(..) = source
+    if !opened.is_diffuse()
+        && spec.has_pdf()
+        && spec.companion() == Companion::None
+        && let Some((_, file)) = spec.path()
     {
         let of_glossy = match &ExportedSampler::read(file)?.intermediate {
             Intermediate::Head(head) => head.condition() != Condition::Normal,
@@ -309,8 +297,11 @@ pub fn note_surfaces(spec: &SamplerSpec, opened: &OpenedView) -> Result<()> {
 
 /// Says on standard error where a file is used otherwise than it was trained for.
 pub fn note_use(spec: &SamplerSpec) -> Result<()> {
-    if let SamplerSpec::One(Source::File(FileKind::Head, file)) = spec {
-        let meant = SamplerSpec::of_exported(&ExportedSampler::read(file)?, file.clone());
+    if let Some((FileKind::Head, file)) = spec.path()
+        && spec.has_pdf()
+        && spec.companion() == Companion::None
+    {
+        let meant = SamplerSpec::of_exported(&ExportedSampler::read(file)?, file.to_owned());
         if meant != *spec {
             note!("{spec} was trained to be mixed with BRDF sampling and may be noisy alone; {meant} mixes it");
         }

@@ -37,7 +37,7 @@ pub struct Arguments {
     /// Only this backend: flex, ndarray or wgpu.
     #[arg(long, value_parser = parse::<Backend>)]
     backend: Option<Backend>,
-    /// How gradients are computed: auto, fused, injected or in-graph.
+    /// How gradients are computed: auto, fused or in-graph.
     #[arg(long, default_value = "auto", value_parser = parse::<GradientForm>)]
     gradient: GradientForm,
     /// Print an array of JSON objects.

@@ -14,8 +14,8 @@ use headtail_render::{
 };
 use headtail_train::learned_bake_watched;
 
-use crate::arguments::{Grid, MapArguments, TailArgument, open_environment};
-use crate::given::given;
+use crate::arguments::{Grid, MapArguments, TAILS, open_environment};
+use crate::given::{given, one_of};
 use crate::output::OutputFile;
 use crate::progress;
 use crate::terminal::say;
@@ -48,8 +48,8 @@ pub struct Arguments {
     #[command(flatten)]
     map: MapArguments,
     /// The tail warp for --direct.
-    #[arg(long, default_value = "hierarchical", conflicts_with = "from")]
-    tail: TailArgument,
+    #[arg(long, default_value = "hierarchical", conflicts_with = "from", value_parser = one_of(&TAILS))]
+    tail: TailKind,
     /// Normals from pole to pole x around.
     #[arg(long, value_name = "ROWSxCOLUMNS", default_value = "16x32")]
     normals: Grid,
@@ -118,8 +118,8 @@ fn settings(direct: bool, normals: NormalGrid, cells: CellGrid) -> String {
 }
 
 /// The settings of a direct bake.
-fn direct_settings(name: &str, tail: TailArgument, normals: NormalGrid, cells: CellGrid) -> Result<String> {
-    let [map, tail] = [toml::Value::from(name), toml::Value::try_from(TailKind::from(tail))?];
+fn direct_settings(name: &str, tail: TailKind, normals: NormalGrid, cells: CellGrid) -> Result<String> {
+    let [map, tail] = [toml::Value::from(name), toml::Value::try_from(tail)?];
     Ok(format!("env = {map}\ntail = {tail}\n\n{}", settings(true, normals, cells)))
 }
 
@@ -127,13 +127,12 @@ fn direct_settings(name: &str, tail: TailArgument, normals: NormalGrid, cells: C
 pub fn direct(
     name: &str,
     environment: &Environment,
-    tail: TailArgument,
+    tail: TailKind,
     normals: NormalGrid,
     cells: CellGrid,
 ) -> Result<ExportedSampler> {
-    let kind: TailKind = tail.into();
-    let warp = Tail::new(kind, environment.width(), environment.height(), &environment.luminance())?;
+    let warp = Tail::new(tail, environment.width(), environment.height(), &environment.luminance())?;
     let table = with_bar(|show| direct_bake_watched(&warp, normals, cells, show))?;
     let run = direct_settings(name, tail, normals, cells)?;
-    Ok(ExportedSampler::new(Intermediate::DirectBake(table), kind, environment, None)?.with_run(run))
+    Ok(ExportedSampler::new(Intermediate::DirectBake(table), tail, environment, None)?.with_run(run))
 }

@@ -252,6 +252,6 @@ fn prepare(
     let busy = progress::busy(&sampler);
     let entry = Entry::open(&sampler, spec, seconds, (opened, budgets, stop))?;
     drop(busy);
-    let preparation = Preparation { sampler, seconds: entry.preparation, text };
+    let preparation = Preparation { sampler, seconds: entry.preparation(), text };
     Ok((entry, preparation))
 }

@@ -1,6 +1,10 @@
 //! `headtail demo`: the whole path on built-in data.
 
-use std::{path::PathBuf, sync::atomic::Ordering, time::Instant};
+use std::{
+    path::PathBuf,
+    sync::{Arc, atomic::Ordering},
+    time::Instant,
+};
 
 use anyhow::{Result, bail};
 use clap::Args;
@@ -8,12 +12,13 @@ use headtail_eval::PointChoice;
 use headtail_render::{
     bake::{CellGrid, NormalGrid},
     spec::{FileKind, SamplerSpec},
+    tail::{Tail, TailKind},
 };
-use headtail_train::{FitConfig, TrainingLight, exported_sampler};
+use headtail_train::{FitConfig, exported_sampler};
 
 use crate::terminal::say;
 use crate::{
-    arguments::{CameraArguments, TailArgument, ViewArguments, open_environment},
+    arguments::{CameraArguments, ViewArguments, open_environment},
     bake, compare, fit,
     given::given,
     output::OutputFolder,
@@ -49,8 +54,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     say!("1. Train a cosine head for the environment '{}'.", environment.name());
     let stop = progress::stop_flag()?;
     let config = FitConfig::default();
-    let light = TrainingLight::new(&config, &environment)?;
-    let fitted = fit::train(&light, &config, &stop)?;
+    let tail = Arc::new(Tail::of_environment(config.tail, &environment)?);
+    let fitted = fit::train(&tail, &config, &stop)?;
     if stop.load(Ordering::Relaxed) {
         bail!(progress::Interrupted::new("while training; nothing was written"));
     }
@@ -61,14 +66,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut described = RunTable::default();
     described.set_env(arguments.env.clone());
     let settings = described.with_fit(config.clone())?.to_toml()?;
-    exported_sampler(&fitted.head, &config, summary, &environment, &light, true)?.with_run(settings).write(&head)?;
+    exported_sampler(&fitted.head, &config, summary, &environment, &tail, true)?.with_run(settings).write(&head)?;
 
     say!("2. Bake light x cosine directly, without training.");
     let baking = Instant::now();
     let direct = bake::direct(
         &arguments.env,
         &environment,
-        TailArgument::Hierarchical,
+        TailKind::Hierarchical,
         NormalGrid::new(16, 32)?,
         CellGrid::new(32, 32)?,
     )?;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use headtail_render::{
     export::{ExportedSampler, flat_exported, flat_patches},
     file::replace,
@@ -14,7 +14,7 @@ use headtail_render::{
 use headtail_shaders::{Shader, Target};
 
 use crate::arguments::open_environment;
-use crate::given::given;
+use crate::given::{given, one_of};
 use crate::output::OutputFolder;
 use crate::terminal::{say, warning};
 
@@ -26,54 +26,37 @@ use crate::terminal::{say, warning};
 
 DIR/headtail.EXT has the functions headtail_sample, headtail_pdf and headtail_share and, as an example, a compute shader headtail_draw. \
 DIR/floats.bin and DIR/integers.bin are the buffers of bindings 0 and 1 (little-endian, 32 bits), DIR/layout.json says what lies where. \
-There are shaders of tables and heads over every tail, of patches, and of heads over them. A file with compact emitters takes its map: --env MAP.")]
+There are shaders of tables and heads over every tail, of patches, and of heads over them.")]
 pub struct Arguments {
     /// A table that `bake` wrote or a head that `fit` wrote, or patches, or patches:fine, which need --env.
     #[arg(value_name = "FILE|patches", value_parser = given::<String>())]
     sampler: String,
-    /// The map of patches, or of a file with compact emitters: a built-in environment or a .hdr or .exr file.
+    /// The map of patches, or the map that FILE must be for: a built-in environment or a .hdr or .exr
+    /// file.
     #[arg(long, value_name = "MAP", value_parser = given::<String>())]
     env: Option<String>,
     /// The language.
-    #[arg(long)]
-    target: TargetArgument,
+    #[arg(long, value_parser = one_of(&TARGETS))]
+    target: Target,
     /// Folder for the files.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum TargetArgument {
-    /// WebGPU.
-    Wgsl,
-    /// OpenGL 4.3.
-    Glsl,
-    /// Direct3D.
-    Hlsl,
-    /// Metal.
-    Msl,
-    /// Vulkan.
-    Spirv,
-}
-
-impl From<TargetArgument> for Target {
-    fn from(argument: TargetArgument) -> Self {
-        match argument {
-            TargetArgument::Wgsl => Self::Wgsl,
-            TargetArgument::Glsl => Self::Glsl,
-            TargetArgument::Hlsl => Self::Hlsl,
-            TargetArgument::Msl => Self::Msl,
-            TargetArgument::Spirv => Self::Spirv,
-        }
-    }
-}
+const TARGETS: [(Target, &str, &str); 5] = [
+    (Target::Wgsl, "wgsl", "WebGPU"),
+    (Target::Glsl, "glsl", "OpenGL 4.3"),
+    (Target::Hlsl, "hlsl", "Direct3D"),
+    (Target::Msl, "msl", "Metal"),
+    (Target::Spirv, "spirv", "Vulkan"),
+];
 
 /// The bytes of a storage buffer that a WebGPU device lets a shader see unless it is asked for more: `maxStorageBufferBindingSize`.
 const WEBGPU_BINDING: u64 = 134_217_728;
 
 /// Writes the shader, its buffers and their layout.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let target = Target::from(arguments.target);
+    let target = arguments.target;
     let source_name = format!("headtail.{}", target.name_and_extension().1);
     let output = OutputFolder::take(&arguments.out, &[&source_name, "floats.bin", "integers.bin", "layout.json"])?;
     let detail = match &*arguments.sampler {
@@ -87,8 +70,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         (Some(_), None) => bail!("{} needs the map: give --env MAP", arguments.sampler),
         (None, map) => {
-            let (file, map) = (path_of(&arguments.sampler), map.as_deref().map(open_environment).transpose()?);
-            flat_exported(&ExportedSampler::read(&file)?, map.as_ref()).map_err(|error| error.in_file(&file))?
+            let file = path_of(&arguments.sampler);
+            let exported = ExportedSampler::read(&file)?;
+            if let Some(map) = map {
+                exported.check_environment(&*open_environment(map)?).map_err(|error| error.in_file(&file))?;
+            }
+            flat_exported(&exported).map_err(|error| error.in_file(&file))?
         }
     };
     let shader = Shader::new(&arrays)?;

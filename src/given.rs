@@ -1,8 +1,8 @@
-//! Arguments that are text and may hold names of files, also such as are no Unicode.
+//! Parsers of arguments: texts that may hold non-UTF-8 names of files, and choices among named values.
 
 use std::{error::Error, path::Path, str::FromStr};
 
-use clap::builder::{OsStringValueParser, TypedValueParser};
+use clap::builder::{OsStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
 use headtail_render::path_text::text_of;
 
 /// Reads an argument as a text in which a path keeps every byte, see [`headtail_render::path_text`]. Unicode stays as it is, so that names
@@ -14,5 +14,16 @@ where
     OsStringValueParser::new().try_map(|argument| match argument.to_str() {
         Some(text) => text.parse::<T>(),
         None => text_of(Path::new(&argument)).parse(),
+    })
+}
+
+/// Reads one of some values, each given with its name and its help.
+pub fn one_of<T: Copy + Send + Sync>(
+    values: &'static [(T, &'static str, &'static str)],
+) -> impl TypedValueParser<Value = T> {
+    let possible = values.iter().map(|(_, name, help)| PossibleValue::new(*name).help(*help));
+    PossibleValuesParser::new(possible).map(|given| {
+        let found = values.iter().find(|(_, name, _)| *name == given);
+        found.expect("the parser accepts these names only").0
     })
 }

@@ -98,7 +98,6 @@ fn sampler(path: &Path) -> Result<Facts> {
     facts.push(fact("tail", exported.tail.kind().name()));
     facts.push(fact("environment", format!("{} ({width} x {height})", exported.environment)));
     facts.push(fact("environment hash", exported.environment_hash.clone()));
-    facts.push(fact("compact emitters", exported.compact_emitters));
     if let Some(training) = &exported.training {
         facts.push(fact("training", serde_json::to_value(training)?));
     }

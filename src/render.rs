@@ -15,7 +15,7 @@ use headtail_render::{
     image::{Attribute, Channel, encode_layered_exr, latin_1, write_exr, write_png},
     integrator::{self, Features, Rendering, View},
     memory,
-    spec::SamplerSpec,
+    spec::{SamplerSpec, Source},
     timings::Timings,
 };
 
@@ -172,7 +172,7 @@ fn prepared(
     budget: Budget,
     stop: &AtomicBool,
 ) -> Result<(SamplerSpec, Box<dyn Estimator>, Option<String>)> {
-    if *spec != SamplerSpec::Auto {
+    if *spec.source() != Source::Auto {
         return Ok((spec.clone(), opened.estimator(spec)?, None));
     }
     let Choice { spec, estimator, trials, seconds } = headtail_eval::choose(opened, budget, stop)?;

@@ -138,7 +138,7 @@ def form_of(sampler, alpha):
     from headtail.mitsuba._integrators import product_of
     from headtail.mitsuba._patches import Patches, Point
 
-    product, _ = product_of(sampler._native.arrays())
+    product = product_of(sampler._native.arrays())
     lobes = None if alpha is None else (mi.Float(0), mi.Float(1), mi.Float(1), mi.Float(alpha))
     if isinstance(product, Patches):
         return (

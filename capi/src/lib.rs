@@ -19,7 +19,7 @@ use headtail_render::{
     environment::Environment,
     export::ExportedSampler,
     image::Image,
-    sampler::{Covering, Sampler},
+    sampler::Sampler,
     spec::SamplerSpec,
 };
 use status::{Failure, call};
@@ -112,10 +112,7 @@ pub unsafe extern "C" fn headtail_sampler_from_spec(
         let (spec, out) = unsafe { (text("spec", spec)?, target("out", out)?) };
         let environment = handles::environment(environment)?;
         let parsed = spec.parse::<SamplerSpec>()?.resolved(false);
-        let SamplerSpec::One(source) = &parsed else {
-            return Err(Failure::argument(format!("sampler '{spec}': has no pdf of its own")));
-        };
-        let sampler = Covering::new(source.build(&environment)?)?.into_inner();
+        let sampler = parsed.build_sampler(&environment)?;
         *out = keep(sampler, environment, &serde_json::json!({ "sampler": parsed.to_string() }));
         Ok(())
     })

@@ -68,10 +68,10 @@ fn draws_are_those_of_the_batch_and_their_pdfs_are_found_again() {
     assert!(pdf.iter().zip(again).all(|(a, b)| *a > 0.0 && (b / a - 1.0).abs() < 1e-2));
     let (mut own_wi, mut own_pdf, mut own_radiance) = ([[0.0_f32; 3]; 100], [0.0_f32; 100], [[0.0_f32; 3]; 100]);
     let studio = Arc::new(Environment::open("studio").unwrap());
-    let SamplerSpec::One(source) = SamplerSpec::patches() else { panic!("patches are one source") };
+    let patches = SamplerSpec::patches().build_sampler(&studio).unwrap();
     let at = PointList { n: &[UP], wo: &[], surface: SurfaceList::Diffuse };
     let out = DrawList { wi: &mut own_wi, pdf: &mut own_pdf, radiance: Some((&studio, &mut own_radiance)) };
-    batch::sample(&source.build(&studio).unwrap(), &at, Numbers::Seed(7), out).unwrap();
+    batch::sample(&patches, &at, Numbers::Seed(7), out).unwrap();
     assert!(wi == own_wi && pdf == own_pdf && radiance == own_radiance);
     assert!(radiance.as_flattened().iter().any(|value| *value > 0.0));
     let (mut text, mut length) = ([0 as c_char; 12], 0);

@@ -11,13 +11,13 @@ use headtail_render::{
     image::Image,
     integrator::Rendering,
     points::PointSet,
-    spec::SamplerSpec,
+    spec::{SamplerSpec, Source},
     statistics::{compare_images, ttuv},
 };
 
 use crate::{
     Budget, Error, Measurement, Noise, OpenedView, Reference, Result,
-    auto::choose,
+    auto::{Choice, choose},
     calibration::{Calibration, calibrate},
     processor_seconds, select,
 };
@@ -37,12 +37,16 @@ const SIGNIFICANCE: f64 = 0.01;
 pub struct Entry {
     /// Its name in measurements.
     pub name: String,
-    /// What renders.
-    pub estimator: Box<dyn Estimator>,
-    /// Seconds of preparation: its files, and what was built before the first sample.
-    pub preparation: f64,
-    /// What `auto` is for each budget, and the seconds of choosing it.
-    chosen: Vec<(Budget, Box<dyn Estimator>, f64)>,
+    /// One estimator for all budgets, or the choice of `auto` for each.
+    built: Vec<Built>,
+}
+
+/// An estimator and the seconds of its preparation: its files, and what was built before the first sample.
+struct Built {
+    /// The budget that it was chosen for; `None` serves all.
+    budget: Option<Budget>,
+    estimator: Box<dyn Estimator>,
+    seconds: f64,
 }
 
 impl Entry {
@@ -53,7 +57,7 @@ impl Entry {
 
     /// A sampler and the seconds of its preparation.
     pub fn prepared(name: impl Into<String>, estimator: Box<dyn Estimator>, preparation: f64) -> Self {
-        Self { name: name.into(), estimator, preparation, chosen: Vec::new() }
+        Self { name: name.into(), built: vec![Built { budget: None, estimator, seconds: preparation }] }
     }
 
     /// A sampler by its SPEC; `auto` is chosen for each budget. `preparation` is what its files took.
@@ -66,22 +70,28 @@ impl Entry {
         preparation: f64,
         (view, budgets, stop): (&OpenedView, &[Budget], &AtomicBool),
     ) -> Result<Self> {
+        if *spec.source() == Source::Auto {
+            let choice = |&budget: &Budget| {
+                let Choice { estimator, seconds, .. } = choose(view, budget, stop)?;
+                Ok(Built { budget: Some(budget), estimator, seconds })
+            };
+            return Ok(Self { name: name.into(), built: budgets.iter().map(choice).collect::<Result<_>>()? });
+        }
         let start = Instant::now();
         let estimator = view.estimator(spec)?;
-        let mut own = Self::prepared(name, estimator, preparation + start.elapsed().as_secs_f64());
-        if *spec == SamplerSpec::Auto {
-            for &budget in budgets {
-                let choice = choose(view, budget, stop)?;
-                own.chosen.push((budget, choice.estimator, choice.seconds));
-            }
-        }
-        Ok(own)
+        Ok(Self::prepared(name, estimator, preparation + start.elapsed().as_secs_f64()))
+    }
+
+    /// The longest preparation for any budget, in seconds.
+    pub fn preparation(&self) -> f64 {
+        self.built.iter().map(|built| built.seconds).fold(0.0, f64::max)
     }
 
     /// What renders with a budget, and the seconds of its preparation.
     pub(crate) fn at(&self, budget: Budget) -> (&dyn Estimator, f64) {
-        let chosen = self.chosen.iter().find(|(own, ..)| *own == budget);
-        chosen.map_or((&*self.estimator, self.preparation), |(_, estimator, seconds)| (&**estimator, *seconds))
+        let built = self.built.iter().find(|built| built.budget.is_none_or(|own| own == budget));
+        let built = built.expect("an estimator for every budget that the entry was opened with");
+        (&*built.estimator, built.seconds)
     }
 }
 
@@ -271,7 +281,8 @@ impl Loop<'_> {
             }
             let trial = Budget::Seconds(TRIAL);
             let points = self.view.points(trial, self.plan.seed);
-            let rendering = self.view.render(&*entry.estimator, trial, points, self.stop, &|_| {});
+            let estimator = entry.at(self.plan.budgets[0]).0;
+            let rendering = self.view.render(estimator, trial, points, self.stop, &|_| {});
             rendering.seconds / f64::from(rendering.spp.max(1))
         };
         let of_sample: Vec<f64> = self.entries.iter().map(sample).collect();

@@ -3,7 +3,7 @@
 use headtail_render::{
     export::{ExportedSampler, Intermediate},
     rival::RivalFile,
-    spec::{SamplerSpec, Source},
+    spec::{SamplerSpec, Source, Visibility},
     visibility::SceneVisibility,
 };
 
@@ -28,14 +28,10 @@ impl FilePreparation {
             Some((_, file)) => Self::of_exported(&ExportedSampler::read(file)?),
             None => Self { seconds: 0.0, text: "tables built".into() },
         };
-        let mut source = spec.source();
-        while let Source::Mixture(inner) = source {
-            source = inner;
-        }
-        if let Source::Rival { file, .. } = source {
+        if let Source::Rival(_, file) = spec.source() {
             own.add("trained for materials", RivalFile::read(file)?.seconds);
         }
-        if let SamplerSpec::Learning { known: Some(file), .. } = spec {
+        if let Visibility::File(file) = spec.visibility() {
             own.add("visibility learned", SceneVisibility::read(file)?.seconds);
         }
         Ok(own)

@@ -11,7 +11,7 @@ use headtail_render::{
     points::Points,
     remark::Remark,
     scene::{Camera, MaterialSpec, Scene},
-    spec::{Place, SamplerSpec},
+    spec::{BuildContext, SamplerSpec},
 };
 use serde::{Deserialize, Serialize};
 
@@ -213,8 +213,8 @@ impl OpenedView {
     /// # Errors
     /// If a file of the SPEC cannot be used here.
     pub fn estimator(&self, spec: &SamplerSpec) -> Result<Box<dyn Estimator>> {
-        let place = Place { scene: Some(&self.scene), memory: self.visibility_bytes, always: self.visibility_always };
-        Ok(spec.build_in(&self.environment, place)?)
+        let (memory, always) = (self.visibility_bytes, self.visibility_always);
+        Ok(spec.build_in(&self.environment, BuildContext { scene: Some(&*self.scene), memory, always })?)
     }
 
     /// The estimator of `patches+vis` for this map and this scene.

@@ -12,7 +12,7 @@ use std::{
 };
 
 use headtail_eval::{Budget, Entry, FilePreparation, Noise, OpenedView, Plan, Reference, ReferencePolicy, measure};
-use headtail_render::spec::SamplerSpec;
+use headtail_render::spec::Source;
 use numpy::{PyReadonlyArray3, ToPyArray, ndarray::Array2};
 use pyo3::{prelude::*, types::PyDict};
 
@@ -90,7 +90,7 @@ pub fn compare<'py>(
 
 /// A sampler that is ready to render. Its preparation counts the time to build it here and the times in its files.
 fn entry(sampler: &Sampler, place: (&OpenedView, &[Budget], &AtomicBool)) -> PyResult<Entry> {
-    if let Some(spec @ SamplerSpec::Auto) = &sampler.spec {
+    if let Some(spec) = sampler.spec.as_ref().filter(|spec| *spec.source() == Source::Auto) {
         return Entry::open(&sampler.name, spec, 0.0, place).map_err(of_eval);
     }
     let start = Instant::now();

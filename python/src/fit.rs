@@ -10,8 +10,8 @@ use headtail_render::{
     export::{ExportedSampler, Intermediate},
 };
 use headtail_train::{
-    CheckpointFolder, ConfigBuilder, FitConfig, Fitted, Material, Preset, Progress, Run, TrainingLight, Viewpoints,
-    build_target, exported_sampler, fit_with,
+    CheckpointFolder, ConfigBuilder, FitConfig, Fitted, Material, Preset, Progress, Run, Viewpoints, build_target,
+    exported_sampler, fit_tail, fit_with,
 };
 use pyo3::{prelude::*, types::PyDict};
 
@@ -77,18 +77,19 @@ pub fn fit(
         Ok(())
     };
     let exported = py.detach(|| {
-        let tail = checkpoints.as_ref().map(|head| CheckpointFolder {
+        let tail_checkpoints = checkpoints.as_ref().map(|head| CheckpointFolder {
             folder: head.folder.join("tail"),
             target: format!("tail of {}", head.target),
             ..head.clone()
         });
         let mut warn = |error: &headtail_train::Error| eprintln!("warning: {error}; the checkpoint before it is used");
-        let run = Run { progress: &mut watch, interrupt: &stop, checkpoints: tail.as_ref(), warn: &mut warn };
-        let (light, _) = TrainingLight::fit(&config, &map, run)?;
-        let target = build_target(&config, &light.tail, Viewpoints::Sphere);
+        let run =
+            Run { progress: &mut watch, interrupt: &stop, checkpoints: tail_checkpoints.as_ref(), warn: &mut warn };
+        let (tail, _) = fit_tail(&config, &map, run)?;
+        let target = build_target(&config, &tail, Viewpoints::Sphere);
         let run = Run { progress: &mut watch, interrupt: &stop, checkpoints: checkpoints.as_ref(), warn: &mut warn };
         let Fitted { head, summary } = fit_with(&config, &*target, run)?;
-        exported_sampler(&head, &config, &summary, &map, &light, !reproducible)
+        exported_sampler(&head, &config, &summary, &map, &tail, !reproducible)
     });
     if let Some(error) = raised {
         return Err(error);

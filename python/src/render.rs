@@ -10,7 +10,7 @@ use headtail_render::{
     environment, memory,
     remark::Remark,
     scene::{self, MaterialSpec},
-    spec::SamplerSpec,
+    spec::Source,
 };
 use numpy::{PyArray3, ToPyArray, ndarray::Array2};
 use pyo3::{prelude::*, types::PyDict};
@@ -153,7 +153,7 @@ pub fn render<'py>(
     let (points, watch) = (view.points(budget, seed), Watch::new(progress));
     let rendering = py.detach(|| {
         let (spec, estimator) = match &sampler.spec {
-            Some(SamplerSpec::Auto) => {
+            Some(spec) if *spec.source() == Source::Auto => {
                 let choice = choose(&view, budget, &watch.stop).map_err(of_eval)?;
                 (choice.spec.to_string(), choice.estimator)
             }

@@ -13,7 +13,7 @@ use headtail_render::{
     image::Image,
     patches::{Detail, PatchSampler},
     sampler::{self, Covering},
-    spec::{SamplerSpec, Source},
+    spec::{Companion, SamplerSpec, Source, Visibility},
     tail::{Tail, TailKind},
 };
 use numpy::{
@@ -71,15 +71,10 @@ impl Sampler {
         let mut own = Self::in_scene(py, spec, environment)?;
         py.detach(|| {
             match &own.spec {
-                Some(SamplerSpec::One(source)) => {
-                    own.sampler = Some(Covering::new(source.build(&own.map)?)?.into_inner());
-                }
-                Some(spec @ SamplerSpec::Auto) => {
-                    own.sampler = Some(Covering::new(spec.source().build(&own.map)?)?.into_inner());
-                }
+                Some(spec) if spec.has_pdf() => own.sampler = Some(spec.build_sampler(&own.map)?),
                 // Precomputed visibility is checked against the scene when that is rendered.
-                None | Some(SamplerSpec::Learning { known: Some(_), .. }) => {}
-                Some(spec) => drop(spec.build(&own.map)?),
+                Some(spec) if !matches!(spec.visibility(), Visibility::File(_)) => drop(spec.build(&own.map)?),
+                _ => {}
             }
             Ok(own)
         })
@@ -104,7 +99,7 @@ impl Sampler {
         py.detach(|| {
             let light = sampler::EnvironmentLight::new(map.clone(), TailKind::Hierarchical)?;
             let sampler: Arc<dyn sampler::Sampler> = Arc::new(PatchSampler::new(light, detail)?);
-            let spec = Some(SamplerSpec::One(Source::Patches(detail)));
+            let spec = Some(SamplerSpec::new(Source::Patches(detail), Companion::None)?);
             Ok(Self { name: "patches".into(), sampler: Some(sampler), map, has_map: true, spec, exported: None })
         })
         .map_err(of_render)
@@ -133,13 +128,12 @@ impl Sampler {
 
     /// The arrays that implementations on other devices read, by name.
     fn arrays<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let patches = match &self.spec {
-            Some(SamplerSpec::One(Source::Patches(detail))) => Some(*detail),
-            _ => None,
-        };
+        let spec = self.spec.as_ref().map(|spec| spec.resolved(false)).filter(SamplerSpec::has_pdf);
+        let patches =
+            spec.and_then(|spec| if let Source::Patches(detail) = spec.source() { Some(*detail) } else { None });
         let arrays = py.detach(|| match (patches, &self.exported) {
             (Some(detail), _) => flat_patches(&Tail::of_environment(TailKind::Hierarchical, &self.map)?, detail),
-            (None, Some(exported)) => flat_exported(exported, self.has_map.then_some(&self.map)),
+            (None, Some(exported)) => flat_exported(exported),
             (None, None) => Err(headtail_render::Error::argument(
                 &*self.name,
                 "has no form for other devices: use patches or a table",
@@ -233,10 +227,6 @@ impl Sampler {
         let kept = exported.clone();
         let map = match map {
             Some(map) => map,
-            None if exported.compact_emitters => {
-                let reason = "are the difference between the map and the file: give the map";
-                return Err(headtail_render::Error::argument("compact_emitters", reason));
-            }
             None => {
                 let (width, height, luminance) = &exported.luminance;
                 let pixels = luminance.iter().map(|&value| [value; 3]).collect();
@@ -265,7 +255,7 @@ impl Sampler {
             return Err(refused(format!("{}: was made for another map than {given}", self.name)));
         }
         match (&self.sampler, &self.spec) {
-            (_, Some(spec @ SamplerSpec::Auto)) => view.estimator(spec).map_err(of_eval),
+            (_, Some(spec)) if *spec.source() == Source::Auto => view.estimator(spec).map_err(of_eval),
             (Some(sampler), _) => {
                 let sampler = Covering::new(sampler.clone()).map_err(of_render)?;
                 Ok(Box::new(SingleSample::new(sampler, self.map.clone())))

@@ -48,7 +48,7 @@ def variant(request):
 
 @pytest.fixture(scope="session")
 def heads(tmp_path_factory):
-    """Files of heads by name, for studio or sunset: barely trained ones are as unbiased as others."""
+    """Files of heads by name, for studio: barely trained ones are as unbiased as others."""
     if not hasattr(headtail, "fit"):
         pytest.skip("built without training")
     folder = tmp_path_factory.mktemp("heads")
@@ -59,15 +59,10 @@ def heads(tmp_path_factory):
         "of any width": {"material": "ggx:alpha=0.1..0.9", "head": {"mode": "coupled", "encoder": {"hidden": 24, "output": 13}}},
         "over rows and columns": {"tail": "row-column"},
         "over a flow": {"tail": "flow", "flow": {"steps": 20, "cells": 64}},
-        "beside a sun": {"compact_emitters": True},
         "over patches": {"over": "patches"},
         "over fine patches": {"material": "ggx:alpha=0.1..0.9", "over": "fine-patches"},
     }
+    map = headtail.Environment("studio").array()
     for name, settings in forms.items():
-        map = headtail.Environment(map_of(name)).array()
         headtail.fit(map, **settings, **short).save(folder / f"{name}.safetensors")
     return {name: str(folder / f"{name}.safetensors") for name in forms}
-
-
-def map_of(head):
-    return "sunset" if head == "beside a sun" else "studio"

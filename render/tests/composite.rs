@@ -9,7 +9,7 @@ use headtail_render::{
     image::{Image, Photograph},
     latlong,
     scene::{Camera, MaterialSpec, Scene},
-    spec::{Place, SamplerSpec},
+    spec::{BuildContext, SamplerSpec},
 };
 
 /// A square of 1 m, 0.5 m above the origin, that faces down and up alike.
@@ -44,8 +44,8 @@ fn film_on(environment: &Arc<Environment>, sampler: &str, settings: Settings, ca
     let photograph = grey(settings.width, settings.height, 1.0);
     let backdrop = Backdrop::new(&stage, environment, &photograph, camera, Vec3A::ONE);
     // What is learned is drawn with whatever it gains.
-    let place = Place { always: true, ..Place::default() };
-    let estimator = sampler.parse::<SamplerSpec>().unwrap().build_in(environment, place).unwrap();
+    let context = BuildContext { always: true, ..BuildContext::default() };
+    let estimator = sampler.parse::<SamplerSpec>().unwrap().build_in(environment, context).unwrap();
     let composition = Composition { stage: &stage, backdrop: &backdrop, camera: &camera, estimator: &*estimator };
     compose(composition, settings, &AtomicBool::new(false), &|_| {})
 }

@@ -20,7 +20,7 @@ use headtail_render::{
     random::{Purpose, Stream},
     rival::{Rival, RivalFile, RivalKind},
     scene::{MaterialSpec, Ray, Scene},
-    spec::{Place, SamplerSpec},
+    spec::{BuildContext, SamplerSpec},
     statistics::{compare_images, sidak},
     tail::TailKind,
 };
@@ -98,8 +98,8 @@ fn every_sampler_renders_the_same_picture_of_every_fabric() {
                 depth: 1,
             };
             let sampler: SamplerSpec = sampler.parse().unwrap();
-            let place = Place { always: true, ..Place::default() };
-            let estimator = sampler.build_in(&environment, place).unwrap();
+            let context = BuildContext { always: true, ..BuildContext::default() };
+            let estimator = sampler.build_in(&environment, context).unwrap();
             let points = Points::new(PointSet::Sobol, 10 + k as u64);
             let stop = AtomicBool::new(false);
             (sampler.to_string(), render(view, &*estimator, Budget::Spp(64), points, &stop, &|_| {}).surfaces)
@@ -244,8 +244,8 @@ fn rivals_render_the_picture_of_mis() {
         };
         let sampler: SamplerSpec = sampler.parse().unwrap();
         assert_eq!(sampler.to_string(), samplers[k]);
-        let place = Place { scene: Some(&scene), ..Place::default() };
-        let estimator = sampler.build_in(&environment, place).unwrap();
+        let context = BuildContext { scene: Some(&scene), ..BuildContext::default() };
+        let estimator = sampler.build_in(&environment, context).unwrap();
         let points = Points::new(PointSet::Independent, 20 + k as u64);
         let stop = AtomicBool::new(false);
         render(view, &*estimator, Budget::Spp(128), points, &stop, &|_| {}).surfaces
@@ -255,7 +255,7 @@ fn rivals_render_the_picture_of_mis() {
         let test = compare_images(&images[0], other, 16, sidak(0.01, samplers.len() - 1)).unwrap();
         assert!(test.passed(), "{sampler}: {test}");
     }
-    let place = Place { scene: Some(&Scene::built_in("bedroom").unwrap()), ..Place::default() };
-    let error = samplers[1].parse::<SamplerSpec>().unwrap().build_in(&environment, place).err().unwrap().to_string();
+    let context = BuildContext { scene: Some(&Scene::built_in("bedroom").unwrap()), ..BuildContext::default() };
+    let error = samplers[1].parse::<SamplerSpec>().unwrap().build_in(&environment, context).err().unwrap().to_string();
     assert!(error.contains("a material that the scene does not have"), "{error}");
 }

@@ -61,11 +61,9 @@ pub struct Shader {
 
 const SQUARE: &str = include_str!("../wgsl/square.wgsl");
 const CELLS: &str = include_str!("../wgsl/cells.wgsl");
-const WINDOWS: &str = include_str!("../wgsl/windows.wgsl");
 const HIERARCHICAL: &str = include_str!("../wgsl/hierarchical.wgsl");
 const ROW_COLUMN: &str = include_str!("../wgsl/row_column.wgsl");
 const FLOW: &str = include_str!("../wgsl/flow.wgsl");
-const COMPACT: &str = include_str!("../wgsl/compact.wgsl");
 const PATCHES: &str = include_str!("../wgsl/patches.wgsl");
 const PATCHES_ALONE: &str = include_str!("../wgsl/patches_alone.wgsl");
 const TABLE: &str = include_str!("../wgsl/table.wgsl");
@@ -105,15 +103,7 @@ impl Shader {
         }
         let tail = tail_concepts(arrays, &mut constant)?;
         let concepts = density_concepts(arrays, &mut constant)?;
-        let mut parts = [&[SQUARE][..], &tail, &concepts].concat().join("\n");
-        if let Ok(emitters) = shape_of(arrays, "compact.windows") {
-            constant("emitters", emitters[0]);
-            constant("emitters_and_rest", emitters[0] + 1);
-            for name in ["sample", "pdf", "share"] {
-                parts = parts.replace(&format!("fn headtail_{name}("), &format!("fn headtail_rest_{name}("));
-            }
-            parts = [&parts, COMPACT].join("\n");
-        }
+        let parts = [&[SQUARE][..], &tail, &concepts].concat().join("\n");
         let source = [&source, &parts, EXAMPLE].join("\n");
         let layout = serde_json::to_string_pretty(&layout).unwrap_or_default();
         Ok(Self { source, floats, integers, layout })
@@ -176,30 +166,24 @@ fn append<T: Copy>(all: &mut Vec<T>, numbers: &[T]) -> usize {
     start
 }
 
-/// The shaders of a tail and of the cells and windows that it or compact emitters take, and their sizes.
+/// The shaders of a tail and of the cells that it takes, and their sizes.
 fn tail_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)) -> Result<Vec<&'static str>> {
-    let own = if let Ok(cells) = shape_of(arrays, "tail.cells") {
+    if let Ok(cells) = shape_of(arrays, "tail.cells") {
         constant("side", cells[0].isqrt());
-        FLOW
-    } else if let Ok(levels) = shape_of(arrays, "tail.levels") {
-        constant("levels", levels[0]);
-        HIERARCHICAL
-    } else {
-        ROW_COLUMN
-    };
-    // The map's columns of texels and rows of cells, where one of the arrays says them.
-    let of_shape = |name: &str| integers_of(arrays, name).map(|shape| [shape[0] as usize, shape[1] as usize]);
-    let of_nodes = || shape_of(arrays, "tail.nodes").map(|nodes| [nodes[1], nodes[0] - 1]);
-    let size = of_shape("tail.shape").or_else(|_| of_shape("compact.shape")).or_else(|_| of_nodes());
-    match size {
-        Ok([width, rows]) => {
-            constant("width", width);
-            constant("rows", rows);
-            Ok(vec![CELLS, WINDOWS, own])
-        }
-        Err(_) if own == FLOW => Ok(vec![own]),
-        Err(error) => Err(error),
+        return Ok(vec![FLOW]);
     }
+    // The map's columns of texels and rows of cells.
+    let ([width, rows], own) = match integers_of(arrays, "tail.shape") {
+        Ok(shape) => ([shape[0] as usize, shape[1] as usize], ROW_COLUMN),
+        Err(_) => {
+            let nodes = shape_of(arrays, "tail.nodes")?;
+            constant("levels", shape_of(arrays, "tail.levels")?[0]);
+            ([nodes[1], nodes[0] - 1], HIERARCHICAL)
+        }
+    };
+    constant("width", width);
+    constant("rows", rows);
+    Ok(vec![CELLS, own])
 }
 
 /// The shaders of a density over Y, and their sizes.

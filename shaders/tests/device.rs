@@ -11,7 +11,7 @@ use headtail_render::{
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
     brdf::{Ggx, Kernel, Lambert},
     columns::Arena,
-    environment::{Environment, without_compact_emitters},
+    environment::Environment,
     export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
     head::{Condition, Head, Linear, Mode},
     patches::{Detail, PatchSampler},
@@ -270,7 +270,7 @@ fn shaders_draw_what_the_native_samplers_draw() {
     }
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap()).unwrap();
     let exported = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
-    let shader = Shader::new(&flat_exported(&exported, None).unwrap()).unwrap();
+    let shader = Shader::new(&flat_exported(&exported).unwrap()).unwrap();
     let native = exported.open(&map).unwrap();
     compare("table", &shader, &native, COUNT, false);
 }
@@ -340,7 +340,7 @@ fn shaders_of_heads_draw_what_the_native_heads_draw() {
             true,
         ),
     ] {
-        let shader = Shader::new(&flat_exported(&exported, None).unwrap()).unwrap();
+        let shader = Shader::new(&flat_exported(&exported).unwrap()).unwrap();
         let native = exported.sampler(&studio, false).unwrap();
         let answers = compare(name, &shader, &*native, count, glossy);
         compare_shares(name, &*native, &answers, glossy);
@@ -363,17 +363,15 @@ fn gathered(cells: usize) -> WarpMap {
 fn shaders_over_other_tails_draw_what_the_native_samplers_draw() {
     let map = Arc::new(Environment::open("sunset").unwrap());
     let (width, height, luminance) = (map.width(), map.height(), map.luminance());
-    let rest = without_compact_emitters(width, height, &luminance).expect("the map has a sun");
     let tails = [
-        ("row-column tail", Tail::new(TailKind::RowColumn, width, height, &luminance), &luminance),
-        ("flow tail", Tail::flow(gathered(64), width, height, &luminance), &luminance),
-        ("compact emitters", Tail::new(TailKind::Hierarchical, width, height, &rest), &rest),
+        ("row-column tail", Tail::of_environment(TailKind::RowColumn, &map)),
+        ("flow tail", Tail::flow(gathered(64), width, height, &luminance)),
     ];
-    for (name, tail, light) in tails {
+    for (name, tail) in tails {
         let tail = Arc::new(tail.unwrap());
         let head = Intermediate::Head(head(Condition::Normal, Mode::Coupled, &[], &[16], [4, 5]));
-        let exported = ExportedSampler::of_tail(head, tail, light.clone(), &map, None);
-        let shader = Shader::new(&flat_exported(&exported, Some(&map)).unwrap()).unwrap();
+        let exported = ExportedSampler::of_tail(head, tail, &map, None);
+        let shader = Shader::new(&flat_exported(&exported).unwrap()).unwrap();
         let native = exported.sampler(&map, false).unwrap();
         compare(name, &shader, &*native, points_of_heads() / 2, false);
     }

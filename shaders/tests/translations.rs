@@ -1,10 +1,10 @@
 //! Every shader is valid, and has a translation to every language.
 
-use std::{env, fs, path::Path, process::Command, sync::Arc};
+use std::{env, fs, path::Path, process::Command};
 
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
-    environment::{Environment, without_compact_emitters},
+    environment::Environment,
     export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
     patches::Detail,
     tail::{Tail, TailKind},
@@ -16,19 +16,15 @@ fn shaders() -> Vec<Shader> {
     let tail = Tail::of_environment(TailKind::Hierarchical, &map).unwrap();
     let table = direct_bake(&tail, NormalGrid::new(4, 8).unwrap(), CellGrid::new(8, 8).unwrap()).unwrap();
     let exported = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
-    let sunset = Arc::new(Environment::open("sunset").unwrap());
-    let (width, height) = (sunset.width(), sunset.height());
-    let rest = without_compact_emitters(width, height, &sunset.luminance()).expect("the map has a sun");
-    let row_column = Tail::new(TailKind::RowColumn, width, height, &rest).unwrap();
     let head = ExportedSampler::read(Path::new("../checkpoints/studio-head.safetensors")).unwrap();
     let over_patches = head.clone().over_patches(Detail::Leaves);
-    let beside_a_sun = ExportedSampler::of_tail(head.intermediate.clone(), Arc::new(row_column), rest, &sunset, None);
+    let row_column = ExportedSampler::new(head.intermediate.clone(), TailKind::RowColumn, &map, None).unwrap();
     let arrays = [
         flat_patches(&tail, Detail::Leaves),
-        flat_exported(&exported, None),
-        flat_exported(&head, None),
-        flat_exported(&over_patches, None),
-        flat_exported(&beside_a_sun, Some(&sunset)),
+        flat_exported(&exported),
+        flat_exported(&head),
+        flat_exported(&over_patches),
+        flat_exported(&row_column),
     ];
     arrays.into_iter().map(|arrays| Shader::new(&arrays.unwrap()).unwrap()).collect()
 }

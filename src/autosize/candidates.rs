@@ -2,9 +2,8 @@
 
 use anyhow::{Result, anyhow};
 use headtail_render::{
-    estimator::LearnedVisibility,
     scene::MaterialSpec,
-    spec::{Drawn, SamplerSpec},
+    spec::{Combiner, SamplerSpec, Visibility},
 };
 use headtail_train::Material;
 
@@ -38,11 +37,6 @@ impl Recipe {
         matches!(self, Self::Head(..) | Self::Baked(..))
     }
 
-    /// Whether visibility can be learned for what it draws: a table with compact emitters leaves them to others.
-    fn can_learn(&self) -> bool {
-        !matches!(self, Self::Baked(shape, _) if shape.has_compact_emitters())
-    }
-
     /// Whether there is work before the first sample that a file keeps.
     pub fn is_prepared(&self) -> bool {
         !matches!(self, Self::Plain(_))
@@ -72,11 +66,6 @@ impl HeadShape {
     const fn varied(name: &'static str, settings: &'static str) -> Self {
         Self { varies: Some("head 8x64"), ..Self::base(name, settings) }
     }
-
-    /// Whether the map's compact emitters are sampled on their own.
-    pub fn has_compact_emitters(&self) -> bool {
-        self.name.contains("compact emitters")
-    }
 }
 
 /// Something to be measured.
@@ -88,9 +77,9 @@ pub struct Candidate {
     pub recipe: Recipe,
 }
 
-/// Heads that are tried, from cheap to dear: one over patches, sizes and modes over the tail, then encoders, tails, without learned share, with compact
-/// emitters.
-pub static HEADS: [HeadShape; 12] = [
+/// Heads that are tried, from cheap to dear: one over patches, sizes and modes over the tail, then
+/// encoders, tails, and without learned share.
+pub static HEADS: [HeadShape; 11] = [
     HeadShape { over_patches: true, ..HeadShape::base("head+patches 4x16", "preset = 'over-patches'") },
     HeadShape::base("head 4x16", "head.bins = 4\nhead.hidden = 16"),
     HeadShape::base("head 4x32 autoregressive", "head.bins = 4\nhead.hidden = 32\nhead.mode = 'autoregressive'"),
@@ -106,7 +95,6 @@ pub static HEADS: [HeadShape; 12] = [
     ),
     HeadShape::varied("head 8x64 row-column", "head.bins = 8\nhead.hidden = 64\ntail = 'row-column'"),
     HeadShape::varied("head 8x64 alone", "head.bins = 8\nhead.hidden = 64\nhead.share = false"),
-    HeadShape::varied("head 8x64 compact emitters", "head.bins = 8\nhead.hidden = 64\ncompact_emitters = true"),
     HeadShape {
         is_flow: true,
         ..HeadShape::varied("head 8x64 flow", "head.bins = 8\nhead.hidden = 64\ntail = 'flow'")
@@ -173,29 +161,23 @@ pub fn baked(shape: &'static HeadShape, steps: usize) -> Candidate {
     Candidate { name: format!("bake of {}, {steps} steps", shape.name), recipe: Recipe::Baked(shape, steps) }
 }
 
-/// The other ways to draw from the file of a candidate: several directions, visibility that is learned, both. None for what has no file, or is such a form.
+/// The other ways to draw from the file of a candidate: several directions, visibility where the source takes it, both. None for candidates without a
+/// file, and for these forms themselves.
 pub fn forms(name: &str, recipe: &Recipe, spec: &SamplerSpec) -> Vec<Candidate> {
-    let (SamplerSpec::One(source), Some(_)) = (spec, spec.path()) else { return Vec::new() };
-    let learning = |directions: u32| SamplerSpec::Learning {
-        source: source.clone(),
-        drawn: Drawn::Directions(directions),
-        grid: LearnedVisibility::GRID,
-        known: None,
-    };
+    if !spec.has_pdf() || spec.path().is_none() {
+        return Vec::new();
+    }
+    let split = |spec: SamplerSpec| spec.combined(Combiner::Split(DIRECTIONS));
+    let with_visibility = |spec: SamplerSpec| spec.with_visibility(Visibility::Learned);
     let forms = [
-        ("split:4", SamplerSpec::Split(DIRECTIONS, source.clone())),
-        ("+vis", learning(1)),
-        ("split:4 +vis", learning(DIRECTIONS)),
+        ("split:4", split(spec.clone())),
+        ("+vis", with_visibility(spec.clone())),
+        ("split:4 +vis", with_visibility(spec.clone()).and_then(split)),
     ];
-    let candidate = |(form, spec): (&str, SamplerSpec)| Candidate {
-        name: format!("{form}, {name}"),
-        recipe: Recipe::Form(spec, Box::new(recipe.clone())),
+    let candidate = |(form, spec): (&str, headtail_render::Result<SamplerSpec>)| {
+        Some(Candidate { name: format!("{form}, {name}"), recipe: Recipe::Form(spec.ok()?, Box::new(recipe.clone())) })
     };
-    forms
-        .into_iter()
-        .filter(|(_, spec)| recipe.can_learn() || !matches!(spec, SamplerSpec::Learning { .. }))
-        .map(candidate)
-        .collect()
+    forms.into_iter().filter_map(candidate).collect()
 }
 
 /// Directions from each surface point, where there are several: more do not pay.
@@ -203,13 +185,7 @@ const DIRECTIONS: u32 = 4;
 
 /// Whether a sampler draws one direction from each surface point.
 pub fn draws_one(spec: &SamplerSpec) -> bool {
-    let drawn = match spec {
-        SamplerSpec::Split(directions, _) | SamplerSpec::Learning { drawn: Drawn::Directions(directions), .. } => {
-            *directions
-        }
-        _ => 1,
-    };
-    drawn == 1
+    !matches!(spec.combiner(), Combiner::Split(2..))
 }
 
 /// What heads are trained for.
@@ -259,27 +235,15 @@ mod tests {
             };
             forms.into_iter().map(text).collect()
         };
-        assert_eq!(texts("direct:a"), ["split:4:direct:a", "direct+vis:a", "split:4:direct+vis:a"]);
+        assert_eq!(texts("direct:a"), ["split:4:direct:a"]);
         let over = ["split:4:head+patches:a", "head+patches+vis:a", "split:4:head+patches+vis:a"];
         assert_eq!(texts("head+patches:a"), over);
-        assert_eq!(texts("head+mis:a"), ["split:4:head+mis:a", "head+mis+vis:a", "split:4:head+mis+vis:a"]);
+        assert_eq!(texts("head+mis:a"), ["split:4:head+mis:a"]);
         assert!(texts("patches").is_empty() && texts("split:4:direct:a").is_empty());
         for (text, one) in [("mis", true), ("ris:4", true), ("patches+vis", true), ("split:4:mis", false)] {
             assert_eq!(draws_one(&text.parse().unwrap()), one, "{text}");
         }
         assert!(!draws_one(&"split:4:patches+vis".parse().unwrap()));
-    }
-
-    #[test]
-    fn tables_learn_nothing_beside_compact_emitters() {
-        let compact = HEADS.iter().filter(|shape| shape.settings.contains("compact_emitters = true"));
-        assert!(compact.clone().count() > 0);
-        for shape in compact {
-            assert!(shape.has_compact_emitters(), "{}", shape.name);
-            let forms = forms(shape.name, &Recipe::Baked(shape, 250), &"baked:a".parse().unwrap());
-            let Recipe::Form(only, _) = &forms[0].recipe else { panic!("{}", forms[0].name) };
-            assert_eq!((forms.len(), only.to_string()), (1, "split:4:baked:a".to_owned()));
-        }
     }
 
     #[test]

@@ -9,12 +9,12 @@ use headtail_render::{
     estimator::Estimator,
     export::{ExportedSampler, Intermediate},
     spec::{FileKind, SamplerSpec},
+    tail::TailKind,
 };
 use headtail_train::learned_bake;
 
 use super::candidates::{Candidate, HeadMaterial, HeadShape, Recipe};
 use crate::{
-    arguments::TailArgument,
     bake,
     run::{self, RunTable, Surroundings},
 };
@@ -50,7 +50,7 @@ pub fn ready(
         Recipe::Direct(normals, cells) => {
             let (normals, cells) = (NormalGrid::new(normals.0, normals.1)?, CellGrid::new(cells.0, cells.1)?);
             let file = folder.join(file_name(&candidate.name));
-            bake::direct(env, &opened.environment, TailArgument::Hierarchical, normals, cells)?.write(&file)?;
+            bake::direct(env, &opened.environment, TailKind::Hierarchical, normals, cells)?.write(&file)?;
             SamplerSpec::file(FileKind::Direct, file)
         }
         Recipe::Head(shape, steps) => {

@@ -4,7 +4,7 @@ use std::sync::atomic::{self, AtomicBool};
 
 use anyhow::Result;
 use headtail_eval::IndependentRuns;
-use headtail_render::{environment::without_compact_emitters, estimator::Estimator, spec::SamplerSpec};
+use headtail_render::{estimator::Estimator, spec::SamplerSpec};
 use headtail_train::Material;
 
 use super::{
@@ -74,13 +74,9 @@ impl Contest<'_> {
         Ok(())
     }
 
-    /// Whether a shape is different from others on this map, and has something to learn on these surfaces.
+    /// Whether a shape has something to learn on these surfaces.
     fn fits(&self, shape: &HeadShape) -> bool {
-        let map = &self.opened.environment;
-        if shape.over_patches && self.material.0 == Material::Lambert {
-            return false;
-        }
-        !shape.has_compact_emitters() || without_compact_emitters(map.width(), map.height(), &map.luminance()).is_some()
+        !shape.over_patches || self.material.0 != Material::Lambert
     }
 
     /// Trains these shapes for the steps of a rung, measures them and their tables, and returns the entries. `None` where the rest need not be tried.

@@ -74,7 +74,8 @@ impl Arguments {
         memory::require_pictures(opened.part().width, opened.part().height, 0)?;
         let map = &opened.environment;
         let estimator = LearnedVisibility::new(map.clone(), Detail::Leaves, opened.visibility_bytes())?;
-        let before = self.resume.as_ref().map(|file| SceneVisibility::open(file, opened.scene(), map)).transpose()?;
+        let resumed = |file| SceneVisibility::open(file, &opened.scene().geometry_hash(), map);
+        let before = self.resume.as_ref().map(|file| resumed(file)).transpose()?;
         // Other samples than those that the file was learned from, unless they are of another seed anyway.
         let seed = self.seed ^ before.as_ref().map_or(0, SceneVisibility::rays);
         let before_seconds = before.as_ref().map_or(Some(0.0), |before| before.seconds);

@@ -14,14 +14,14 @@ use headtail_render::{
     composite::{Composition, Film, Layers, Mask, MaskForm, Settings, compose},
     file,
     image::{Attribute, Image, encode_png_rgb8, srgb_code, write_exr},
-    scene::MaterialSpec,
+    scene::{MaterialSpec, UpAxis},
     spec::SamplerSpec,
 };
 
 use crate::terminal::{self, note, say, warning};
 use crate::{
     arguments::{MapArguments, Triple, note_use},
-    given::given,
+    given::{given, one_of},
     light::LightArguments,
     output::OutputFolder,
     progress,
@@ -48,8 +48,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE.fspy", conflicts_with = "look_from", required_unless_present = "look_from")]
     pub camera: Option<PathBuf>,
     /// The axis of the fSpy project that points up.
-    #[arg(long, value_name = "AXIS", default_value = "z", requires = "camera")]
-    pub up: Up,
+    #[arg(long, value_name = "AXIS", default_value = "z", requires = "camera", value_parser = one_of(&UP_AXES))]
+    pub up: UpAxis,
     /// Camera position in metres, instead of a project.
     #[arg(long, value_name = "X,Y,Z", requires = "look_at", allow_hyphen_values = true)]
     pub look_from: Option<Triple>,
@@ -133,14 +133,7 @@ pub struct Arguments {
     pub out: PathBuf,
 }
 
-/// The axis of an fSpy project that points up.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-pub enum Up {
-    /// +Y.
-    Y,
-    /// +Z, as Blender has it.
-    Z,
-}
+const UP_AXES: [(UpAxis, &str, &str); 2] = [(UpAxis::Y, "y", "+Y"), (UpAxis::Z, "z", "+Z, as in Blender")];
 
 /// The files that are written.
 const RESULTS: [&str; 5] = ["composite.png", "composite.exr", "layers.exr", "mask.png", "composite.html"];

@@ -10,10 +10,10 @@ use headtail_render::{
     environment::Environment,
     image::{Image, Photograph},
     memory,
-    scene::{Camera, FspyProject, MaterialSpec, Scene, UpAxis},
+    scene::{Camera, FspyProject, MaterialSpec, Scene},
 };
 
-use super::{Arguments, Up};
+use super::Arguments;
 use crate::arguments::{open_environment, open_scene};
 use crate::light::{Factors, LightArguments};
 use crate::terminal::note;
@@ -80,11 +80,7 @@ fn photograph_and_camera(arguments: &Arguments) -> Result<(Photograph, Camera)> 
         };
         return Ok((photograph, Camera::new(from.0, at.0, arguments.fov)?));
     };
-    let up = match arguments.up {
-        Up::Y => UpAxis::Y,
-        Up::Z => UpAxis::Z,
-    };
-    let project = FspyProject::read(file, up)?;
+    let project = FspyProject::read(file, arguments.up)?;
     let photograph = match named {
         Some(photograph) => photograph,
         None => project.photograph().map_err(|error| error.in_file(file))?,

@@ -3,15 +3,16 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use clap::{Args, ValueEnum};
+use clap::Args;
+use headtail_render::tail::TailKind;
 use headtail_train::{
     Backend, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset,
     config::{Over, Points},
 };
 
 use crate::{
-    arguments::{CameraArguments, MapArguments, TailArgument},
-    given::given,
+    arguments::{CameraArguments, MapArguments, TAILS},
+    given::{given, one_of},
     run::{Checkpoints, Picture, RunTable},
 };
 
@@ -51,22 +52,18 @@ pub struct Arguments {
     #[arg(long, value_name = "MATERIAL", required_unless_present_any = ["preset", "config"], value_parser = given::<Material>())]
     material: Option<Material>,
     /// The tail warp under the head.
-    #[arg(long)]
-    tail: Option<TailArgument>,
+    #[arg(long, value_parser = one_of(&TAILS))]
+    tail: Option<TailKind>,
     /// What is under the head: the tail, or patches of sky between it and the tail, for which a head learns what their closed form leaves over
     /// (--sampler head+patches:FILE).
-    #[arg(long)]
-    over: Option<OverArgument>,
+    #[arg(long, value_parser = one_of(&OVER))]
+    over: Option<Over>,
     /// The size of a flow tail, small, medium or paper: takes the place of all keys flow.* of presets and files. --set goes over it.
     #[arg(long, value_name = "SIZE")]
     flow: Option<FlowSize>,
-    /// Sample a sun or small lamps on their own, and train the head for the rest of the light. Off by default: it gains under suns, but not
-    /// under every lamp.
-    #[arg(long)]
-    compact_emitters: bool,
     /// How to draw training points.
-    #[arg(long)]
-    target: Option<TargetArgument>,
+    #[arg(long, value_parser = one_of(&TARGETS))]
+    target: Option<Points>,
     /// Fit the product without a tail: the paper's strawman, to measure it.
     #[arg(long)]
     naive: bool,
@@ -74,8 +71,8 @@ pub struct Arguments {
     #[arg(long)]
     no_export: bool,
     /// Where to train.
-    #[arg(long)]
-    backend: Option<BackendArgument>,
+    #[arg(long, value_parser = one_of(&BACKENDS))]
+    backend: Option<Backend>,
     /// Optimiser steps.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
     steps: Option<u64>,
@@ -86,8 +83,8 @@ pub struct Arguments {
     #[arg(long, value_name = "RATE")]
     learning_rate: Option<f64>,
     /// What to minimise.
-    #[arg(long)]
-    loss: Option<LossArgument>,
+    #[arg(long, value_parser = one_of(&LOSSES))]
+    loss: Option<Loss>,
     /// Take conditions from what a camera sees of this scene (a built-in one or a glTF file) instead of from everywhere.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     conditions_from: Option<String>,
@@ -119,85 +116,29 @@ pub struct Arguments {
     pub out: Option<PathBuf>,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum TargetArgument {
-    /// In strata of the intermediate square, joined by BRDF samples.
-    Strata,
-    /// From a 512 x 1024 table of the product for each condition, as the paper does it: slow.
-    Tabulated,
-}
+const TARGETS: [(Points, &str, &str); 2] = [
+    (Points::Strata, "strata", "In strata of the intermediate square, joined by BRDF samples"),
+    (Points::Tabulated, "tabulated", "From a 512 x 1024 table for each condition, as in the paper: slow"),
+];
 
-impl From<TargetArgument> for Points {
-    fn from(argument: TargetArgument) -> Self {
-        match argument {
-            TargetArgument::Strata => Self::Strata,
-            TargetArgument::Tabulated => Self::Tabulated,
-        }
-    }
-}
+const OVER: [(Over, &str, &str); 3] = [
+    (Over::Tail, "tail", "The tail"),
+    (Over::Patches, "patches", "Patches of the map"),
+    (Over::FinePatches, "fine-patches", "Finer patches of the map"),
+];
 
-#[derive(Clone, Copy, ValueEnum)]
-enum OverArgument {
-    /// The tail.
-    Tail,
-    /// Patches of sky.
-    Patches,
-    /// Finer patches of sky.
-    FinePatches,
-}
+const BACKENDS: [(Backend, &str, &str); 3] = [
+    (Backend::Flex, "flex", "burn's CPU backend"),
+    (Backend::Ndarray, "ndarray", "The older CPU backend"),
+    (Backend::Wgpu, "wgpu", "GPU through Vulkan, Metal or DX12; needs a build with `--features wgpu`"),
+];
 
-impl From<OverArgument> for Over {
-    fn from(argument: OverArgument) -> Self {
-        match argument {
-            OverArgument::Tail => Self::Tail,
-            OverArgument::Patches => Self::Patches,
-            OverArgument::FinePatches => Self::FinePatches,
-        }
-    }
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum BackendArgument {
-    /// burn's CPU backend.
-    Flex,
-    /// The older CPU backend.
-    Ndarray,
-    /// GPU through Vulkan, Metal or DX12; needs a build with `--features wgpu`.
-    Wgpu,
-}
-
-impl From<BackendArgument> for Backend {
-    fn from(argument: BackendArgument) -> Self {
-        match argument {
-            BackendArgument::Flex => Self::Flex,
-            BackendArgument::Ndarray => Self::Ndarray,
-            BackendArgument::Wgpu => Self::Wgpu,
-        }
-    }
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum LossArgument {
-    /// ln(1 + relative variance) per condition: what a renderer pays for.
-    LogChiSquare,
-    /// The relative variance itself: its gradients have the size of the largest weights.
-    ChiSquare,
-    /// Weighted maximum likelihood.
-    ForwardKl,
-    /// Kullback-Leibler divergence the other way round: unstable.
-    ReverseKl,
-}
-
-impl From<LossArgument> for Loss {
-    fn from(argument: LossArgument) -> Self {
-        match argument {
-            LossArgument::LogChiSquare => Self::LogChiSquare,
-            LossArgument::ChiSquare => Self::ChiSquare,
-            LossArgument::ForwardKl => Self::ForwardKl,
-            LossArgument::ReverseKl => Self::ReverseKl,
-        }
-    }
-}
+const LOSSES: [(Loss, &str, &str); 4] = [
+    (Loss::LogChiSquare, "log-chi-square", "ln(1 + relative variance) per condition: what a renderer pays for"),
+    (Loss::ChiSquare, "chi-square", "The relative variance itself: its gradients have the size of the largest weights"),
+    (Loss::ForwardKl, "forward-kl", "Weighted maximum likelihood, the paper's"),
+    (Loss::ReverseKl, "reverse-kl", "Reverse Kullback-Leibler divergence: unstable"),
+];
 
 impl Arguments {
     /// The table of the run: that of the file, changed by the flags that are not settings of the training.
@@ -228,8 +169,8 @@ impl Arguments {
         let preset = match self.preset {
             Some(preset) => preset,
             None => described.preset()?.unwrap_or(match self.over {
-                Some(OverArgument::Patches | OverArgument::FinePatches) => Preset::OverPatches,
-                Some(OverArgument::Tail) | None => Preset::fast_for(material),
+                Some(Over::Patches | Over::FinePatches) => Preset::OverPatches,
+                Some(Over::Tail) | None => Preset::fast_for(material),
             }),
         };
         let mut builder = ConfigBuilder::new(preset);
@@ -245,24 +186,44 @@ impl Arguments {
             config = config.for_material(material);
         }
         if let Some(over) = self.over {
-            config = config.over(over.into());
+            config = config.over(over);
         }
         if let Some(steps) = self.steps {
             config.steps = usize::try_from(steps).context("--steps")?;
         }
-        let FitConfig { tail, points, naive, compact_emitters, backend, seed, learning_rate, loss, .. } = config;
+        let FitConfig { tail, points, naive, backend, seed, learning_rate, loss, .. } = config;
         let config = FitConfig {
-            tail: self.tail.map_or(tail, Into::into),
-            points: self.target.map_or(points, Into::into),
+            tail: self.tail.unwrap_or(tail),
+            points: self.target.unwrap_or(points),
             naive: naive || self.naive,
-            compact_emitters: compact_emitters || self.compact_emitters,
-            backend: self.backend.map_or(backend, Into::into),
+            backend: self.backend.unwrap_or(backend),
             seed: self.seed.unwrap_or(seed),
             learning_rate: self.learning_rate.unwrap_or(learning_rate),
-            loss: self.loss.map_or(loss, Into::into),
+            loss: self.loss.unwrap_or(loss),
             ..config
         };
         config.validate()?;
         Ok(config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Serialize;
+
+    use super::*;
+
+    #[test]
+    fn flags_name_values_as_configuration_files_do() {
+        fn check<T: Serialize>(values: &[(T, &str, &str)]) {
+            for (value, name, _) in values {
+                assert_eq!(serde_json::to_value(value).unwrap(), *name);
+            }
+        }
+        check(&TAILS);
+        check(&TARGETS);
+        check(&OVER);
+        check(&BACKENDS);
+        check(&LOSSES);
     }
 }

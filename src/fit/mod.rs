@@ -8,7 +8,8 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use headtail_train::{FitConfig, Fitted, Progress, TrainingLight, Viewpoints, build_target, config::Over, fit};
+use headtail_render::tail::Tail;
+use headtail_train::{FitConfig, Fitted, Progress, Viewpoints, build_target, config::Over, fit};
 
 pub use arguments::Arguments;
 
@@ -128,8 +129,8 @@ impl TrainingBar {
 }
 
 /// Trains a head for a map under conditions from everywhere, with a progress bar and without files.
-pub fn train(light: &TrainingLight, config: &FitConfig, stop: &AtomicBool) -> Result<Fitted> {
-    let target = build_target(config, &light.tail, Viewpoints::Sphere);
+pub fn train(tail: &Tail, config: &FitConfig, stop: &AtomicBool) -> Result<Fitted> {
+    let target = build_target(config, tail, Viewpoints::Sphere);
     let bar = TrainingBar::new(config.steps);
     let fitted = fit(config, &*target, &mut bar.watcher(), stop)?;
     bar.finish_and_clear();

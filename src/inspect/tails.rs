@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use glam::Vec2;
 use headtail_render::{
     environment::Environment,
@@ -56,13 +56,9 @@ pub struct Found {
 /// The flow tail of a file for a map; none if its tail is an exact one.
 ///
 /// # Errors
-/// The file is for another map, or its tail for a part of the light.
+/// The file is for another map.
 pub fn flow_of<'a>(exported: &'a ExportedSampler, environment: &Environment) -> Result<Option<&'a Tail>> {
     exported.check_environment(environment)?;
-    ensure!(
-        !exported.compact_emitters,
-        "the file's tail leaves out compact emitters and is not comparable with the map's"
-    );
     Ok((exported.tail.kind() == TailKind::Flow).then_some(&*exported.tail))
 }
 

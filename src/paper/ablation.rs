@@ -10,7 +10,7 @@ use headtail_render::{
     sampler::{Covering, EnvironmentLight, ProductSampler},
     tail::{Tail, TailKind},
 };
-use headtail_train::{FitConfig, Loss, Material, Preset, TrainingLight, Viewpoints, build_target};
+use headtail_train::{FitConfig, Loss, Material, Preset, Viewpoints, build_target};
 
 use super::{
     Workshop,
@@ -116,10 +116,10 @@ fn ablate(workshop: &Workshop, column: Column, material: Material) -> Result<Mad
     let view = workshop.data.view(column.scene, &material.to_string())?;
     let bench = Bench::new(workshop, &view, environment.clone())?;
     let configs = variants(workshop, material);
-    let exact = workshop.heads.light(&configs[1], &environment)?;
+    let exact = workshop.heads.tail(&configs[1], &environment)?;
     // A flow that is far from its end may have no table.
-    let (smooth, refused) = match workshop.heads.light(&configs[2], &environment) {
-        Ok(light) => (Some(light), String::new()),
+    let (smooth, refused) = match workshop.heads.tail(&configs[2], &environment) {
+        Ok(tail) => (Some(tail), String::new()),
         Err(error) if error.is::<Interrupted>() => return Err(error),
         Err(error) => {
             (None, note(&format!("The flow tail of this map cannot be used: {}.", escape(&format!("{error:#}")))))
@@ -132,14 +132,14 @@ fn ablate(workshop: &Workshop, column: Column, material: Material) -> Result<Mad
         if column.paper[k].is_nan() {
             continue;
         }
-        let light = if k < 2 { Some(&exact) } else { smooth.as_ref() };
+        let tail = if k < 2 { Some(&exact) } else { smooth.as_ref() };
         let paper = [Cell::number(column.paper[k]), Value::Times(column.paper[0] / column.paper[k]).into()];
-        let Some(light) = light else {
+        let Some(tail) = tail else {
             let missing = [Cell::text(VARIANTS[k]), Value::Missing.into(), Value::Missing.into()];
             rows.push(missing.into_iter().chain(paper).collect());
             continue;
         };
-        let entries = [Entry::new("variant", train(workshop, config, light, &environment)?)];
+        let entries = [Entry::new("variant", train(workshop, config, tail, &environment)?)];
         let (measured, _) = bench.measure(&entries, &[SPP], SPP)?;
         errors[k] = mean(&measured, "variant", SPP).0;
         let own = [Cell::text(VARIANTS[k]), Cell::number(errors[k]), Value::Times(errors[0] / errors[k]).into()];
@@ -161,7 +161,7 @@ fn ablate(workshop: &Workshop, column: Column, material: Material) -> Result<Mad
     made.html += &refused;
     // Columns are under one map, whose tails are the same.
     if column.name == COSINE.name {
-        made.html += &tails(&environment, smooth.as_ref().map(|light| &*light.tail), errors[2] / errors[1])?;
+        made.html += &tails(&environment, smooth.as_deref(), errors[2] / errors[1])?;
     }
     Ok(made)
 }
@@ -169,14 +169,14 @@ fn ablate(workshop: &Workshop, column: Column, material: Material) -> Result<Mad
 fn train(
     workshop: &Workshop,
     config: &FitConfig,
-    light: &TrainingLight,
+    tail: &Arc<Tail>,
     environment: &Arc<Environment>,
 ) -> Result<Box<dyn Estimator>> {
-    let target = build_target(config, &light.tail, Viewpoints::Sphere);
+    let target = build_target(config, tail, Viewpoints::Sphere);
     let (head, _) = workshop.heads.train(config, &*target)?;
     if config.naive {
         return Ok(Box::new(SingleSample::new(Covering::new(WithoutTail(head))?, environment.clone())));
     }
-    let light = EnvironmentLight::with_tail(environment.clone(), light.tail.clone());
+    let light = EnvironmentLight::with_tail(environment.clone(), tail.clone());
     Ok(Box::new(SingleSample::new(Covering::new(ProductSampler::new(light, head))?, environment.clone())))
 }

@@ -113,7 +113,7 @@ pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<
     let samplers: Vec<(&str, Arc<dyn Sampler>)> = subject
         .samplers
         .iter()
-        .map(|(name, spec)| Ok((*name, spec.source().build(environment)?)))
+        .map(|(name, spec)| Ok((*name, spec.build_sampler(environment)?)))
         .collect::<Result<_>>()?;
     let samplers: Vec<(&str, &dyn Sampler)> = samplers.iter().map(|(name, sampler)| (*name, &**sampler)).collect();
     let heads = subject.heads.as_ref();

@@ -7,9 +7,10 @@ use headtail_render::{
     head::Head,
     random::{Purpose, Stream},
     scene::Scene,
+    tail::Tail,
     tile::ShadingPoint,
 };
-use headtail_train::{Material, TrainingLight};
+use headtail_train::Material;
 
 use super::{
     Workshop,
@@ -57,7 +58,7 @@ pub fn short_name(material: Material) -> String {
 fn fit(workshop: &Workshop, index: usize, material: Material) -> Result<Made> {
     let environment = &*workshop.data.map(index)?;
     let head = workshop.heads.of(environment, material)?.head;
-    let light = TrainingLight::new(&workshop.heads.config(material), environment)?;
+    let tail = Tail::of_environment(workshop.heads.config(material).tail, environment)?;
     let naive = workshop.heads.naive_of(environment, material)?;
     let name = short_name(material);
     let mut made = Made::of(heading(&format!("{} \u{b7} {name}", environment.name())));
@@ -68,13 +69,8 @@ fn fit(workshop: &Workshop, index: usize, material: Material) -> Result<Made> {
         let (point, brdfs) = condition(material, &mut random)?;
         let at = Surface { point: &point, brdfs: &brdfs };
         let models = Models { head: Some(&head), naive: Some(&naive), samplers: &[] };
-        let divergences = densities::row(
-            (&mut made, &format!("{stem}-{letter}")),
-            workshop.effort.density_rows,
-            &light.tail,
-            at,
-            models,
-        )?;
+        let divergences =
+            densities::row((&mut made, &format!("{stem}-{letter}")), workshop.effort.density_rows, &tail, at, models)?;
         lines.push(densities::line(format!("condition {letter}"), &divergences));
     }
     made.figures(&stem, &["KL in nats", "final", "naive"], &lines);

@@ -16,11 +16,11 @@ use headtail_render::{
     export::{ExportedSampler, Intermediate},
     head::{Condition, Head},
     rival::{RivalFile, RivalKind},
-    tail::TailKind,
+    tail::{Tail, TailKind},
 };
 use headtail_train::{
-    FitConfig, Loss, Material, Preset, Run, Summary, Target, TrainingLight, Viewpoints, build_target, exported_sampler,
-    fit, native_head,
+    FitConfig, Loss, Material, Preset, Run, Summary, Target, Viewpoints, build_target, exported_sampler, fit, fit_tail,
+    native_head,
     rival::{RivalFit, RivalMaterial, RivalSettings},
 };
 
@@ -35,7 +35,7 @@ pub struct Heads {
     /// Heads without a tail, which have no files, by map and material.
     naive: Mutex<Vec<(String, Head)>>,
     /// Flow tails, by map.
-    flows: Mutex<Vec<(String, TrainingLight)>>,
+    flows: Mutex<Vec<(String, Arc<Tail>)>>,
 }
 
 /// A trained head.
@@ -132,11 +132,11 @@ impl Heads {
             let seconds = exported.training.and_then(|training| training.seconds).unwrap_or(f64::NAN);
             return Ok(Trained { head, file, seconds });
         }
-        let light = TrainingLight::new(&config, environment)?;
-        let target = build_target(&config, &light.tail, viewpoints()?);
+        let tail = Arc::new(Tail::of_environment(config.tail, environment)?);
+        let target = build_target(&config, &tail, viewpoints()?);
         let fitted = fit(&config, &*target, &mut |_| {}, &self.stop)?;
         self.check(&fitted.summary)?;
-        exported_sampler(&fitted.head, &config, &fitted.summary, environment, &light, true)?.write(&file)?;
+        exported_sampler(&fitted.head, &config, &fitted.summary, environment, &tail, true)?.write(&file)?;
         Ok(Trained { head: native_head(&fitted.head)?, file, seconds: fitted.summary.seconds })
     }
 
@@ -151,8 +151,8 @@ impl Heads {
             return Ok(head.clone());
         }
         let config = self.naive(material);
-        let light = TrainingLight::new(&self.config(material), environment)?;
-        let (head, _) = self.train(&config, &*build_target(&config, &light.tail, Viewpoints::Sphere))?;
+        let tail = Tail::of_environment(config.tail, environment)?;
+        let (head, _) = self.train(&config, &*build_target(&config, &tail, Viewpoints::Sphere))?;
         known().push((name, head.clone()));
         Ok(head)
     }
@@ -167,25 +167,25 @@ impl Heads {
         Ok((native_head(&fitted.head)?, fitted.summary))
     }
 
-    /// The light of a configuration; a flow tail is fitted to it, once for a map in the life of the program.
+    /// The tail of a configuration; a flow tail is fitted once for a map in the life of the program.
     ///
     /// # Errors
     /// As [`Self::of`].
-    pub fn light(&self, config: &FitConfig, environment: &Environment) -> Result<TrainingLight> {
+    pub fn tail(&self, config: &FitConfig, environment: &Environment) -> Result<Arc<Tail>> {
         if config.tail != TailKind::Flow {
-            return Ok(TrainingLight::new(config, environment)?);
+            return Ok(Arc::new(Tail::of_environment(config.tail, environment)?));
         }
         let known = || self.flows.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, light)) = known().iter().find(|(name, _)| name == environment.name()) {
-            return Ok(light.clone());
+        if let Some((_, tail)) = known().iter().find(|(name, _)| name == environment.name()) {
+            return Ok(tail.clone());
         }
         let run = Run { progress: &mut |_| Ok(()), interrupt: &self.stop, checkpoints: None, warn: &mut |_| {} };
-        let (light, _) = TrainingLight::fit(config, environment, run)?;
+        let (tail, _) = fit_tail(config, environment, run)?;
         if self.stop.load(Ordering::Relaxed) {
             bail!(crate::progress::Interrupted::new("while a flow tail was fitted"));
         }
-        known().push((environment.name().to_owned(), light.clone()));
-        Ok(light)
+        known().push((environment.name().to_owned(), tail.clone()));
+        Ok(tail)
     }
 
     /// The configuration of a head without a tail, of the same size.

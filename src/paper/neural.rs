@@ -5,7 +5,7 @@ use headtail_render::{
     estimator::SingleSample,
     path_text::text_of,
     sampler::Covering,
-    spec::{FileKind, RivalFamily, SamplerSpec, Source},
+    spec::{Companion, FileKind, RivalFamily, SamplerSpec, Source},
 };
 use headtail_train::Material;
 
@@ -72,9 +72,9 @@ fn fabric(workshop: &Workshop, scene: &'static str, material: &'static str, repe
     entries.push(entry("brdf", &SamplerSpec::brdf(), &environment)?);
     if let (1.., Material::Measured(own)) = (workshop.effort.rival_steps, own) {
         let file = workshop.heads.neusample(own.texture().context("a material with a texture")?)?;
-        for (name, with_emitter) in [("neusample", false), ("neusample + emitter", true)] {
-            let (family, file) = (RivalFamily::NeuSample, file.clone());
-            let spec = SamplerSpec::One(Source::Rival { family, file, with_emitter });
+        for (name, companion) in [("neusample", Companion::None), ("neusample + emitter", Companion::Emitter)] {
+            let source = Source::Rival(RivalFamily::NeuSample, file.clone());
+            let spec = SamplerSpec::new(source, companion)?;
             entries.push(entry(name, &spec, &environment)?);
             samplers.push((name, spec));
         }

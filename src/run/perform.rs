@@ -2,17 +2,25 @@
 
 use std::{
     path::{Path, PathBuf},
-    sync::atomic::{AtomicBool, Ordering},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use anyhow::{Context, Result, bail};
 use headtail_eval::nanoseconds_per_sample;
 use headtail_render::{
-    environment::Environment, file, head::Condition, scene::MaterialSpec, spec::SamplerSpec, tail::TailKind,
+    environment::Environment,
+    file,
+    head::Condition,
+    scene::MaterialSpec,
+    spec::SamplerSpec,
+    tail::{Tail, TailKind},
 };
 use headtail_train::{
     CheckpointFolder, DensityPair, Fitted, FlowSummary, Material, MetricsFile, Progress, Run, Summary, TensorBoard,
-    TrainingLight, Viewpoints, build_target, density_pairs, exported_sampler, fit_with,
+    Viewpoints, build_target, density_pairs, exported_sampler, fit_tail, fit_with,
 };
 
 use super::{
@@ -20,7 +28,7 @@ use super::{
     table::RunConfig,
     view::Picture,
 };
-use crate::terminal::{note, say, warning};
+use crate::terminal::{say, warning};
 use crate::{
     arguments::{open_environment, open_scene},
     output::make_folder,
@@ -98,15 +106,12 @@ pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finish
     let mut metrics = MetricsFile::new(&out.join(METRICS), config.seed);
     let mut board = tensorboard.as_deref().map(TensorBoard::create).transpose()?;
 
-    let light = fit_light(&environment, run, checkpoints.as_ref(), stop)?;
+    let tail = tail_of(&environment, run, checkpoints.as_ref(), stop)?;
     if config.tail == TailKind::Flow && stop.load(Ordering::Relaxed) {
         let but = if checkpoints.is_some() { " but its checkpoint" } else { "" };
         bail!(progress::Interrupted::new(format!("while the flow tail was fitted; nothing was written{but}")));
     }
-    if config.compact_emitters && light.luminance == environment.luminance() {
-        note!("{} has no compact emitters; the head serves all of its light", run.env);
-    }
-    let target = build_target(config, &light.tail, viewpoints);
+    let target = build_target(config, &tail, viewpoints);
     let pause = AtomicBool::new(false);
     let mut show = |progress: &Progress| {
         metrics.add(progress)?;
@@ -133,7 +138,7 @@ pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finish
     if run.export.file {
         let file = out.join(SAMPLER);
         let with_time = !run.export.reproducible;
-        let exported = exported_sampler(&fitted.head, config, &fitted.summary, &environment, &light, with_time)?;
+        let exported = exported_sampler(&fitted.head, config, &fitted.summary, &environment, &tail, with_time)?;
         let exported = exported.with_run(resolved);
         exported.write(&file)?;
         let bytes = std::fs::metadata(&file).with_context(|| file.display().to_string())?.len();
@@ -151,7 +156,7 @@ pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finish
 /// Time and errors of the exported sampler, as far as the run asks for them.
 fn measured(
     run: &RunConfig,
-    environment: &std::sync::Arc<Environment>,
+    environment: &Arc<Environment>,
     spec: &SamplerSpec,
     references: &Path,
 ) -> Result<Measures> {
@@ -184,12 +189,12 @@ fn write_measures(out: &Path, measures: &Measures) -> Result<()> {
 }
 
 /// The tail that the configuration asks for; a flow is fitted, with a progress bar. Its checkpoints are in the folder `tail` of the head's.
-fn fit_light(
+fn tail_of(
     environment: &Environment,
     run: &RunConfig,
     checkpoints: Option<&CheckpointFolder>,
     stop: &AtomicBool,
-) -> Result<TrainingLight> {
+) -> Result<Arc<Tail>> {
     let checkpoints = checkpoints.map(|head| CheckpointFolder {
         folder: head.folder.join("tail"),
         target: format!("tail of {}", head.target),
@@ -208,7 +213,7 @@ fn fit_light(
         checkpoints: checkpoints.as_ref(),
         warn: &mut |error| warning!("{error}; the checkpoint before it is used"),
     };
-    let (light, summary) = TrainingLight::fit(&run.fit, environment, around)?;
+    let (tail, summary) = fit_tail(&run.fit, environment, around)?;
     bar.iter().for_each(progress::Bar::finish_and_clear);
     if let Some(FlowSummary { steps, kl, table_kl, initial_kl, repair, seconds, .. }) = summary {
         let blended = match repair.blended {
@@ -221,7 +226,7 @@ fn fit_light(
             repair.cells
         );
     }
-    Ok(light)
+    Ok(tail)
 }
 
 /// What a camera sees of a scene.

@@ -29,9 +29,7 @@ use headtail_render::{
     scene::{Camera, FspyProject, Scene, UpAxis},
     tail::{Tail, TailKind},
 };
-use headtail_train::{
-    CheckpointFolder, FitConfig, Run, TrainingLight, Viewpoints, build_target, exported_sampler, fit_with,
-};
+use headtail_train::{CheckpointFolder, FitConfig, Run, Viewpoints, build_target, exported_sampler, fit_with};
 
 /// A small picture without structure.
 fn picture(width: usize, height: usize) -> Image {
@@ -205,8 +203,8 @@ pub fn config() -> FitConfig {
 pub fn trained(folder: &Path) -> (Vec<Vec<u8>>, [Vec<u8>; 2], usize) {
     let map = Environment::from_image("small", picture(16, 8)).unwrap();
     let config = config();
-    let light = TrainingLight::new(&config, &map).unwrap();
-    let target = build_target(&config, &light.tail, Viewpoints::Sphere);
+    let tail = Arc::new(Tail::of_environment(TailKind::Hierarchical, &map).unwrap());
+    let target = build_target(&config, &tail, Viewpoints::Sphere);
     let checkpoints =
         CheckpointFolder { folder: folder.join("made"), every: 1, resume: false, target: "target".into() };
     let (interrupt, warn) = (AtomicBool::new(false), &mut |_: &headtail_train::Error| {});
@@ -214,8 +212,7 @@ pub fn trained(folder: &Path) -> (Vec<Vec<u8>>, [Vec<u8>; 2], usize) {
     let fitted = fit_with(&config, &*target, run).unwrap();
     let read = |name: &str| fs::read(folder.join("made/step-000000002").join(name)).unwrap();
     let checkpoint = ["manifest.json", "state.safetensors"].map(read);
-    let head = exported_sampler(&fitted.head, &config, &fitted.summary, &map, &light, false).unwrap();
-    let tail = Tail::of_environment(TailKind::Hierarchical, &map).unwrap();
+    let head = exported_sampler(&fitted.head, &config, &fitted.summary, &map, &tail, false).unwrap();
     let table = direct_bake(&tail, NormalGrid::new(2, 3).unwrap(), CellGrid::new(2, 4).unwrap()).unwrap();
     let table = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
     let encode = |sampler: &ExportedSampler| {

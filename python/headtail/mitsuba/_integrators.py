@@ -7,7 +7,6 @@ import numpy as np
 import headtail
 from headtail import HeadtailError
 
-from ._compact import WithCompactEmitters
 from ._head import HeadOverPatches, HeadOverTail
 from ._patches import Patches, Point
 from ._surface import Surfaces
@@ -63,12 +62,10 @@ def numbers(value):
 
 
 def product_of(arrays, loops=None):
-    """(the sampler of arrays, the sampler of all light but that of compact emitters). `loops` is as in `Network`."""
+    """The sampler of arrays. `loops` is as in `Network`."""
     if "head.layers" in arrays:
-        rest = (HeadOverPatches if "patches.clusters" in arrays else HeadOverTail)(arrays, loops)
-    else:
-        rest = (Table if "table.along" in arrays else Patches)(arrays)
-    return (WithCompactEmitters(arrays, rest) if "compact.windows" in arrays else rest), rest
+        return (HeadOverPatches if "patches.clusters" in arrays else HeadOverTail)(arrays, loops)
+    return (Table if "table.along" in arrays else Patches)(arrays)
 
 
 class Light:
@@ -97,8 +94,7 @@ class Light:
             sampler = headtail.bake(map)
         else:
             sampler = headtail.Sampler.from_spec(spec, map)
-        # `rest` is what draws all light but that of compact emitters.
-        self.product, self.rest = product_of(sampler._native.arrays())
+        self.product = product_of(sampler._native.arrays())
 
     def radiance(self, ray, wi, active):
         """What arrives from a direction in world space."""
@@ -116,12 +112,12 @@ class Light:
             if self.surfaces.are_diffuse:
                 return [self.patches_alone(sampler, si, bsdf, n, wo, active)]
             return [self.patches_beside_bsdf(sampler, si, bsdf, n, wo, active)]
-        sees_lobes = self.rest.sees_lobes
+        sees_lobes = self.product.sees_lobes
         *lobes, can_draw = self.surfaces.lobes(bsdf, si, active) if sees_lobes else (None, active)
         prepared = self.product.prepare(Point(n, wo, lobes if sees_lobes else None))
         if self.surfaces.are_diffuse:
             return [self.product_alone(sampler, si, bsdf, prepared, active)]
-        if self.rest.has_share:
+        if self.product.has_share:
             share = dr.select(can_draw, self.product.share(prepared), 0)
             return [self.product_beside_bsdf(sampler, si, bsdf, prepared, share, active)]
         return self.product_and_bsdf(sampler, si, bsdf, prepared, active)

@@ -2,7 +2,6 @@
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from ._warp import BELOW_ONE, Cells, Tail, invert_linear, remap, sample_linear, upload
 
@@ -14,44 +13,38 @@ def tail_of(arrays):
     return Flow(arrays) if "tail.cells" in arrays else RowColumn(arrays)
 
 
-class Windows(Cells):
-    """Row-column warps over parts of a map (see `RowColumn::window` in the crate headtail-render): first a row by its share of the light, then a column
-    within the row. Elsewhere there is no light. The number of a window is one of Python's, or one for each lane.
+class RowColumn(Cells):
+    """The row-column tail (see `RowColumn::window` in the crate headtail-render): first a row by its share of the light, then a column within the row.
+    Outside of the window there is no light.
     """
 
-    def __init__(self, shape, windows, numbers):
-        super().__init__(*(int(count) for count in shape))
-        self.windows, self.numbers = windows.astype(np.uint32), upload(numbers)
-        self.fields = [upload(np.ascontiguousarray(field)) for field in self.windows.T]
+    def __init__(self, arrays):
+        super().__init__(*(int(count) for count in arrays["tail.shape"]))
+        # First row and row count, first column and column count, and the starts of the four lists.
+        self.window, self.numbers = [int(number) for number in arrays["tail.windows"][0]], upload(arrays["tail.numbers"])
 
-    def window(self, index, active):
-        """First row and how many, first column and how many, and where the four lists begin."""
-        if isinstance(index, int):
-            return [int(number) for number in self.windows[index]]
-        return [dr.gather(mi.UInt32, field, index, active) for field in self.fields]
-
-    def last_at_most(self, most, count, target, value):
-        """The last index below count, which is at most `most`, whose value is at most the target; 0 if there is none."""
-        low, size = mi.UInt32(0), mi.UInt32(count)
-        for _ in range(int(most - 1).bit_length()):
+    def last_at_most(self, count, target, value):
+        """The last index below count whose value is at most the target; 0 if there is none."""
+        low, size = mi.UInt32(0), count
+        while size > 1:
             half = size >> 1
             low = dr.select(value(low + half) <= target, low + half, low)
-            size = size - half
+            size -= half
         return low
 
     def number(self, place, active):
         return dr.gather(mi.Float, self.numbers, place, active)
 
-    def before(self, window, row, t, column, active):
+    def before(self, row, t, column, active):
         """The integral of the blended row from the left edge of the window to that of a cell."""
-        stride = window[3] + 1
-        upper = window[7] + row * stride + column
+        stride = self.window[3] + 1
+        upper = self.window[7] + row * stride + column
         return dr.lerp(self.number(upper, active), self.number(upper + stride, active), t)
 
-    def edges(self, window, row, t, column, active):
+    def edges(self, row, t, column, active):
         """The densities at the left and the right edge of a cell, at a height in it."""
-        stride = window[3] + 1
-        upper = window[4] + row * stride + column
+        stride = self.window[3] + 1
+        upper = self.window[4] + row * stride + column
         a, b, c, d = (self.number(upper + step, active) for step in (0, 1, stride, stride + 1))
         return dr.lerp(a, c, t), dr.lerp(b, d, t)
 
@@ -59,48 +52,32 @@ class Windows(Cells):
         """The numbers of a list above and below a row of cells."""
         return self.number(start + row, active), self.number(start + row + 1, active)
 
-    def forward_in(self, index, y, active=True):
+    def forward(self, y, active=True):
         """x of a point of Y, and the density |dy/dx| there."""
-        u, v, window = remap(y.x, 0, 1), remap(y.y, 0, 1), self.window(index, active)
-        most_rows, most_columns = self.windows[:, 1].max(), self.windows[:, 3].max()
-        row = self.last_at_most(most_rows, window[1], v, lambda row: self.number(window[6] + row, active))
+        u, v, window = remap(y.x, 0, 1), remap(y.y, 0, 1), self.window
+        row = self.last_at_most(window[1], v, lambda row: self.number(window[6] + row, active))
         t = sample_linear(remap(v, *self.around(window[6], row, active)), *self.around(window[5], row, active))
-        edge = lambda column: self.before(window, row, t, column, active)
+        edge = lambda column: self.before(row, t, column, active)
         goal = u * edge(window[3])
-        column = self.last_at_most(most_columns, window[3], goal, edge)
-        west, east = self.edges(window, row, t, column, active)
+        column = self.last_at_most(window[3], goal, edge)
+        west, east = self.edges(row, t, column, active)
         s = sample_linear(remap(goal, edge(column), edge(column + 1)), west, east)
         return self.point(window[2] + column, window[0] + row, s, t), dr.lerp(west, east, s)
 
-    def pull_back_in(self, index, x, active=True):
+    def pull_back(self, x, active=True):
         """y of a point of X, and |dy/dx|."""
-        window, (cell, inside) = self.window(index, active), self.cell(x)
+        window, (cell, inside) = self.window, self.cell(x)
         # What is before the window is a large number.
         row, column = cell // self.width - window[0], cell % self.width - window[2]
         active = (row < window[1]) & (column < window[3]) & active
         first, last = self.around(window[6], row, active)
         v = first + invert_linear(inside.y, *self.around(window[5], row, active)) * (last - first)
-        west, east = self.edges(window, row, inside.y, column, active)
-        edge = lambda column: self.before(window, row, inside.y, column, active)
+        west, east = self.edges(row, inside.y, column, active)
+        edge = lambda column: self.before(row, inside.y, column, active)
         start, total = edge(column), edge(window[3])
         within = start + invert_linear(inside.x, west, east) * (edge(column + 1) - start)
         u = dr.select(total > 0, within / total, inside.x)
         return dr.minimum(mi.Point2f(u, v), BELOW_ONE), dr.lerp(west, east, inside.x)
-
-
-class RowColumn(Windows):
-    """The row-column tail."""
-
-    def __init__(self, arrays):
-        super().__init__(arrays["tail.shape"], arrays["tail.windows"], arrays["tail.numbers"])
-
-    def forward(self, y, active=True):
-        """x of a point of Y, and the density |dy/dx| there."""
-        return self.forward_in(0, y, active)
-
-    def pull_back(self, x, active=True):
-        """y of a point of X, and |dy/dx|."""
-        return self.pull_back_in(0, x, active)
 
 
 def cross(a, b):

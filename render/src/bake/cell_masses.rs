@@ -10,15 +10,8 @@ use crate::{discrete::remap, large::Large, simd::Quads};
 /// The running sum at the end of a row, and the factor of the row of largest mass.
 const WHOLE: u16 = u16::MAX;
 
-/// The four tables around a normal: the cell of the grid of normals, and what a unit of the mass of each of its corners counts for, its weight times
-/// its scale.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Blend {
-    pub cell: u32,
-    pub weights: [f32; 4],
-}
-
-/// The same for each of some samples.
+/// The four tables around the normal of each of some samples: the cell of the grid of normals, and what a unit of the mass of each of its corners
+/// counts for, its weight times its scale.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Blends<const N: usize> {
     pub cells: [u32; N],
@@ -135,14 +128,6 @@ impl CellMasses {
         [along, own, down]
     }
 
-    /// The table of one node alone, in units of its scale.
-    pub fn alone(&self, node: usize) -> Blend {
-        let (cell, corner) = self.normals.cell_of(node);
-        let mut weights = [0.0; 4];
-        weights[corner] = 1.0;
-        Blend { cell: cell as u32, weights }
-    }
-
     /// What the masses of the four tables around a normal count for by their weights, and the sum of their rows' factors, each times that.
     #[inline(always)]
     pub fn blends<const N: usize>(&self, cells: &[u32; N], weights: &[[f32; N]; 4]) -> (Blends<N>, [f32; N]) {
@@ -255,20 +240,6 @@ impl CellMasses {
             masses[k] = mass_between(lane(weights, k), lane(&before, k), lane(after, k));
         }
         masses
-    }
-
-    /// The mass of a cell in all tables, each times its weight.
-    #[inline(always)]
-    pub fn mass(&self, Blend { cell, weights }: &Blend, row: usize, column: usize) -> f32 {
-        let start = self.row_start(*cell as usize, row);
-        let number = |at: usize| -> [f32; 4] {
-            let [a, b, c, d] = self.numbers[start + at];
-            [f32::from(a), f32::from(b), f32::from(c), f32::from(d)]
-        };
-        let [a, b, c, d] = number(0);
-        let weights = [weights[0] * a, weights[1] * b, weights[2] * c, weights[3] * d];
-        let before = if column == 0 { [0.0; 4] } else { number(column) };
-        mass_between(weights, before, number(column + 1))
     }
 }
 

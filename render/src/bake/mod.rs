@@ -8,7 +8,6 @@ mod direct;
 mod normal_grid;
 mod share;
 mod table;
-mod weighted_table;
 
 pub use cell_directions::CellDirections;
 pub use cell_grid::CellGrid;
@@ -17,4 +16,3 @@ pub use direct::{direct_bake, direct_bake_watched};
 pub use normal_grid::NormalGrid;
 pub use share::Share;
 pub use table::BakedTable;
-pub use weighted_table::{WeightedDensity, WeightedTable};

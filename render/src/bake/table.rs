@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::{
     cell_grid::CellGrid,
-    cell_masses::{Blend, Blends, CellMasses},
+    cell_masses::{Blends, CellMasses},
     normal_grid::NormalGrid,
 };
 use crate::{
@@ -203,16 +203,6 @@ fn blends_of<const N: usize>(state: &[Lanes], count: usize) -> Blends<N> {
         }
     }
     Blends { cells, weights }
-}
-
-/// The four tables of one lane.
-#[inline(always)]
-pub(super) fn blend_of(state: &[Lanes], lane: usize) -> Blend {
-    let mut weights = [0.0; 4];
-    for corner in 0..4 {
-        weights[corner] = state[WEIGHTS + corner][lane];
-    }
-    Blend { cell: state[CELL][lane].to_bits(), weights }
 }
 
 /// A position in a row or column of cells, below the next one even where the sum is rounded.

@@ -6,14 +6,12 @@ use super::*;
 use crate::{
     random::{Purpose, Stream},
     sampler::AtPoint,
-    spec::{SamplerSpec, Source},
+    spec::SamplerSpec,
 };
 
 fn patches() -> (Arc<Environment>, Arc<dyn Sampler>) {
     let map = Arc::new(Environment::open("studio").unwrap());
-    let SamplerSpec::One(source) = SamplerSpec::patches() else { panic!("patches are one direction") };
-    let source: Source = source;
-    let sampler = source.build(&map).unwrap();
+    let sampler = SamplerSpec::patches().build_sampler(&map).unwrap();
     (map, sampler)
 }
 

@@ -12,19 +12,14 @@ use crate::{
     color::luminance,
     columns::Arena,
     estimator::{Contributions, Learner},
-    morton::morton,
-    points::{Dimension, Points},
+    integrator::path::{BOUNCE_SPREAD, bounce, camera_rays, key_of, shadow_rays},
+    points::Points,
     scene::Ray,
-    simd::{LANES, Lanes},
     tile::{ShadingPoint, Tile},
 };
 
 /// Edge of a tile in pixels.
 const TILE: usize = 16;
-/// From this bounce on, paths end at random.
-const ROULETTE_FROM: u32 = 3;
-/// The largest chance to go on.
-const MOST_SURVIVAL: f32 = 0.95;
 
 /// The pixels of a tile with their sums.
 pub(super) struct Pixels {
@@ -48,7 +43,7 @@ impl Pixels {
         let tile = |(left, top): (usize, usize)| {
             let rows = top..(top + TILE).min(height);
             let places = rows.flat_map(|y| (left..(left + TILE).min(width)).map(move |x| (x as u16, y as u16)));
-            let places: Vec<(u16, u16)> = places.filter(|&(x, y)| is_chosen(morton(x, y))).collect();
+            let places: Vec<(u16, u16)> = places.filter(|&place| is_chosen(key_of(place))).collect();
             Self { sums: vec![Sums::default(); places.len()], places, mask_rays: 0, other_rays: 0 }
         };
         corners.map(tile).collect()
@@ -134,20 +129,14 @@ impl Worker<'_> {
     /// One ray through each pixel.
     fn trace_camera(&mut self) {
         let Self { composition, settings, points, workspace, pixels, .. } = self;
-        let count = pixels.places.len();
-        let key = |place: usize| morton(pixels.places[place].0, pixels.places[place].1);
-        let mut jitter = workspace.arena.columns::<2>(count.div_ceil(LANES));
-        points.draw_keyed(Dimension::Camera, count, key, jitter.get_mut());
-        let [across, down] = jitter.get().map(<[Lanes]>::as_flattened);
-        let rays = pixels.places.iter().zip(across).zip(down).map(|((&(x, y), across), down)| {
-            composition.camera.ray(f32::from(x) + across, f32::from(y) + down, settings.width, settings.height)
-        });
-        let rays: Vec<Ray> = rays.collect();
-        let keys: Vec<u32> = (0..count).map(key).collect();
-        drop(jitter);
+        let mut rays = Vec::new();
+        let size = (settings.width, settings.height);
+        camera_rays(composition.camera, size, &pixels.places, points, &mut rays, &workspace.arena);
+        let keys: Vec<u32> = pixels.places.iter().map(|&place| key_of(place)).collect();
         let path = |pixel| Path { pixel, goal: Goal::Object, from_catcher: false, throughput: Vec3A::ONE };
-        let paths: Vec<Path> = (0..count).map(path).collect();
-        self.meet(&rays, &keys, &paths);
+        let paths: Vec<Path> = (0..rays.len()).map(path).collect();
+        let spread = composition.camera.pixel_spread(settings.height);
+        self.meet(&rays, spread, &keys, &paths);
         let Self { workspace, pixels, .. } = self;
         for path in &workspace.object.paths {
             pixels.sums[path.pixel].object_hits += 1;
@@ -159,11 +148,10 @@ impl Worker<'_> {
     }
 
     /// Fills both fronts with what rays hit. Light between points of the catcher is in the photograph: it is left out.
-    fn meet(&mut self, rays: &[Ray], keys: &[u32], paths: &[Path]) {
+    fn meet(&mut self, rays: &[Ray], spread: f32, keys: &[u32], paths: &[Path]) {
         let Self { composition, settings, workspace, .. } = self;
         let stage = composition.stage;
         let scene = if settings.without_object { &stage.catcher } else { &stage.all };
-        let spread = composition.camera.pixel_spread(settings.height);
         let mut hits = vec![None; rays.len()];
         scene.closest_batch(rays, &mut hits);
         for front in [&mut workspace.object, &mut workspace.catcher] {
@@ -216,12 +204,7 @@ impl Worker<'_> {
         let Self { composition, settings, workspace, .. } = self;
         let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
         let stage = composition.stage;
-        let ray = |(&place, &wi): (&u16, &Vec3A)| {
-            let (p, ng) = catcher.tile.position_and_normal(place as usize);
-            stage.all.leaving(p, ng, wi)
-        };
-        rays.clear();
-        rays.extend(contributions.places().iter().zip(contributions.wi()).map(ray));
+        shadow_rays(&stage.all, &catcher.tile, contributions, rays);
         open.clear();
         open.resize(rays.len(), true);
         if !stage.is_plane() {
@@ -264,12 +247,7 @@ impl Worker<'_> {
         let Self { composition, workspace, pixels, .. } = self;
         let Workspace { object, contributions, visible, rays, .. } = &mut **workspace;
         let scene = &composition.stage.all;
-        let ray = |(&place, &wi): (&u16, &Vec3A)| {
-            let (p, ng) = object.tile.position_and_normal(place as usize);
-            scene.leaving(p, ng, wi)
-        };
-        rays.clear();
-        rays.extend(contributions.places().iter().zip(contributions.wi()).map(ray));
+        shadow_rays(scene, &object.tile, contributions, rays);
         visible.clear();
         visible.resize(rays.len(), true);
         scene.visible_batch(rays, visible);
@@ -308,47 +286,36 @@ impl Worker<'_> {
         for which in [Which::Object, Which::Catcher] {
             self.bounce(which, bounce, &mut next);
         }
-        self.meet(&next.rays, &next.keys, &next.paths);
+        self.meet(&next.rays, BOUNCE_SPREAD, &next.keys, &next.paths);
     }
 
-    fn bounce(&mut self, which: Which, bounce: u32, next: &mut Bounced) {
+    fn bounce(&mut self, which: Which, number: u32, next: &mut Bounced) {
         let Self { composition, points, workspace, .. } = self;
         let Workspace { arena, object, catcher, .. } = &mut **workspace;
         let front = if which == Which::Object { object } else { catcher };
         if front.tile.is_empty() {
             return;
         }
-        let at = front.tile.rows();
-        let mut columns = arena.columns::<10>(at.strips());
-        let [u, v, roulette, x, y, z, pdf, red, green, blue] = columns.get_mut();
-        points.draw(Dimension::Path, &at, [&mut *u, &mut *v, &mut *roulette]);
-        at.sample_brdf([u, v], [&mut *x, &mut *y, &mut *z], pdf, arena);
-        at.brdf_cosine([x, y, z], [&mut *red, &mut *green, &mut *blue], arena);
-        for (place, path) in front.paths.iter().enumerate() {
-            let (strip, lane) = (place / LANES, place % LANES);
-            let f = Vec3A::new(red[strip][lane], green[strip][lane], blue[strip][lane]);
-            let mut reflected = if pdf[strip][lane] > 0.0 { f / pdf[strip][lane] } else { Vec3A::ZERO };
-            let point = front.tile.point(place);
+        let backdrop = composition.backdrop;
+        let throughput = |place: usize, mut reflected: Vec3A| {
+            let path = front.paths[place];
             if which == Which::Catcher {
-                reflected *= match (path.goal, bounce) {
+                let point = front.tile.point(place);
+                reflected *= match (path.goal, number) {
                     // pi over the irradiance, without the albedo: the pixel is multiplied by the photograph in the end.
-                    (Goal::ThrownBack, 1) => std::f32::consts::PI * composition.backdrop.inverse_irradiance(point.ns),
+                    (Goal::ThrownBack, 1) => std::f32::consts::PI * backdrop.inverse_irradiance(point.ns),
                     // A lamp in the photograph does not reflect more than it receives.
-                    _ => composition.backdrop.albedo(point.p, point.ns).min(Vec3A::ONE),
+                    _ => backdrop.albedo(point.p, point.ns).min(Vec3A::ONE),
                 };
             }
-            let mut throughput = path.throughput * reflected;
-            if bounce >= ROULETTE_FROM {
-                let survival = throughput.max_element().min(MOST_SURVIVAL);
-                throughput = if roulette[strip][lane] < survival { throughput / survival } else { Vec3A::ZERO };
-            }
-            if throughput.max_element() > 0.0 {
-                let wi = Vec3A::new(x[strip][lane], y[strip][lane], z[strip][lane]);
-                next.rays.push(composition.stage.all.leaving(point.p, point.ng, wi));
-                next.keys.push(at.key(place));
-                next.paths.push(Path { throughput, from_catcher: which == Which::Catcher, ..*path });
-            }
-        }
+            path.throughput * reflected
+        };
+        let scene = &composition.stage.all;
+        bounce(scene, &front.tile, (points, number), arena, throughput, |place, throughput, ray| {
+            next.rays.push(ray);
+            next.keys.push(front.tile.keys()[place]);
+            next.paths.push(Path { throughput, from_catcher: which == Which::Catcher, ..front.paths[place] });
+        });
     }
 }
 

@@ -30,7 +30,6 @@ pub struct BilinearDensity {
     width: usize,
     height: usize,
     nodes: Nodes,
-    power: f64,
 }
 
 /// The densities at the texels, row-major.
@@ -119,7 +118,7 @@ impl BilinearDensity {
             return Err(Error::argument("tail luminance", "is zero everywhere: there is no light to sample"));
         }
         let nodes = luminance.iter().enumerate().map(|node| (weighted(node) * cells / sum) as f32).collect();
-        Ok(Self { width, height, nodes: Nodes::Own(nodes), power: 2.0 * PI * PI * sum / cells })
+        Ok(Self { width, height, nodes: Nodes::Own(nodes) })
     }
 
     /// The same density, kept in the fourth numbers of a map's texels.
@@ -146,11 +145,6 @@ impl BilinearDensity {
     /// Whether two densities are equal at all texels.
     pub fn is_same(&self, other: &Self) -> bool {
         (self.width, self.height) == (other.width, other.height) && self.nodes().eq(other.nodes())
-    }
-
-    /// The integral of the luminance over solid angle, before it was normalised.
-    pub fn power(&self) -> f64 {
-        self.power
     }
 
     /// Cells in a row (periodic).

@@ -2,13 +2,11 @@
 
 mod bilinear;
 mod built_in;
-mod compact;
 mod density;
 mod map_file;
 
 pub use bilinear::{Corners, invert_linear, sample_linear};
 pub use built_in::{BUILT_IN_NAMES, built_in};
-pub use compact::{compact_emitters, without_compact_emitters};
 pub use density::BilinearDensity;
 pub use map_file::MapSpec;
 

@@ -1,21 +1,19 @@
-//! Samplers with the visibility that a rendering learns.
+//! Patches with the visibility that a rendering learns.
 
 use std::sync::Arc;
 
 use super::{
-    Contributions, Estimator, Learner, Ris, Setting,
+    Contributions, Estimator, Learner, Setting,
     exploration::explore,
     split::{check_directions, propose_mean},
 };
 use crate::{
-    bake::{BakedTable, WeightedTable},
     columns::Arena,
     environment::Environment,
     error::Result,
     patches::{Detail, PatchSampler, SkyRays},
     points::Points,
-    sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis, ProductSampler, Sampler},
-    simd::Lanes,
+    sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis},
     tail::TailKind,
     tile::Rows,
     visibility::{CacheSize, Cells, Division, Known, SceneVisibility, Unoccluded, VisibilityCache, Weighting},
@@ -29,11 +27,11 @@ const CELLS_PER_PIXEL: f32 = 0.045;
 /// Shadow rays from each point that is learned from.
 const RAYS: u32 = 8;
 
-/// An estimator that knows what is seen of the sky, and learns it from shadow rays: patches of sky, a table, or resampling, with masses or targets that
-/// are multiplied by weights of where a point is.
+/// An estimator that draws from patches, or from a head over patches, beside BRDF sampling on glossy surfaces. The masses of patches are multiplied
+/// by weights that follow from the visibility of the light in cells of the scene, learned from shadow rays.
 #[derive(Clone)]
 pub struct LearnedVisibility {
-    technique: Arc<Technique>,
+    sampler: Arc<Covering<PatchSampler>>,
     /// From each surface point.
     directions: u32,
     /// The patches of sky that rays are counted by.
@@ -45,30 +43,17 @@ pub struct LearnedVisibility {
     always: bool,
 }
 
-/// How directions are drawn.
-enum Technique {
-    /// By patches of sky, beside BRDF sampling where surfaces are glossy.
-    Patches(Covering<PatchSampler>),
-    /// By a table, perhaps in a mixture with BRDF sampling.
-    Table { light: EnvironmentLight, table: Box<WeightedTable>, mixed: bool },
-    /// By patches of sky, beside a head in the place of BRDF sampling.
-    Beside { patches: PatchSampler, head: Arc<dyn Sampler> },
-    /// Resampled from those of a sampler and BRDF sampling.
-    Resampled(Box<Ris<Arc<dyn Sampler>, BrdfSampler>>),
-}
-
 impl LearnedVisibility {
     /// The bytes that it learns with where nobody says otherwise.
     pub const MEMORY: usize = 64 << 20;
-    /// The cells along a side of Y that a table's weights have where nobody says otherwise.
-    pub const GRID: usize = 16;
 
     /// An estimator over the patches of a map's sky, in this detail, that learns with at most `memory` bytes.
     ///
     /// # Errors
     /// The map has no light, or is too large.
     pub fn new(environment: Arc<Environment>, detail: Detail, memory: usize) -> Result<Self> {
-        Self::of_sampler(patches_of(&environment, detail)?, environment, memory)
+        let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+        Self::of_sampler(PatchSampler::new(light, detail)?, environment, memory)
     }
 
     /// The same over patches that are there already, perhaps below a head.
@@ -76,64 +61,12 @@ impl LearnedVisibility {
     /// # Errors
     /// The sampler leaves a part of the light out.
     pub fn of_sampler(sampler: PatchSampler, environment: Arc<Environment>, memory: usize) -> Result<Self> {
-        let (sky, division) = (sampler.clone(), sampler.division());
-        Ok(Self::with(Technique::Patches(Covering::new(sampler)?), sky, division, environment, memory))
+        let (sky, division) = (Arc::new(SkyRays::new(sampler.clone())), Arc::new(sampler.division()));
+        let sampler = Arc::new(Covering::new(sampler)?);
+        Ok(Self { sampler, directions: 1, sky, division, environment, memory, known: None, always: false })
     }
 
-    /// A table over the square that a light's tail carries, perhaps in a mixture with BRDF sampling, with weights on a grid of `side x side` cells of Y.
-    ///
-    /// # Errors
-    /// The tail leaves a part of the light out, or `side` is none of [`WeightedTable::SIDES`].
-    pub fn of_table(
-        table: BakedTable,
-        light: EnvironmentLight,
-        (side, mixed): (usize, bool),
-        memory: usize,
-    ) -> Result<Self> {
-        let environment = light.environment().clone();
-        let (sky, table) = (patches_of(&environment, Detail::Leaves)?, WeightedTable::new(table, side)?);
-        Covering::new(ProductSampler::new(light.clone(), table.weighted(&Unoccluded)))?;
-        let division = sky.division().with_grid(table.patch_grid(light.tail(), |x| sky.patch_at(x)));
-        Ok(Self::with(Technique::Table { light, table: Box::new(table), mixed }, sky, division, environment, memory))
-    }
-
-    /// Patches of a map's sky beside a head that covers the integrand, with the share that BRDF sampling has otherwise: more where lobes are narrow against
-    /// patches, and none on diffuse surfaces, where patches alone do better.
-    ///
-    /// # Errors
-    /// The map has no light, or is too large.
-    pub fn beside_head(head: Covering<Arc<dyn Sampler>>, environment: Arc<Environment>, memory: usize) -> Result<Self> {
-        let sky = patches_of(&environment, Detail::Leaves)?;
-        let (patches, division) = (sky.clone(), sky.division());
-        Ok(Self::with(Technique::Beside { patches, head: head.into_inner() }, sky, division, environment, memory))
-    }
-
-    /// Resampling whose target knows what is seen.
-    ///
-    /// # Errors
-    /// The map has no light, or is too large.
-    pub fn of_ris(
-        ris: Ris<Arc<dyn Sampler>, BrdfSampler>,
-        environment: Arc<Environment>,
-        memory: usize,
-    ) -> Result<Self> {
-        let sky = patches_of(&environment, Detail::Leaves)?;
-        let division = sky.division();
-        Ok(Self::with(Technique::Resampled(Box::new(ris)), sky, division, environment, memory))
-    }
-
-    fn with(
-        technique: Technique,
-        sky: PatchSampler,
-        division: Division,
-        environment: Arc<Environment>,
-        memory: usize,
-    ) -> Self {
-        let (technique, sky, division) = (Arc::new(technique), Arc::new(SkyRays::new(sky)), Arc::new(division));
-        Self { technique, directions: 1, sky, division, environment, memory, known: None, always: false }
-    }
-
-    /// The same with the mean of so many directions from each surface point. Resampling draws one all the same.
+    /// The same with the mean of so many directions from each surface point.
     ///
     /// # Errors
     /// There must be 1 to [`Split::MOST`](super::Split::MOST).
@@ -160,7 +93,7 @@ impl LearnedVisibility {
     /// What learns in one rendering; the concrete type of [`Estimator::learner`].
     pub fn session(&self, setting: Setting) -> LearningSession<'_> {
         let cells = CELLS_PER_PIXEL * setting.pixels as f32;
-        let needed = cells * VisibilityCache::cell_bytes(&self.division) as f32;
+        let needed = cells * VisibilityCache::CELL_BYTES as f32;
         let shortage = (needed / self.memory as f32).max(1.0).sqrt();
         let cells = Cells::new(setting.eye, CELL_PIXELS * shortage * setting.pixel);
         let cache = VisibilityCache::new(cells, self.division.clone(), self.memory);
@@ -177,39 +110,9 @@ impl LearnedVisibility {
         out: &mut Contributions,
         arena: &Arena,
     ) {
-        let environment = &self.environment;
-        match &*self.technique {
-            Technique::Patches(sampler) => {
-                let sampler = OneSampleMis::new(sampler.get().weighted(weighting), BrdfSampler);
-                propose_mean(self.directions, &sampler, environment, at, points, out, arena);
-            }
-            Technique::Table { light, table, mixed } => {
-                let sampler = ProductSampler::new(light.clone(), table.weighted(weighting));
-                if *mixed {
-                    let sampler = OneSampleMis::new(sampler, BrdfSampler);
-                    propose_mean(self.directions, &sampler, environment, at, points, out, arena);
-                } else {
-                    propose_mean(self.directions, &sampler, environment, at, points, out, arena);
-                }
-            }
-            Technique::Beside { patches, head } => {
-                let sampler = OneSampleMis::new(patches.weighted(weighting), head.clone());
-                propose_mean(self.directions, &sampler, environment, at, points, out, arena);
-            }
-            Technique::Resampled(ris) => {
-                let mut indices = arena.columns::<1>(at.strips());
-                weighting.indices(at, indices.get_mut()[0]);
-                let weigh = |wi: [&[Lanes]; 3], target: &mut [Lanes]| {
-                    self.sky.sampler().weigh(weighting, (at.len(), indices.get()[0]), wi, target);
-                };
-                ris.propose_weighted(at, points, &weigh, out, arena);
-            }
-        }
+        let sampler = OneSampleMis::new(self.sampler.get().weighted(weighting), BrdfSampler);
+        propose_mean(self.directions, &sampler, &self.environment, at, points, out, arena);
     }
-}
-
-fn patches_of(environment: &Arc<Environment>, detail: Detail) -> Result<PatchSampler> {
-    PatchSampler::new(EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?, detail)
 }
 
 impl Estimator for LearnedVisibility {
@@ -236,7 +139,7 @@ impl LearningSession<'_> {
         Self { cache: self.cache.resuming(visibility), ..self }
     }
 
-    /// What it has learned. `scene_hash` is [`Scene::geometry_hash`](crate::scene::Scene::geometry_hash).
+    /// What it has learned. `scene_hash` is [`SceneContext::geometry_hash`](crate::spec::SceneContext::geometry_hash).
     pub fn into_visibility(self, scene_hash: String) -> SceneVisibility {
         let map = &self.estimator.environment;
         self.cache.into_scene_visibility(scene_hash, map.name().to_owned(), map.hash().to_owned())

@@ -16,8 +16,7 @@ use crate::{
 };
 
 /// Streaming RIS (Talbot et al. 2005, with a weighted reservoir) over `candidates` draws, alternately of two techniques, with
-/// balance-heuristic weights between them. The target is the luminance of light x BRDF x cosine without visibility, unless a scene's is
-/// learned.
+/// balance-heuristic weights between them. The target is the luminance of light x BRDF x cosine without visibility.
 ///
 /// The direction that survives has no closed pdf, only an unbiased estimate of its reciprocal: RIS is an estimator and no sampler, and takes no
 /// part in MIS.
@@ -28,9 +27,6 @@ pub struct Ris<A, B> {
     candidates: u32,
     environment: Arc<Environment>,
 }
-
-/// What multiplies the targets of one direction of each row.
-pub(super) type Weigh<'a> = &'a dyn Fn([&[Lanes]; 3], &mut [Lanes]);
 
 /// What is kept of the candidates so far: the sum of weights, the survivor's direction and its target.
 ///
@@ -104,7 +100,6 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
         at: &Rows<'_>,
         states: [&[Lanes]; 2],
         (points, index): (&Points, u32),
-        weigh: Weigh<'_>,
         reservoirs: &mut Reservoirs<'_>,
         arena: &Arena,
     ) {
@@ -129,7 +124,6 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
                 target[strip][lane] = if own_pdf[strip][lane] > 0.0 { luminance } else { 0.0 };
             }
         }
-        weigh([x, y, z], target);
         let (density, others) = (own_pdf, u);
         timed(Stage::Pdf, || other.0.pdf(at, other.1, [x, y, z], others, arena));
         let of_second = (self.candidates / 2) as f32;
@@ -144,16 +138,8 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
     }
 }
 
-impl<A: Sampler, B: Sampler> Ris<A, B> {
-    /// As [`Estimator::propose`], with a target that `weigh` multiplies, for one direction of each row, with positive numbers.
-    pub(super) fn propose_weighted(
-        &self,
-        at: &Rows<'_>,
-        points: &Points,
-        weigh: Weigh<'_>,
-        out: &mut Contributions,
-        arena: &Arena,
-    ) {
+impl<A: Sampler, B: Sampler> Estimator for Ris<A, B> {
+    fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena) {
         let mut columns = arena.columns::<6>(at.strips());
         let [total, x, y, z, target, random] = columns.get_mut();
         timed(Stage::Sampling, || {
@@ -163,7 +149,7 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
             prepared(&self.first, at, arena, |first| {
                 prepared(&self.second, at, arena, |second| {
                     for index in 0..self.candidates {
-                        self.draw(at, [first, second], (points, index), weigh, &mut reservoirs, arena);
+                        self.draw(at, [first, second], (points, index), &mut reservoirs, arena);
                     }
                 });
             });
@@ -175,11 +161,5 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
             }
             contribute(at, &self.environment, [x, y, z], total, out, arena);
         });
-    }
-}
-
-impl<A: Sampler, B: Sampler> Estimator for Ris<A, B> {
-    fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena) {
-        self.propose_weighted(at, points, &|_, _| {}, out, arena);
     }
 }

@@ -23,15 +23,12 @@ use crate::{
     error::{Error, Result},
     head::{Condition, Head, Mode},
     patches::{Detail, PatchSampler},
-    sampler::{
-        BrdfSampler, CompactEmitters, Covering, EnvironmentLight, OneSampleMis, ProductSampler, Sampler,
-        WithCompactEmitters,
-    },
+    sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis, ProductSampler, Sampler},
     tail::{Tail, TailKind},
 };
 
 /// The newest version of the format. A file has the lowest one that holds it: 4 with a head over patches of sky, else 3 with the settings of its run,
-/// else 2 with compact emitters or a flow tail, else 1.
+/// else 2 with a flow tail, else 1.
 pub const FORMAT_VERSION: u32 = 4;
 
 /// What an exported file says of itself.
@@ -51,9 +48,6 @@ pub struct Description {
     /// The patches of sky between head and tail; absent where the head is over the tail.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub patches: Option<Detail>,
-    /// Whether the tail is of the light without compact emitters, which are sampled on their own.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub compact_emitters: bool,
     /// Name of the environment map.
     pub environment: String,
     /// [`Environment::hash`] of the map.
@@ -126,9 +120,6 @@ pub enum Intermediate {
     DirectBake(BakedTable),
 }
 
-/// Why compact emitters and visibility exclude each other.
-const NOTHING_LEARNED: &str = "are left to others, and of them no visibility is learned";
-
 /// An exported sampler in memory.
 #[derive(Clone, Debug)]
 pub struct ExportedSampler {
@@ -140,8 +131,6 @@ pub struct ExportedSampler {
     pub patches: Option<Detail>,
     /// Columns, rows and values `[height, width]` of the luminance that the tail was built from.
     pub luminance: (usize, usize, Vec<f32>),
-    /// Whether that is the map's luminance without its compact emitters, which are then sampled on their own.
-    pub compact_emitters: bool,
     /// Name of the environment map.
     pub environment: String,
     /// [`Environment::hash`] of the map.
@@ -156,24 +145,21 @@ impl ExportedSampler {
     /// A sampler for a map, to be written.
     ///
     /// # Errors
-    /// See [`Tail::new`].
+    /// See [`Tail::of_environment`].
     pub fn new(
         intermediate: Intermediate,
         kind: TailKind,
         environment: &Environment,
         training: Option<TrainingSummary>,
     ) -> Result<Self> {
-        let luminance = environment.luminance();
-        let tail = Arc::new(Tail::new(kind, environment.width(), environment.height(), &luminance)?);
-        Ok(Self::of_tail(intermediate, tail, luminance, environment, training))
+        let tail = Arc::new(Tail::of_environment(kind, environment)?);
+        Ok(Self::of_tail(intermediate, tail, environment, training))
     }
 
-    /// A sampler for a map with a tail of the luminance `[height * width]`: the map's, or what is left of it without its compact
-    /// emitters (see [`crate::environment::without_compact_emitters`]).
+    /// A sampler for a map with a tail that was built from, or fitted to, the map's luminance.
     pub fn of_tail(
         intermediate: Intermediate,
         tail: Arc<Tail>,
-        luminance: Vec<f32>,
         environment: &Environment,
         training: Option<TrainingSummary>,
     ) -> Self {
@@ -181,8 +167,7 @@ impl ExportedSampler {
             intermediate,
             tail,
             patches: None,
-            compact_emitters: luminance != environment.luminance(),
-            luminance: (environment.width(), environment.height(), luminance),
+            luminance: (environment.width(), environment.height(), environment.luminance()),
             environment: environment.name().to_owned(),
             environment_hash: environment.hash().to_owned(),
             training,
@@ -207,8 +192,8 @@ impl ExportedSampler {
         matches!(&self.intermediate, Intermediate::Head(head) if head.has_share())
     }
 
-    /// The complete sampler that the file was made to be: with its compact emitters, and in a mixture with BRDF sampling where it has learned its
-    /// share or is over patches, which have one.
+    /// The complete sampler that the file was made to be: in a mixture with BRDF sampling where it
+    /// has learned its share or is over patches, which have one.
     ///
     /// # Errors
     /// As [`Self::sampler`].
@@ -217,14 +202,12 @@ impl ExportedSampler {
         Covering::new(self.sampler(environment, mixed)?)
     }
 
-    /// The file's sampler with its compact emitters, alone or in a mixture with BRDF sampling.
+    /// The file's sampler, alone or in a mixture with BRDF sampling.
     ///
     /// # Errors
-    /// [`Error::Argument`]: the sampler was made for another map, see [`Self::check_environment`], or its compact emitters are damaged.
+    /// [`Error::Argument`]: the sampler was made for another map, see [`Self::check_environment`].
     pub fn sampler(self, environment: &Arc<Environment>, mixed: bool) -> Result<Arc<dyn Sampler>> {
         self.check_environment(environment)?;
-        let compact =
-            self.compact_emitters.then(|| CompactEmitters::new(environment, &self.luminance.2)).transpose()?;
         let light = EnvironmentLight::with_tail(environment.clone(), self.tail);
         let product: Arc<dyn Sampler> = match self.intermediate {
             Intermediate::Head(head) if let Some(detail) = self.patches => {
@@ -233,11 +216,7 @@ impl ExportedSampler {
             Intermediate::Head(head) => Arc::new(ProductSampler::new(light, head)),
             Intermediate::Bake(table) | Intermediate::DirectBake(table) => Arc::new(ProductSampler::new(light, table)),
         };
-        let rest = if mixed { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product };
-        Ok(match compact {
-            Some(compact) => Arc::new(WithCompactEmitters::new(Arc::new(compact), rest)),
-            None => rest,
-        })
+        Ok(if mixed { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product })
     }
 
     /// The head, if it draws points of Y, so that it can be tabulated.
@@ -260,15 +239,12 @@ impl ExportedSampler {
     /// The patches of a file with their head, for what learns while it renders.
     ///
     /// # Errors
-    /// The file holds no head over patches, or leaves out compact emitters, whose share is not learned; as [`Self::sampler`].
+    /// The file holds no head over patches; as [`Self::sampler`].
     pub fn patch_sampler(self, environment: &Arc<Environment>) -> Result<PatchSampler> {
         self.check_environment(environment)?;
         let (Intermediate::Head(head), Some(detail)) = (self.intermediate, self.patches) else {
             return Err(Error::argument("intermediate.kind", "the file holds no head over patches of sky"));
         };
-        if self.compact_emitters {
-            return Err(Error::argument("compact_emitters", NOTHING_LEARNED));
-        }
         let light = EnvironmentLight::with_tail(environment.clone(), self.tail);
         PatchSampler::with_head(light, detail, head)
     }
@@ -276,15 +252,12 @@ impl ExportedSampler {
     /// The table, and the light whose tail it is over.
     ///
     /// # Errors
-    /// The file holds no table, or leaves out compact emitters, whose share is not learned; as [`Self::sampler`].
+    /// The file holds no table; as [`Self::sampler`].
     pub fn table_and_light(self, environment: &Arc<Environment>) -> Result<(BakedTable, EnvironmentLight)> {
         self.check_environment(environment)?;
         let (Intermediate::Bake(table) | Intermediate::DirectBake(table)) = self.intermediate else {
             return Err(Error::argument("intermediate.kind", "the file holds no table"));
         };
-        if self.compact_emitters {
-            return Err(Error::argument("compact_emitters", NOTHING_LEARNED));
-        }
         Ok((table, EnvironmentLight::with_tail(environment.clone(), self.tail)))
     }
 
@@ -305,9 +278,7 @@ impl ExportedSampler {
         let (width, height, luminance) = &self.luminance;
         let same_size = (*width, *height) == (environment.width(), environment.height());
         // To rounding: another processor may add the three channels in another order.
-        let near = |(own, map): (&f32, f32)| {
-            (own - map).abs() <= 1e-5 * map || (self.compact_emitters && (0.0..map).contains(own))
-        };
+        let near = |(own, map): (&f32, f32)| (own - map).abs() <= 1e-5 * map;
         if !same_size || !luminance.iter().zip(environment.luminance()).all(near) {
             let reason = format!(
                 "is not that of the environment '{}', though the hash is: the file is damaged",
@@ -334,13 +305,12 @@ impl ExportedSampler {
             Intermediate::Bake(_) => IntermediateDescription::Bake,
             Intermediate::DirectBake(_) => IntermediateDescription::DirectBake,
         };
-        let is_plain = !self.compact_emitters && self.tail.kind() != TailKind::Flow;
-        let lowest = if is_plain { 1 } else { 2 };
         Description {
-            format_version: match (self.patches, &self.run) {
-                (Some(_), _) => FORMAT_VERSION,
-                (None, Some(_)) => 3,
-                (None, None) => lowest,
+            format_version: match (self.patches, &self.run, self.tail.kind()) {
+                (Some(_), ..) => FORMAT_VERSION,
+                (None, Some(_), _) => 3,
+                (None, None, TailKind::Flow) => 2,
+                (None, None, TailKind::RowColumn | TailKind::Hierarchical) => 1,
             },
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
             intermediate,
@@ -350,7 +320,6 @@ impl ExportedSampler {
             },
             tail: self.tail.kind(),
             patches: self.patches,
-            compact_emitters: self.compact_emitters,
             environment: self.environment.clone(),
             environment_hash: self.environment_hash.clone(),
             training: self.training.clone(),

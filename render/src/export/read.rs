@@ -51,6 +51,11 @@ fn describe(path: &Path, text: &str) -> Result<Description> {
         let reason = format!("is {found}; this program reads versions 1 to {FORMAT_VERSION}");
         return Err(Error::invalid(path, "format_version", reason));
     }
+    if value.get("compact_emitters") == Some(&serde_json::Value::Bool(true)) {
+        let reason = "is true: the file was made by `fit --compact-emitters`, which this version does not read; run `headtail fit` again \
+                      without the flag, or render with --sampler patches";
+        return Err(Error::invalid(path, "compact_emitters", reason));
+    }
     serde_json::from_value(value).map_err(invalid)
 }
 
@@ -103,7 +108,6 @@ impl Tensors<'_> {
             tail: Arc::new(tail),
             patches: description.patches,
             luminance: (width, height, luminance),
-            compact_emitters: description.compact_emitters,
             environment: description.environment,
             environment_hash: description.environment_hash,
             training: description.training,

@@ -3,6 +3,7 @@
 mod features;
 mod film;
 mod learn;
+pub(crate) mod path;
 mod render;
 mod rendering;
 mod view;

@@ -2,27 +2,20 @@
 
 use glam::{DVec3, Vec3A};
 
-use super::view::View;
+use super::{
+    path::{BOUNCE_SPREAD, bounce, camera_rays, key_of, shadow_rays},
+    view::View,
+};
 use crate::{
     color::luminance,
     columns::Arena,
     estimator::{Contributions, Estimator, Learner},
-    morton::morton,
-    points::{Dimension, Points},
+    points::Points,
     scene::Ray,
-    simd::{LANES, Lanes},
+    simd::LANES,
     tile::Tile,
     timings::{Stage, timed},
 };
-
-/// From this bounce on, paths end at random.
-const ROULETTE_FROM: u32 = 3;
-
-/// The largest chance to go on: also a path between white walls ends.
-const MOST_SURVIVAL: f32 = 0.95;
-
-/// By how many radians rays of further bounces count as apart: what they see is blurred anyway, and less detail is less noise.
-const BOUNCE_SPREAD: f32 = 0.05;
 
 /// Sums over the samples of one pixel.
 #[derive(Clone, Copy, Debug, Default)]
@@ -95,18 +88,8 @@ impl Workspace {
     /// One camera ray through each pixel: shading points where it hits a surface, the background elsewhere.
     fn trace_camera(&mut self, view: &View<'_>, points: Points, pixels: &mut TilePixels<'_>) {
         let Self { arena, tiles: [tile, _], paths: [paths, _], rays, hits, emission, .. } = self;
-        let strips = pixels.places.len().div_ceil(LANES);
-        let key = |place: usize| {
-            let (x, y) = pixels.places[place];
-            morton(x, y)
-        };
-        let mut jitter = arena.columns::<2>(strips);
-        points.draw_keyed(Dimension::Camera, pixels.places.len(), key, jitter.get_mut());
-        let [across, down] = jitter.get().map(<[Lanes]>::as_flattened);
-        rays.clear();
-        rays.extend(pixels.places.iter().zip(across).zip(down).map(|((&(x, y), across), down)| {
-            view.camera.ray(f32::from(x) + across, f32::from(y) + down, view.width, view.height)
-        }));
+        camera_rays(view.camera, (view.width, view.height), pixels.places, &points, rays, arena);
+        let key = |place: usize| key_of(pixels.places[place]);
         hits.clear();
         paths.clear();
         emission.clear();
@@ -143,12 +126,7 @@ impl Workspace {
         visible.resize(contributions.places().len(), true);
         if !view.unshadowed {
             timed(Stage::ShadowRays, || {
-                rays.clear();
-                let all = contributions.places().iter().zip(contributions.wi());
-                rays.extend(all.map(|(&place, &wi)| {
-                    let (p, ng) = tile.position_and_normal(place as usize);
-                    view.scene.leaving(p, ng, wi)
-                }));
+                shadow_rays(view.scene, tile, contributions, rays);
                 view.scene.visible_batch(rays, visible);
             });
         }
@@ -173,31 +151,15 @@ impl Workspace {
     /// at its last surface stands for all light from the environment.
     fn continue_paths(&mut self, view: &View<'_>, points: Points, bounces: u32, pixels: &mut TilePixels<'_>) {
         let Self { arena, tiles: [tile, next_tile], paths: [paths, next_paths], rays, keys, hits, emission, .. } = self;
-        let at = tile.rows();
-        let mut columns = arena.columns::<10>(at.strips());
-        let [u, v, roulette, x, y, z, pdf, red, green, blue] = columns.get_mut();
-        points.draw(Dimension::Path, &at, [&mut *u, &mut *v, &mut *roulette]);
-        at.sample_brdf([u, v], [&mut *x, &mut *y, &mut *z], pdf, arena);
-        at.brdf_cosine([x, y, z], [&mut *red, &mut *green, &mut *blue], arena);
         rays.clear();
         next_paths.clear();
         keys.clear();
-        for (place, path) in paths.iter().enumerate() {
-            let (strip, lane) = (place / LANES, place % LANES);
-            let pdf = pdf[strip][lane];
-            let f = Vec3A::new(red[strip][lane], green[strip][lane], blue[strip][lane]);
-            let mut throughput = path.throughput * if pdf > 0.0 { f / pdf } else { Vec3A::ZERO };
-            if bounces >= ROULETTE_FROM {
-                let survival = throughput.max_element().min(MOST_SURVIVAL);
-                throughput = if roulette[strip][lane] < survival { throughput / survival } else { Vec3A::ZERO };
-            }
-            if throughput.max_element() > 0.0 {
-                let (p, ng) = tile.position_and_normal(place);
-                rays.push(view.scene.leaving(p, ng, Vec3A::new(x[strip][lane], y[strip][lane], z[strip][lane])));
-                next_paths.push(Path { throughput, ..*path });
-                keys.push(tile.keys()[place]);
-            }
-        }
+        let throughput = |place: usize, weight: Vec3A| paths[place].throughput * weight;
+        bounce(view.scene, tile, (&points, bounces), arena, throughput, |place, throughput, ray| {
+            rays.push(ray);
+            next_paths.push(Path { throughput, ..paths[place] });
+            keys.push(tile.keys()[place]);
+        });
         hits.clear();
         emission.clear();
         let emitted = view.scene.is_emissive().then_some(&mut *emission);

@@ -259,27 +259,6 @@ impl PatchSampler {
         let leaf = self.patches.lookup.patch(column as u32, row as u32) as usize / PARTS;
         (self.patches.numbers[leaf / PARTS] * PARTS + leaf % PARTS) as u16
     }
-
-    /// Multiplies numbers, one for a direction of each of so many rows, by the weights of the directions' patches where the rows are: `indices` are the numbers of
-    /// their weights.
-    pub fn weigh<W: Weighting>(
-        &self,
-        weighting: &W,
-        (count, indices): (usize, &[Lanes]),
-        wi: [&[Lanes]; 3],
-        out: &mut [Lanes],
-    ) {
-        let [x, y, z] = wi.map(<[Lanes]>::as_flattened);
-        for (k, out) in out.as_flattened_mut()[..count].iter_mut().enumerate() {
-            // Most that is drawn counts; what does not may have any direction.
-            if *out > 0.0
-                && let Some(weights) = weighting.at(indices.as_flattened()[k])
-            {
-                let patch = self.patch_at(latlong::square(Vec3A::new(x[k], y[k], z[k])));
-                *out *= weights.of_patch(usize::from(patch));
-            }
-        }
-    }
 }
 
 /// The tail in which a rectangle of the map is one of Y.

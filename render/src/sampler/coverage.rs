@@ -13,8 +13,6 @@ use crate::{
 pub enum Coverage {
     /// The pdf is positive wherever the integrand is: the sampler may be used alone without bias.
     Everything,
-    /// The pdf is positive wherever the integrand is under the light of its tail, which is a part of the map's: compact emitters are left to others.
-    LightOfTail,
     /// Regions are left to a partner.
     Part,
 }
@@ -31,10 +29,6 @@ impl<S: Sampler> Covering<S> {
     pub fn new(sampler: S) -> Result<Self> {
         match sampler.coverage() {
             Coverage::Everything => Ok(Self(sampler)),
-            Coverage::LightOfTail => Err(Error::argument(
-                "sampler",
-                "leaves out the compact emitters of its map: open it with them (ExportedSampler::open), or it is biased",
-            )),
             Coverage::Part => {
                 Err(Error::argument("sampler", "leaves regions to a partner and cannot be used alone without bias"))
             }

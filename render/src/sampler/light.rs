@@ -30,10 +30,10 @@ impl EnvironmentLight {
         Ok(Self { environment, tail: Arc::new(tail), coverage: Coverage::Everything })
     }
 
-    /// Joins a map to a tail that may have been built for a modification of it. Its coverage says whether the tail reaches all light of the
-    /// map.
+    /// Joins a map to a tail that may have been built for a modification of it. The coverage is
+    /// [`Coverage::Part`] where the tail does not reach all light of the map.
     pub fn with_tail(environment: Arc<Environment>, tail: Arc<Tail>) -> Self {
-        let coverage = if reaches(&tail, &environment) { Coverage::Everything } else { Coverage::LightOfTail };
+        let coverage = if reaches(&tail, &environment) { Coverage::Everything } else { Coverage::Part };
         let light = environment.density();
         let tail =
             if tail.light().is_same(light) { Arc::new(Arc::unwrap_or_clone(tail).with_light(light)) } else { tail };
@@ -111,4 +111,29 @@ fn reaches(tail: &Tail, environment: &Environment) -> bool {
     let (own, map) = (tail.light(), environment.density());
     let same_size = (own.columns(), own.rows()) == (map.columns(), map.rows());
     same_size && map.nodes().zip(own.nodes()).all(|(map, own)| map == 0.0 || own > 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        image::Image,
+        sampler::{BrdfSampler, Covering, EmitterSampler, OneSampleMis},
+    };
+
+    #[test]
+    fn a_tail_that_misses_light_of_the_map_is_rejected_alone() {
+        let white = Image { width: 8, height: 4, pixels: vec![[1.0; 3]; 32] };
+        let map = Arc::new(Environment::from_image("white", white).unwrap());
+        let light = |luminance: &[f32]| {
+            let tail = Tail::new(TailKind::Hierarchical, 8, 4, luminance).unwrap();
+            EnvironmentLight::with_tail(map.clone(), Arc::new(tail))
+        };
+        let mut luminance = vec![0.5; 32];
+        assert!(Covering::new(EmitterSampler::new(light(&luminance))).is_ok());
+        luminance[12] = 0.0;
+        assert!(Covering::new(EmitterSampler::new(light(&luminance))).is_err());
+        let mixture = OneSampleMis::new(EmitterSampler::new(light(&luminance)), BrdfSampler);
+        assert!(Covering::new(mixture).is_ok());
+    }
 }

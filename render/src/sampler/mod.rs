@@ -3,18 +3,15 @@
 //! Every pdf at these interfaces is over solid angle. A pdf of 0 means "no sample": the estimate of that draw is zero.
 
 mod brdf;
-mod compact;
 mod coverage;
 mod emitter;
 mod light;
 mod one_sample_mis;
 mod oracle;
-mod prefiltered;
 mod product;
 mod single;
 
 pub use brdf::BrdfSampler;
-pub use compact::{CompactEmitters, WithCompactEmitters};
 pub use coverage::{Coverage, Covering};
 pub use emitter::EmitterSampler;
 pub use light::EnvironmentLight;

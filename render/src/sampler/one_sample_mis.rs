@@ -71,11 +71,7 @@ impl<A: Sampler, B: Sampler> Sampler for OneSampleMis<A, B> {
     }
 
     fn coverage(&self) -> Coverage {
-        let both = [self.first.coverage(), self.second.coverage()];
-        [Coverage::Everything, Coverage::LightOfTail]
-            .into_iter()
-            .find(|kind| both.contains(kind))
-            .unwrap_or(Coverage::Part)
+        if self.first.coverage() == Coverage::Everything { Coverage::Everything } else { self.second.coverage() }
     }
 }
 

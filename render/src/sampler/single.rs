@@ -1,18 +1,14 @@
-//! A sampler at one shading point: a tile of copies of the point, derived for every sampler alike.
+//! A sampler at one shading point: one strip of copies of the point, derived for every sampler alike.
 
 use glam::{Vec2, Vec3A};
 
 use super::{Draws, Sampler};
 use crate::{
     brdf::BrdfTable,
-    columns::strips,
     one_point::OnePoint,
     simd::{LANES, Lanes},
     tile::ShadingPoint,
 };
-
-/// State of more numbers than this is kept for few copies of the point.
-const LARGE_STATE: usize = 1 << 12;
 
 /// A sampled direction towards the environment.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +19,22 @@ pub struct Direction {
     pub pdf: f32,
 }
 
-/// A sampler, prepared for one shading point. For embedders and tests; a renderer of many points calls [`Sampler`].
+/// A sampler, prepared for one shading point: what depends on the point alone is computed once, for one strip of lanes, and serves any number of
+/// samples and pdfs. For embedders and tests; a renderer of many points calls [`Sampler`].
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use glam::{Vec2, Vec3, Vec3A};
+/// use headtail_render::{brdf::Lambert, environment::built_in, sampler::AtPoint, spec::SamplerSpec, tile::ShadingPoint};
+///
+/// let sampler = SamplerSpec::patches().build_sampler(&Arc::new(built_in("studio").unwrap()))?;
+/// let (up, surface) = (Vec3A::Y, Lambert { albedo: Vec3::ONE }.into());
+/// let point = AtPoint::new(&sampler, &ShadingPoint { p: Vec3A::ZERO, ng: up, ns: up, wo: up, surface });
+/// let drawn = point.sample(Vec2::new(0.3, 0.8)).unwrap();
+/// assert!((point.pdf(drawn.wi) / drawn.pdf - 1.0).abs() < 1e-3);
+/// # Ok::<(), headtail_render::Error>(())
+/// ```
 pub struct AtPoint<'a> {
     sampler: &'a dyn Sampler,
     point: OnePoint,
@@ -38,9 +49,8 @@ impl<'a> AtPoint<'a> {
 
     /// Prepares a sampler for a point with a BRDF of a table.
     pub fn of_table(sampler: &'a dyn Sampler, at: &ShadingPoint, brdfs: &BrdfTable) -> Self {
-        let copies = if sampler.columns() > LARGE_STATE { LANES } else { 16 * LANES };
-        let point = OnePoint::of_table(at, copies, brdfs);
-        let mut state = vec![[0.0; LANES]; sampler.columns() * strips(copies)];
+        let point = OnePoint::of_table(at, LANES, brdfs);
+        let mut state = vec![[0.0; LANES]; sampler.columns()];
         sampler.prepare(&point.tile().rows(), &mut state, &point.arena);
         Self { sampler, point, state }
     }
@@ -63,14 +73,28 @@ impl<'a> AtPoint<'a> {
         self.point.map(wi, pdf).map(|[pdf]| pdf).collect()
     }
 
-    /// Draws one direction.
+    /// Draws a direction from a uniform point of `[0, 1)^2`; `None` is no sample.
     pub fn sample(&self, u: Vec2) -> Option<Direction> {
-        self.sample_many(&[u])[0]
+        let u = [[[u.x; LANES]], [[u.y; LANES]]];
+        let ([mut x, mut y, mut z], mut pdf) = ([[[0.0; LANES]]; 3], [[0.0; LANES]]);
+        let out = Draws { wi: [&mut x, &mut y, &mut z], pdf: &mut pdf };
+        self.sampler.sample(
+            &self.point.tile().rows(),
+            &self.state,
+            u.each_ref().map(|u| &u[..]),
+            out,
+            &self.point.arena,
+        );
+        let wi = Vec3A::new(x[0][0], y[0][0], z[0][0]);
+        (pdf[0][0] > 0.0).then_some(Direction { wi, pdf: pdf[0][0] })
     }
 
-    /// The pdf of one direction.
+    /// The solid-angle pdf of a unit direction.
     pub fn pdf(&self, wi: Vec3A) -> f32 {
-        self.pdf_many(&[wi])[0]
+        let (wi, mut pdf) = (wi.to_array().map(|number| [[number; LANES]]), [[0.0; LANES]]);
+        let wi = wi.each_ref().map(|column| &column[..]);
+        self.sampler.pdf(&self.point.tile().rows(), &self.state, wi, &mut pdf, &self.point.arena);
+        pdf[0][0]
     }
 
     /// See [`Sampler::share`].

@@ -31,7 +31,7 @@ const fn form(purpose: Purpose, form: &'static str, what: &'static str) -> Form 
 }
 
 /// Every form; tests parse each.
-pub const FORMS: [Form; 27] = [
+pub const FORMS: [Form; 25] = [
     form(Purpose::Use, "auto", "chosen for the view by a short pilot rendering"),
     form(Purpose::Use, "split:N:SOURCE", "the mean of N directions from another form, as in split:4:patches+vis"),
     form(Purpose::Use, "patches", "the product of light, BRDF and cosine in closed form"),
@@ -57,8 +57,6 @@ pub const FORMS: [Form; 27] = [
         "resampling of candidates of another form and BRDF sampling, as in ris:4:direct:FILE",
     ),
     form(Purpose::Study, "direct+mis:FILE", "a table beside BRDF sampling"),
-    form(Purpose::Study, "direct+vis:FILE", "a table with learned visibility"),
-    form(Purpose::Study, "ris:M+vis", "resampling with learned visibility"),
     form(
         Purpose::Study,
         "neusample:FILE",

@@ -1,11 +1,11 @@
-//! Sampler specifications: `brdf`, `mis`, `ris:4`, `head+mis:FILE`, ... and the estimators that they name.
+//! Sampler specifications (SPECs): `brdf`, `mis`, `ris:4`, `split:4:patches+vis`, `head+mis:FILE`, ...
 //!
-//! A SPEC is a *source* of directions (`brdf`, `emitter`, `patches`, `oracle`, `KIND:FILE`, or a source in a mixture with BRDF sampling), used alone,
-//! several times (`split:N`, also of what learns), in two-sample MIS (`mis2`) or in resampling (`ris:M`).
+//! A SPEC is a choice on independent axes: the [`Source`] of directions, the [`Companion`] beside it in one-sample MIS, the [`Combiner`] of several
+//! directions, and [`Visibility`]. Combinations that do not exist are rejected when a SPEC is made.
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `mod.rs` | what SPECs say |
+//! | `mod.rs` | the axes, and which combinations exist |
 //! | `parse.rs`, `print.rs` | their grammar, both ways |
 //! | `forms.rs` | all forms, for help |
 //! | `build.rs` | the samplers and estimators that they name |
@@ -17,83 +17,95 @@ mod print;
 #[cfg(test)]
 mod tests;
 
-pub use build::Place;
+pub use build::{BuildContext, SceneContext};
 
 use std::path::{Path, PathBuf};
 
 use crate::{
-    estimator::LearnedVisibility,
+    error::{Error, Result},
     export::{ExportedSampler, Intermediate},
     patches::Detail,
     rival::RivalKind,
 };
 
-/// An estimator by name.
+/// A sampler or an estimator by name.
+///
+/// ```
+/// use headtail_render::spec::{Combiner, SamplerSpec, Visibility};
+///
+/// let spec: SamplerSpec = "split:4:patches+vis".parse()?;
+/// assert_eq!(spec.combiner(), Combiner::Split(4));
+/// assert_eq!(spec.visibility(), &Visibility::Learned);
+/// assert_eq!(spec.to_string(), "split:4:patches+vis");
+/// # Ok::<(), headtail_render::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum SamplerSpec {
-    /// What suits the place: see [`Self::resolved`].
-    Auto,
-    /// One direction.
-    One(Source),
-    /// Two-sample MIS with BRDF sampling, power heuristic; two shadow rays.
-    Two(Source),
-    /// What learns what is visible while an image is rendered.
-    Learning {
-        /// Patches, a head over them, a table, or a head.
-        source: Source,
-        /// What is drawn from it.
-        drawn: Drawn,
-        /// The cells along a side of Y that a table's weights have.
-        grid: usize,
-        /// What was learned beforehand.
-        known: Option<PathBuf>,
-    },
-    /// The mean of this many directions.
-    Split(u32, Source),
-    /// Resampled importance sampling with this many candidates, half of them from the source, half from BRDF sampling.
-    Ris(u32, Source),
-}
-
-/// What an estimator that learns draws.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Drawn {
-    /// This many directions from the source, of which it takes the mean.
-    Directions(u32),
-    /// One of so many candidates, half of them from the source, by resampling with a target that knows what is visible.
-    Candidates(u32),
+pub struct SamplerSpec {
+    source: Source,
+    companion: Companion,
+    combiner: Combiner,
+    visibility: Visibility,
 }
 
 /// What directions are drawn from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
+    /// Chosen for the view: see [`SamplerSpec::resolved`].
+    Auto,
     /// BRDF sampling.
     Brdf,
-    /// Its other name, which says what it is on Lambert surfaces.
+    /// BRDF sampling by the name that it has on Lambert surfaces.
     Cosine,
     /// Emitter sampling.
     Emitter,
-    /// Emitter sampling with MIS compensation, which covers a part only.
+    /// Emitter sampling with MIS compensation (Karlik et al. 2019), which leaves out dim light and needs a companion.
     Compensated,
-    /// Patches of sky, beside BRDF sampling where surfaces are glossy.
+    /// Patches of the map, beside BRDF sampling on glossy surfaces.
     Patches(Detail),
     /// The product, tabulated at every shading point.
     Oracle,
-    /// A file's sampler.
+    /// A sampler in a file.
     File(FileKind, PathBuf),
-    /// A sampler that others trained for a material, alone or in one-sample MIS with emitter sampling.
-    Rival {
-        /// Which.
-        family: RivalFamily,
-        /// Its file.
-        file: PathBuf,
-        /// Whether it is beside emitter sampling.
-        with_emitter: bool,
-    },
-    /// One-sample MIS with BRDF sampling, with the share that the source has learned, else 1/2.
-    Mixture(Box<Source>),
+    /// Another method's sampler, trained for a material.
+    Rival(RivalFamily, PathBuf),
 }
 
-/// Whose sampler a rival is.
+/// The sampler beside a source in one-sample MIS.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Companion {
+    /// None: the source alone.
+    None,
+    /// BRDF sampling, with the mixture weight that the source has learned, otherwise 1/2.
+    Brdf,
+    /// Emitter sampling, for rivals.
+    Emitter,
+}
+
+/// How directions from one shading point are combined.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Combiner {
+    /// One direction.
+    One,
+    /// The mean of this many directions.
+    Split(u32),
+    /// Two-sample MIS with BRDF sampling, power heuristic; two shadow rays.
+    TwoSampleMis,
+    /// Resampled importance sampling with this many candidates, half of them from the source, half from BRDF sampling.
+    Ris(u32),
+}
+
+/// Whether masses are multiplied by the probability that light is visible.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Visibility {
+    /// No: all light counts as visible.
+    None,
+    /// Learned before each rendering.
+    Learned,
+    /// Precomputed, from a file of `bake --visibility`.
+    File(PathBuf),
+}
+
+/// Which method a rival belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RivalFamily {
     /// NeuSample's lobes or flow, as the file has them.
@@ -120,12 +132,12 @@ impl RivalFamily {
     }
 }
 
-/// What a file's sampler is.
+/// What a sampler's file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     /// A trained head.
     Head,
-    /// A trained head over patches of sky, in a mixture with BRDF sampling where surfaces are glossy.
+    /// A trained head over patches, in a mixture with BRDF sampling on glossy surfaces.
     HeadOverPatches,
     /// A table baked from a head.
     Baked,
@@ -145,7 +157,7 @@ impl FileKind {
         }
     }
 
-    /// The kind of what a file holds.
+    /// Returns the kind of an exported sampler.
     pub fn of(exported: &ExportedSampler) -> Self {
         match exported.intermediate {
             Intermediate::Head(_) if exported.patches.is_some() => Self::HeadOverPatches,
@@ -157,120 +169,191 @@ impl FileKind {
 }
 
 impl SamplerSpec {
+    /// One direction from a source and its companion, without visibility.
+    ///
+    /// # Errors
+    /// [`Error::Argument`]: the two do not exist together.
+    pub fn new(source: Source, companion: Companion) -> Result<Self> {
+        Self { source, companion, combiner: Combiner::One, visibility: Visibility::None }.checked()
+    }
+
+    /// The same SPEC with another combiner.
+    ///
+    /// # Errors
+    /// [`Error::Argument`]: that combination does not exist.
+    pub fn combined(self, combiner: Combiner) -> Result<Self> {
+        Self { combiner, ..self }.checked()
+    }
+
+    /// The same SPEC with this visibility.
+    ///
+    /// # Errors
+    /// [`Error::Argument`]: the source takes no visibility.
+    pub fn with_visibility(self, visibility: Visibility) -> Result<Self> {
+        Self { visibility, ..self }.checked()
+    }
+
+    fn checked(self) -> Result<Self> {
+        match self.fault() {
+            None => Ok(self),
+            Some(reason) => Err(Error::argument(format!("sampler '{self}'"), reason)),
+        }
+    }
+
+    /// Why the combination does not exist, if it does not.
+    fn fault(&self) -> Option<&'static str> {
+        let Self { source, companion, combiner, visibility } = self;
+        let is_rival = matches!(source, Source::Rival(..));
+        let is_over_patches = matches!(source, Source::File(FileKind::HeadOverPatches, _));
+        if *source == Source::Auto {
+            let is_plain =
+                (*companion, *combiner) == (Companion::None, Combiner::One) && *visibility == Visibility::None;
+            return (!is_plain).then_some("'auto' chooses all of a SPEC; name it alone");
+        }
+        match companion {
+            Companion::None if *source == Source::Compensated => {
+                return Some("leaves out dim light without a companion");
+            }
+            Companion::Brdf if is_over_patches => return Some("'head+patches' is beside BRDF sampling already"),
+            Companion::Brdf if matches!(source, Source::Brdf | Source::Cosine | Source::Patches(_)) || is_rival => {
+                return Some("has no form beside BRDF sampling");
+            }
+            Companion::Emitter if !is_rival => {
+                return Some("only neusample and reparam are placed beside emitter sampling");
+            }
+            _ => {}
+        }
+        if *visibility == Visibility::None {
+            return None;
+        }
+        if !matches!(source, Source::Patches(_)) && !is_over_patches {
+            return Some("takes no visibility; only patches and heads over patches do");
+        }
+        let draws = matches!(combiner, Combiner::One | Combiner::Split(_));
+        (!draws).then_some("resampling and two-sample MIS take no visibility; use split:N")
+    }
+
+    fn plain(source: Source) -> Self {
+        Self { source, companion: Companion::None, combiner: Combiner::One, visibility: Visibility::None }
+    }
+
+    /// `auto`.
+    pub fn auto() -> Self {
+        Self::plain(Source::Auto)
+    }
+
     /// `brdf`.
     pub fn brdf() -> Self {
-        Self::One(Source::Brdf)
+        Self::plain(Source::Brdf)
     }
 
     /// `emitter`.
     pub fn emitter() -> Self {
-        Self::One(Source::Emitter)
+        Self::plain(Source::Emitter)
     }
 
     /// `mis`.
     pub fn mis() -> Self {
-        Self::One(Source::Emitter.mixed())
+        Self { companion: Companion::Brdf, ..Self::emitter() }
     }
 
     /// `oracle`.
     pub fn oracle() -> Self {
-        Self::One(Source::Oracle)
+        Self::plain(Source::Oracle)
     }
 
     /// `patches`.
     pub fn patches() -> Self {
-        Self::One(Source::Patches(Detail::Leaves))
+        Self::plain(Source::Patches(Detail::Leaves))
     }
 
     /// `ris:M`.
     pub fn ris(candidates: u32) -> Self {
-        Self::Ris(candidates, Source::Emitter)
+        Self { combiner: Combiner::Ris(candidates), ..Self::emitter() }
     }
 
     /// `KIND:FILE`.
     pub fn file(kind: FileKind, file: PathBuf) -> Self {
-        Self::One(Source::File(kind, file))
+        Self::plain(Source::File(kind, file))
     }
 
-    /// `KIND+mis:FILE`.
+    /// `KIND+mis:FILE`; `head+patches:FILE` of a head over patches, which has a companion already.
     pub fn file_with_mis(kind: FileKind, file: PathBuf) -> Self {
-        Self::One(Source::File(kind, file).mixed())
+        let companion = if kind == FileKind::HeadOverPatches { Companion::None } else { Companion::Brdf };
+        Self { companion, ..Self::file(kind, file) }
     }
 
-    /// What a file's sampler was made to be: a head that has learned its share beside BRDF sampling is one in that mixture, all others are
-    /// alone.
+    /// The SPEC that an exported sampler was made for: a head with a learned mixture weight is beside BRDF sampling, all others are alone.
     pub fn of_exported(exported: &ExportedSampler, file: PathBuf) -> Self {
         let kind = FileKind::of(exported);
-        let source = Source::File(kind, file);
-        Self::One(if exported.has_share() && kind != FileKind::HeadOverPatches { source.mixed() } else { source })
+        if exported.has_share() { Self::file_with_mis(kind, file) } else { Self::file(kind, file) }
     }
 
-    /// Where the directions come from; of `auto`, what it is where there is no scene.
-    pub fn source(&self) -> &Source {
-        match self {
-            Self::Auto => &Source::Patches(Detail::Leaves),
-            Self::One(source)
-            | Self::Two(source)
-            | Self::Split(_, source)
-            | Self::Learning { source, .. }
-            | Self::Ris(_, source) => source,
-        }
-    }
-
-    /// `split:N:patches+vis`.
+    /// `split:N:patches+vis`, or `patches+vis` for one direction.
     pub fn split_patches_with_visibility(directions: u32) -> Self {
-        Self::Learning {
-            source: Source::Patches(Detail::Leaves),
-            drawn: Drawn::Directions(directions),
-            grid: LearnedVisibility::GRID,
-            known: None,
-        }
+        Self { visibility: Visibility::Learned, ..Self::patches() }.split(directions)
     }
 
     /// `split:N:mis-comp`, or `mis-comp` for one direction.
     pub fn split_compensated(directions: u32) -> Self {
-        let source = Source::Compensated.mixed();
-        if directions == 1 { Self::One(source) } else { Self::Split(directions, source) }
+        Self { companion: Companion::Brdf, ..Self::plain(Source::Compensated) }.split(directions)
     }
 
-    /// What `auto` stands for by rule alone: `split:4:patches+vis` in a scene, and `patches` where there is none, because whoever calls decides
-    /// how many directions a point has. Others stand for themselves.
-    #[must_use]
-    pub fn resolved(&self, in_scene: bool) -> Self {
-        match (self, in_scene) {
-            (Self::Auto, true) => Self::split_patches_with_visibility(4),
-            (Self::Auto, false) => Self::patches(),
-            (other, _) => other.clone(),
+    fn split(self, directions: u32) -> Self {
+        let combiner = if directions == 1 { Combiner::One } else { Combiner::Split(directions) };
+        Self { combiner, ..self }
+    }
+
+    /// Returns the source of directions.
+    pub fn source(&self) -> &Source {
+        &self.source
+    }
+
+    /// Returns the sampler beside the source.
+    pub fn companion(&self) -> Companion {
+        self.companion
+    }
+
+    /// Returns how directions are combined.
+    pub fn combiner(&self) -> Combiner {
+        self.combiner
+    }
+
+    /// Returns which visibility masses are multiplied by.
+    pub fn visibility(&self) -> &Visibility {
+        &self.visibility
+    }
+
+    /// Returns how many directions one sample draws, each with a shadow ray.
+    pub fn directions(&self) -> u32 {
+        match self.combiner {
+            Combiner::One | Combiner::Ris(_) => 1,
+            Combiner::TwoSampleMis => 2,
+            Combiner::Split(directions) => directions,
         }
     }
 
-    /// The file that it is read from, if there is one, and what it must hold.
-    pub fn path(&self) -> Option<(FileKind, &Path)> {
-        self.source().path()
+    /// Whether it names one sampler with a pdf, and not an estimator.
+    pub fn has_pdf(&self) -> bool {
+        self.combiner == Combiner::One && self.visibility == Visibility::None
     }
-}
 
-impl Source {
-    /// In a mixture with BRDF sampling.
+    /// Returns what `auto` stands for by rule alone: `split:4:patches+vis` in a scene, and `patches` without one, because there the caller decides how
+    /// many directions a point has. Other SPECs stand for themselves.
     #[must_use]
-    pub fn mixed(self) -> Self {
-        Self::Mixture(Box::new(self))
+    pub fn resolved(&self, in_scene: bool) -> Self {
+        match (&self.source, in_scene) {
+            (Source::Auto, true) => Self::split_patches_with_visibility(4),
+            (Source::Auto, false) => Self::patches(),
+            _ => self.clone(),
+        }
     }
 
-    fn path(&self) -> Option<(FileKind, &Path)> {
-        match self {
-            Self::File(kind, file) => Some((*kind, file)),
-            Self::Mixture(source) => source.path(),
+    /// Returns the sampler's file and what it must hold, if there is one.
+    pub fn path(&self) -> Option<(FileKind, &Path)> {
+        match &self.source {
+            Source::File(kind, file) => Some((*kind, file)),
             _ => None,
         }
     }
-
-    /// Whether it has a form that learns what is visible: patches, tables and heads.
-    fn learns(&self) -> bool {
-        matches!(self, Self::Patches(_)) || self.path().is_some()
-    }
 }
-
-/// What is said of SPECs that ask others to learn.
-const ONLY_THESE_LEARN: &str =
-    "learns no visibility: only patches, tables (direct, baked), heads over patches and resampling (ris:4+vis) do";

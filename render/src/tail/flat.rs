@@ -44,8 +44,7 @@ impl RowColumn {
     /// - `tail.shape` `[2]`: columns of texels of the map, rows of cells.
     /// - `tail.windows` `[1, 8]`, `tail.numbers` `[numbers]`: see `window`.
     pub fn flat(&self) -> Vec<FlatArray> {
-        let mut numbers = Vec::new();
-        let window = self.window(&mut numbers);
+        let (window, numbers) = self.window();
         vec![
             FlatArray::integers("tail.shape", vec![2], vec![self.grid().columns() as u32, self.grid().rows() as u32]),
             FlatArray::integers("tail.windows", vec![1, 8], window.to_vec()),
@@ -53,10 +52,12 @@ impl RowColumn {
         ]
     }
 
-    /// The part of the map that has light: its first row of cells and how many, its first column and how many, and where in `numbers`, to which they are
-    /// appended, these begin: densities at the texels around its cells `[rows + 1, columns + 1]`; marginal densities at its rows of texels `[rows + 1]`, and
-    /// the share of the light above each; the integral of each row of texels from the part's left edge on, `[rows + 1, columns + 1]`.
-    pub(crate) fn window(&self, numbers: &mut Vec<f32>) -> [u32; 8] {
+    /// The part of the map that has light, and its numbers. First row of cells and row count, first
+    /// column and column count, then the starts of four lists in the numbers: densities at the texels
+    /// around its cells `[rows + 1, columns + 1]`; marginal densities at its rows of texels
+    /// `[rows + 1]`; the fraction of the light above each of these rows; the integral of each row of
+    /// texels from the left edge of the part, `[rows + 1, columns + 1]`.
+    fn window(&self) -> ([u32; 8], Vec<f32>) {
         let (width, height) = (self.grid().columns(), self.grid().rows());
         let nodes: Vec<f32> = self.grid().nodes().collect();
         let [marginal, above, before] = self.tables();
@@ -68,7 +69,7 @@ impl RowColumn {
             rows.clone().any(|row| nodes[row * width + column] > 0.0 || nodes[row * width + next] > 0.0)
         };
         let (left, right) = ends((0..width).filter(is_lit));
-        let start = numbers.len();
+        let mut numbers = Vec::new();
         for row in rows.clone() {
             numbers.extend((left..right + 2).map(|column| nodes[row * width + column % width]));
         }
@@ -80,7 +81,8 @@ impl RowColumn {
         for row in rows {
             numbers.extend(&before[row * (width + 1)..][left..right + 2]);
         }
-        [first, last + 1 - first, left, right + 1 - left, start, of_marginal, of_above, of_before].map(|n| n as u32)
+        let window = [first, last + 1 - first, left, right + 1 - left, 0, of_marginal, of_above, of_before];
+        (window.map(|n| n as u32), numbers)
     }
 }
 

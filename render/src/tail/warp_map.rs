@@ -18,8 +18,10 @@ const STARTS: usize = 256;
 const WALK: usize = 16;
 /// Columns and rows that the first step of a walk goes at most.
 const STRIDE: f64 = 32.0;
-/// What single precision adds to a bounding box.
-const BOX_MARGIN: f32 = 2.5e-7;
+/// Turns around the circle that a node may be away from its place: a flow may rotate rows near the poles several times.
+const MOST_TURNS: f32 = 16.0;
+/// What single precision adds to a bounding box: half of the spacing of numbers above [`MOST_TURNS`].
+const BOX_MARGIN: f32 = 1e-6;
 
 /// A bijection of the unit square (coordinate 0 a circle, coordinate 1 an interval), tabulated at the corners of `n x n` cells.
 ///
@@ -137,7 +139,7 @@ impl WarpMap {
                 CELLS.end()
             ));
         }
-        let in_range = |p: &Vec2| p.x.abs() <= 4.0 && (0.0..=1.0).contains(&p.y);
+        let in_range = |p: &Vec2| p.x.abs() <= MOST_TURNS && (0.0..=1.0).contains(&p.y);
         if let Some(at) = nodes.iter().position(|p| !in_range(p)) {
             return refuse(format!("the node {at} is at {}, outside the square", nodes[at]));
         }

@@ -7,7 +7,7 @@ use std::sync::{
 
 use super::{
     cells::{CellKey, LEVELS},
-    layout::PATCHES,
+    division::PATCHES,
     places::{ByKey, Places},
 };
 

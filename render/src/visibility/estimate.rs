@@ -7,8 +7,7 @@ use rayon::prelude::*;
 use super::{
     cells::CellKey,
     counts::Counts,
-    division::Division,
-    layout::{CLUSTERS, PATCHES},
+    division::{CLUSTERS, Division, PATCHES},
     weights::Weights,
 };
 use crate::{columns::vectorized, simd::LANES};
@@ -61,19 +60,10 @@ impl Visibility {
         (weights, least)
     }
 
-    /// What samplers weigh the patches of a division with, and the cells of its grid.
+    /// The weights of the patches of a division.
     pub fn weights(&self, division: &Division) -> Weights {
-        let (of_patches, least) = self.weigh(division);
-        let weights = Weights::new(|patch| of_patches[patch], division.energies());
-        let weight = |visibility: f32| root(visibility).max(least);
-        match division.grid() {
-            Some(grid) => {
-                let of_part = |&(patch, share): &(u16, f32)| share * self.patches[usize::from(patch)];
-                let cells: Vec<f32> = grid.parts().map(|parts| parts.iter().map(of_part).sum()).collect();
-                weights.with_grid(grid.layout(), |cell| weight(cells[cell]))
-            }
-            None => weights,
-        }
+        let (of_patches, _) = self.weigh(division);
+        Weights::new(|patch| of_patches[patch], division.energies())
     }
 }
 

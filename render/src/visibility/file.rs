@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use super::{
     cells::{CellKey, Cells},
     counts::Counts,
+    division::PATCHES,
     known::SceneVisibility,
-    layout::PATCHES,
 };
 use crate::{
     error::{Error, Result},

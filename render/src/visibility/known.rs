@@ -7,9 +7,8 @@ use glam::Vec3A;
 use super::{
     cells::{CellKey, Cells},
     counts::Counts,
-    division::Division,
+    division::{Division, PATCHES},
     estimate::{self, Visibility},
-    layout::PATCHES,
     places::Places,
     weights::Weights,
     worth::Worth,
@@ -17,14 +16,13 @@ use super::{
 use crate::{
     environment::Environment,
     error::{Error, Result},
-    scene::Scene,
 };
 
 /// The shadow rays of a scene under a map, counted by cell and patch. It holds for every material and from every viewpoint, but for this scene and this
 /// map alone. Its file is described at [`Self::read`].
 #[derive(Debug)]
 pub struct SceneVisibility {
-    /// [`Scene::geometry_hash`](crate::scene::Scene::geometry_hash).
+    /// The hash of the scene's geometry: [`SceneContext::geometry_hash`](crate::spec::SceneContext::geometry_hash).
     pub scene_hash: String,
     /// The map's name, for messages.
     pub environment: String,
@@ -47,17 +45,17 @@ impl SceneVisibility {
         (0..self.cells()).flat_map(|cell| self.counts.rays(cell)).map(|[_, all]| u64::from(all)).sum()
     }
 
-    /// Reads a file ([`Self::read`]) that must have been learned in this scene under this map.
+    /// Reads a file ([`Self::read`]) that must have been learned under this map in the scene with this geometry hash.
     ///
     /// # Errors
-    /// One sentence that names the file: it cannot be read, or was learned in another scene or under another map.
-    pub fn open(path: &Path, scene: &Scene, environment: &Environment) -> Result<Self> {
+    /// The file cannot be read, or was learned in another scene or under another map.
+    pub fn open(path: &Path, scene_hash: &str, environment: &Environment) -> Result<Self> {
         let visibility = Self::read(path)?;
         let wrong = |what: &str| Err(Error::invalid(path, "visibility", format!("was learned {what}")));
         if visibility.environment_hash != environment.hash() {
             return wrong(&format!("under another map, {}", visibility.environment));
         }
-        if visibility.scene_hash != scene.geometry_hash() { wrong("in another scene") } else { Ok(visibility) }
+        if visibility.scene_hash != scene_hash { wrong("in another scene") } else { Ok(visibility) }
     }
 }
 
@@ -68,17 +66,19 @@ pub struct Known {
     places: Places,
     found: Vec<(Visibility, Weights)>,
     worth: Worth,
-    cell_bytes: usize,
 }
 
 impl Known {
+    /// Bytes of a cell: its visibility, its weights, and its place in the list of cells.
+    const CELL_BYTES: usize = PATCHES * 4 + size_of::<(Visibility, Weights)>() + 24;
+
     /// The visibility for a division of the sky, in at most `bytes` bytes.
     ///
     /// # Errors
     /// It takes more.
     pub fn new(visibility: &SceneVisibility, division: &Division, bytes: usize) -> Result<Self> {
         let cells = visibility.cells();
-        let cell_bytes = PATCHES * 4 + size_of::<(Visibility, Weights)>() + division.grid_bytes() + 24;
+        let cell_bytes = Self::CELL_BYTES;
         if cells > bytes / cell_bytes {
             let megabytes = |bytes: usize| bytes.div_ceil(1 << 20);
             let (needed, allowed) = (megabytes(cells * cell_bytes), megabytes(bytes));
@@ -100,7 +100,6 @@ impl Known {
             places: (0..cells).map(|cell| (counts.key(cell), cell as u32)).collect(),
             found,
             worth: worths.into_iter().fold(Worth::default(), Worth::with),
-            cell_bytes,
         })
     }
 
@@ -111,7 +110,7 @@ impl Known {
 
     /// Bytes that it takes.
     pub fn bytes(&self) -> usize {
-        self.found.len() * self.cell_bytes
+        self.found.len() * Self::CELL_BYTES
     }
 
     /// What drawing with it would gain.

@@ -15,15 +15,13 @@ mod division;
 mod estimate;
 mod file;
 mod known;
-mod layout;
 mod places;
 mod weights;
 mod worth;
 
 pub use cells::Cells;
-pub use division::{Division, PatchGrid};
+pub use division::{CLUSTERS, Division, PATCHES};
 pub use known::{Known, SceneVisibility};
-pub use layout::{CLUSTERS, GridLayout, PATCHES};
 pub use weights::{Unoccluded, Weighting, Weights};
 
 use std::sync::{
@@ -88,14 +86,12 @@ const IS_KNOWN: u32 = 1 << 31;
 
 impl VisibilityCache {
     /// Bytes of a cell: its counts, its weights, and its place in the lists of cells.
-    pub fn cell_bytes(division: &Division) -> usize {
-        PATCHES * 8 + size_of::<Weights>() + division.grid_bytes() + 40
-    }
+    pub const CELL_BYTES: usize = PATCHES * 8 + size_of::<Weights>() + 40;
 
     /// A cache that knows nothing yet, of at most `bytes` bytes.
     pub fn new(cells: Cells, division: Arc<Division>, bytes: usize) -> Self {
         let (counts, weights) = (Counts::default(), vec![Weights::unknown()]);
-        let most_cells = bytes / Self::cell_bytes(&division);
+        let most_cells = bytes / Self::CELL_BYTES;
         Self {
             cells,
             counts,
@@ -114,7 +110,7 @@ impl VisibilityCache {
     /// The same with what was learned before, in whose cells it learns on: what is known keeps, the rest is learned.
     #[must_use]
     pub fn knowing(self, known: Arc<Known>) -> Self {
-        let most_cells = self.most_cells.saturating_sub(known.bytes() / Self::cell_bytes(&self.division));
+        let most_cells = self.most_cells.saturating_sub(known.bytes() / Self::CELL_BYTES);
         Self { cells: known.cells(), known: Some(known), most_cells, ..self }
     }
 
@@ -246,8 +242,7 @@ impl VisibilityCache {
     /// How large it is.
     pub fn size(&self) -> CacheSize {
         let (cells, bytes) = self.known.as_ref().map_or((0, 0), |known| (known.count(), known.bytes()));
-        let (cells, bytes) =
-            (cells + self.counts.cells(), bytes + self.counts.cells() * Self::cell_bytes(&self.division));
+        let (cells, bytes) = (cells + self.counts.cells(), bytes + self.counts.cells() * Self::CELL_BYTES);
         let [all, unknown] = self.asked.each_ref().map(|count| count.load(Relaxed) as f64);
         CacheSize { cells, bytes, unknown: unknown / all.max(1.0), gain: self.worth_of_all().gain(), pays: self.pays() }
     }

@@ -1,6 +1,6 @@
 //! What a sampler multiplies its product with, for each patch of sky.
 
-use super::layout::{CLUSTERS, GridLayout};
+use super::division::CLUSTERS;
 use crate::{
     simd::{LANES, Lanes},
     tile::Rows,
@@ -11,14 +11,12 @@ use crate::{
 pub struct Weights {
     clusters: [u8; CLUSTERS],
     patches: [[u8; LANES]; CLUSTERS],
-    /// Those of the cells of a grid over Y, as [`GridLayout`] has them; empty where there is no grid or nothing is known.
-    grid: Box<[u8]>,
 }
 
 impl Weights {
     /// Nothing is known: all patches count as seen.
     pub fn unknown() -> Self {
-        Self { clusters: [255; CLUSTERS], patches: [[255; LANES]; CLUSTERS], grid: Box::default() }
+        Self { clusters: [255; CLUSTERS], patches: [[255; LANES]; CLUSTERS] }
     }
 
     /// The weights of patches, and of clusters as their means by shares of light.
@@ -35,19 +33,6 @@ impl Weights {
             out.clusters[cluster] = if all > 0.0 { quantized(sum / (255.0 * all)) } else { 255 };
         }
         out
-    }
-
-    /// The same with those of the cells of a grid.
-    #[must_use]
-    pub fn with_grid(self, layout: GridLayout, of_cell: impl Fn(usize) -> f32) -> Self {
-        let grid = layout.lay_out(|row, column| quantized(of_cell(row * layout.columns + column)));
-        Self { grid, ..self }
-    }
-
-    /// Weights of the cells of a grid, if there are any.
-    #[inline(always)]
-    pub fn grid(&self) -> Option<&[u8]> {
-        if self.grid.is_empty() { None } else { Some(&self.grid) }
     }
 
     /// The weight of a patch.

@@ -1,6 +1,6 @@
 //! Exported files: what is written is what is read, and nothing that a file may hold makes the reader panic.
 
-mod emitters;
+mod flow_tails;
 #[path = "../layers/mod.rs"]
 mod layers;
 mod refused;
@@ -18,12 +18,8 @@ use headtail_render::{
     image::Image,
     patches::{Detail, PatchSampler},
     random::{Purpose, Stream},
-    sampler::{
-        AtPoint, BrdfSampler, CompactEmitters, Covering, Direction, EmitterSampler, EnvironmentLight, OneSampleMis,
-        ProductSampler, Sampler,
-    },
+    sampler::{AtPoint, Direction, EnvironmentLight, ProductSampler, Sampler},
     spec::{FileKind, SamplerSpec},
-    statistics::{Moments, TTest, sidak},
     tail::{Tail, TailKind, TailWarp, WarpMap},
     tile::ShadingPoint,
 };

@@ -55,6 +55,7 @@ fn wrong_descriptions_are_refused_by_name() {
     expect(&refused(&|d| d["format_version"] = json!("1")), &["format_version"]);
     expect(&refused(&|d| drop(d.as_object_mut().unwrap().remove("format_version"))), &["format_version", "none"]);
     expect(&refused(&|d| d["visibility"] = json!(true)), &["visibility"]);
+    expect(&refused(&|d| d["compact_emitters"] = json!(true)), &["compact_emitters", "headtail fit", "patches"]);
     expect(&refused(&|d| d["training"]["colour"] = json!(1)), &["colour"]);
     expect(&refused(&|d| d["intermediate"]["bins"] = json!(1)), &["bins"]);
     expect(&refused(&|d| d["tail"] = json!("spiral")), &["spiral"]);

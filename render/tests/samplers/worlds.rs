@@ -7,7 +7,7 @@ use headtail_render::{
     bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
     brdf::Lambert,
     columns::Arena,
-    environment::{Environment, built_in, without_compact_emitters},
+    environment::{Environment, built_in},
     head::{Condition, Head, Linear, Mode},
     image::Image,
     latlong,
@@ -179,24 +179,12 @@ impl World {
             add("head over patches, and cosine", Box::new(over), true, false);
             add("patches and cosine", Box::new(OneSampleMis::new(patches(Detail::Leaves), BrdfSampler)), true, false);
         }
-        // A smooth tail that has nothing to do with the light (and hardly ever draws a sun), and compact emitters where there are any.
+        // A smooth tail that has nothing to do with the light (and hardly ever draws a sun).
         if environment.name() != "sunset" {
             let flow = EnvironmentLight::with_tail(environment.clone(), Arc::new(swirl(environment)));
             add("flow emitter", Box::new(EmitterSampler::new(flow.clone())), true, false);
             let head = ProductSampler::new(flow, random_head(Mode::Coupled, 4, &[]));
             add("flow and head", Box::new(OneSampleMis::new(head, BrdfSampler)), true, false);
-        }
-        let (width, height, luminance) = (environment.width(), environment.height(), environment.luminance());
-        if let Some(rest) = without_compact_emitters(width, height, &luminance) {
-            let compact = Arc::new(CompactEmitters::new(environment, &rest).unwrap());
-            let tail = Arc::new(Tail::new(kind, width, height, &rest).unwrap());
-            let head = || {
-                let light = EnvironmentLight::with_tail(environment.clone(), tail.clone());
-                ProductSampler::new(light, random_head(Mode::Coupled, 4, &[]))
-            };
-            add("compact and head", Box::new(WithCompactEmitters::new(compact.clone(), head())), true, false);
-            let rest = OneSampleMis::new(head(), BrdfSampler);
-            add("compact, head and cosine", Box::new(WithCompactEmitters::new(compact, rest)), true, false);
         }
         let name = format!("{} / {}", environment.name(), kind.name());
         Self { name, cases, quadrature: Quadrature::new(environment), dense: Dense::new(&light), light }

@@ -1,6 +1,7 @@
 //! Every sampler renders the same picture as every other, a white furnace is white, and threads change nothing.
 
 mod budgets;
+mod flow_tails;
 #[path = "../layers/mod.rs"]
 mod layers;
 mod learning;
@@ -9,7 +10,6 @@ mod learning_in_hard_scenes;
 mod networks;
 mod points;
 mod slopes;
-mod tails_and_emitters;
 
 use std::{
     path::Path,
@@ -32,7 +32,7 @@ use headtail_render::{
     random::{Purpose, Stream},
     sampler::EnvironmentLight,
     scene::{Material, MaterialSpec, Ray, Scene, TexturedMetallicRoughness, built_in_names},
-    spec::{Drawn, FileKind, Place, SamplerSpec, Source},
+    spec::{BuildContext, FileKind, SamplerSpec, Visibility},
     statistics::{Moments, TTest, compare_images, sidak},
     tail::{Tail, TailKind},
 };
@@ -65,8 +65,8 @@ impl Setting {
         progress: &dyn Fn(f64),
     ) -> Rendering {
         // What is learned is drawn with whatever it gains: it is the mean that is held to here.
-        let place = Place { always: true, ..Place::default() };
-        self.estimate_until(&*sampler.build_in(&self.environment, place).unwrap(), spp, seed, stop, progress)
+        let context = BuildContext { always: true, ..BuildContext::default() };
+        self.estimate_until(&*sampler.build_in(&self.environment, context).unwrap(), spp, seed, stop, progress)
     }
 
     fn estimate_until(
@@ -125,16 +125,10 @@ fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
     let over = Intermediate::Head(coupled.clone());
     let over = ExportedSampler::new(over, Hierarchical, environment, None).unwrap().over_patches(Detail::Leaves);
     over.write(&path("over-patches")).unwrap();
-    let source = Source::File(FileKind::of(&over), path("over-patches"));
-    let learning =
-        |text: &str, name: &str| -> SamplerSpec { format!("{text}:{}", path(name).display()).parse().unwrap() };
+    let over = SamplerSpec::file(FileKind::of(&over), path("over-patches"));
     vec![
-        learning("head+vis", "coupled"),
-        learning("direct+vis8", "direct"),
-        learning("baked+mis+vis", "baked"),
-        learning("ris:4+vis:direct", "direct"),
-        SamplerSpec::One(source.clone()),
-        SamplerSpec::Learning { source, drawn: Drawn::Directions(1), grid: LearnedVisibility::GRID, known: None },
+        over.clone(),
+        over.with_visibility(Visibility::Learned).unwrap(),
         write("coupled", Intermediate::Head(coupled), Hierarchical, Some(summary.clone())),
         write("autoregressive", Intermediate::Head(autoregressive), RowColumn, Some(summary.clone())),
         write("baked", Intermediate::Bake(table), RowColumn, Some(summary)),
@@ -236,7 +230,7 @@ fn all_samplers_render_the_same_picture() {
             let images: Vec<(String, Image)> = tested
                 .iter()
                 .enumerate()
-                .map(|(k, (sampler, spp))| (sampler.to_string(), setting.render(sampler, *spp, 10 + k as u64).surfaces))
+                .map(|(k, (sampler, spp))| (sampler.to_string(), setting.render(sampler, *spp, 14 + k as u64).surfaces))
                 .collect();
             let pairs = images.len() * (images.len() - 1) / 2;
             // 4 scenes x 2 maps.

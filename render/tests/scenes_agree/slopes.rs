@@ -24,21 +24,6 @@ fn samplers_of_files_keep_strata() {
 }
 
 #[test]
-fn compact_emitters_keep_strata() {
-    let folder = tempfile::tempdir().unwrap();
-    let environment = built_in("sunset").unwrap();
-    // Measured: a head -1.66, in a mixture with a share of its own -1.50, a bake -1.55, a direct bake beside BRDF sampling -1.50. The sampler is chosen
-    // first, and what is left of the number is used on.
-    for sampler in tails_and_emitters::samplers(folder.path(), &environment) {
-        let is_of_rest = sampler.path().is_some_and(|(_, file)| file.to_string_lossy().contains("-compact-"));
-        if is_of_rest && matches!(sampler, SamplerSpec::One(_)) {
-            let slope = slope(&sampler, "sunset", |scene| scene);
-            assert!(slope < -1.3, "{sampler}: {slope}");
-        }
-    }
-}
-
-#[test]
 fn glossy_lobes_keep_strata() {
     type Dress = Box<dyn Fn(Scene) -> Scene>;
     let glossy = |text: &str| -> Dress {

@@ -1,4 +1,4 @@
-//! Samplers over a flow tail, and those that sample compact emitters on their own, render the picture of every other.
+//! Samplers over a flow tail render the picture of every other sampler.
 
 use std::{
     path::Path,
@@ -7,21 +7,18 @@ use std::{
 
 use glam::Vec2;
 use headtail_render::{
-    bake::{BakedTable, CellGrid, NormalGrid, direct_bake},
+    bake::{CellGrid, NormalGrid, direct_bake},
     columns::Arena,
-    environment::{Environment, built_in, without_compact_emitters},
+    environment::{Environment, built_in},
     estimator::{Estimator, SingleSample},
     export::{ExportedSampler, Intermediate, TrainingSummary},
     head::{Head, Mode},
     image::Image,
     random::{Purpose, Stream},
-    sampler::{
-        CompactEmitters, Coverage, Covering, Draws, EnvironmentLight, IntermediateDensity, ProductSampler, Sampler,
-        WithCompactEmitters,
-    },
+    sampler::{Coverage, Covering, Draws, EnvironmentLight, ProductSampler, Sampler},
     scene::Scene,
     simd::Lanes,
-    spec::{FileKind, SamplerSpec, Source},
+    spec::SamplerSpec,
     statistics::{TileTest, compare_images, sidak},
     tail::{Tail, TailKind, TailWarp, WarpMap},
     tile::Rows,
@@ -33,20 +30,16 @@ use super::{SIGNIFICANCE, Setting, bake, layers::random_layers, random_head};
 const CELLS: usize = 64;
 const SCENES: [&str; 2] = ["temple", "dishes"];
 const MAPS: [&str; 2] = ["window", "sunset"];
-/// Pairs of 14 samplers in two scenes under two maps.
-const TESTS: usize = 14 * 13 / 2 * SCENES.len() * MAPS.len();
-
-fn exact(kind: TailKind, environment: &Environment, luminance: &[f32]) -> Tail {
-    Tail::new(kind, environment.width(), environment.height(), luminance).unwrap()
-}
+/// Pairs of 9 samplers in two scenes under two maps.
+const TESTS: usize = 9 * 8 / 2 * SCENES.len() * MAPS.len();
 
 /// A tabulated warp that carries uniform points near the light of a map, turned so that the seam is crossed.
 fn warp(environment: &Environment, cells: usize) -> Tail {
-    let luminance = environment.luminance();
+    let (width, height, luminance) = (environment.width(), environment.height(), environment.luminance());
     // A floor below the light: no cell of the table is much larger than the others.
     let mean = luminance.iter().sum::<f32>() / luminance.len() as f32;
     let lifted: Vec<f32> = luminance.iter().map(|value| value + 0.3 * mean).collect();
-    let exact = exact(TailKind::RowColumn, environment, &lifted);
+    let exact = Tail::new(TailKind::RowColumn, width, height, &lifted).unwrap();
     let node = |k: usize| {
         let y = Vec2::new((k % cells) as f32, (k / cells) as f32) / cells as f32;
         let turned = y.x + 0.3 + 0.8 * y.y + 0.05 * (std::f32::consts::TAU * y.x).sin();
@@ -59,18 +52,7 @@ fn warp(environment: &Environment, cells: usize) -> Tail {
     };
     let (map, repair) = WarpMap::repaired(cells, (0..cells * (cells + 1)).map(node).collect()).unwrap();
     assert_eq!(repair.blended, 0.0, "the warp must not be lost to its repair: {repair:?}");
-    Tail::flow(map, environment.width(), environment.height(), &luminance).unwrap()
-}
-
-/// The luminance of a map without its sun, or without the brightest part of its window.
-fn rest(environment: &Environment) -> Vec<f32> {
-    let (width, height, luminance) = (environment.width(), environment.height(), environment.luminance());
-    without_compact_emitters(width, height, &luminance).unwrap_or_else(|| {
-        let brightest = (0..luminance.len()).max_by(|&a, &b| luminance[a].total_cmp(&luminance[b])).unwrap();
-        let (column, row) = (brightest % width, brightest / width);
-        let is_near = |k: usize| (k % width).abs_diff(column) < 24 && (k / width).abs_diff(row) < 16;
-        luminance.iter().enumerate().map(|(k, &value)| if is_near(k) { 0.1 * value } else { value }).collect()
-    })
+    Tail::flow(map, width, height, &luminance).unwrap()
 }
 
 /// A random head with a learned share that differs from normal to normal.
@@ -79,38 +61,24 @@ fn selecting_head() -> Head {
     random_head(Mode::Coupled).with_share(random_layers(&[3, 8, 1], &mut random, |_| [2.0; 2])).unwrap()
 }
 
-fn table(tail: &Tail) -> BakedTable {
-    direct_bake(tail, NormalGrid::new(16, 32).unwrap(), CellGrid::new(16, 16).unwrap()).unwrap()
-}
-
-/// Writes heads and tables over a flow tail, and over the light without its compact emitters, and names them in every form.
-pub(super) fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
-    let write = |name: &str, intermediate: Intermediate, tail: &Arc<Tail>, luminance: &[f32]| {
+/// Writes heads and tables over a flow tail, and names them in every form.
+fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
+    let tail = Arc::new(warp(environment, CELLS));
+    let write = |form: &str, name: &str, intermediate: Intermediate| -> SamplerSpec {
         let path = folder.join(format!("{}-{name}.safetensors", environment.name()));
         let training = (!matches!(intermediate, Intermediate::DirectBake(_))).then(TrainingSummary::default);
-        let exported = ExportedSampler::of_tail(intermediate, tail.clone(), luminance.to_vec(), environment, training);
-        exported.write(&path).unwrap();
-        path
+        ExportedSampler::of_tail(intermediate, tail.clone(), environment, training).write(&path).unwrap();
+        format!("{form}:{}", path.display()).parse().unwrap()
     };
-    let (whole, rest) = (environment.luminance(), rest(environment));
-    let flow = Arc::new(warp(environment, CELLS));
-    let of_rest = Arc::new(exact(TailKind::Hierarchical, environment, &rest));
-    let heads = [random_head(Mode::Coupled), random_head(Mode::Autoregressive), selecting_head()];
-    let mut specs = Vec::new();
-    for (name, tail, luminance) in [("flow", &flow, &whole), ("compact", &of_rest, &rest)] {
-        let [coupled, autoregressive, selecting] = heads.clone();
-        let baked = bake(&coupled, tail);
-        let head = |name: &str, head| write(name, Intermediate::Head(head), tail, luminance);
-        specs.push(SamplerSpec::file(FileKind::Head, head(&format!("{name}-coupled"), coupled)));
-        let source = Source::File(FileKind::Head, head(&format!("{name}-autoregressive"), autoregressive));
-        specs.push(SamplerSpec::Ris(4, source));
-        specs.push(SamplerSpec::file_with_mis(FileKind::Head, head(&format!("{name}-selecting"), selecting)));
-        let baked = write(&format!("{name}-baked"), Intermediate::Bake(baked), tail, luminance);
-        specs.push(SamplerSpec::file(FileKind::Baked, baked));
-        let direct = write(&format!("{name}-direct"), Intermediate::DirectBake(table(tail)), tail, luminance);
-        specs.push(SamplerSpec::file_with_mis(FileKind::Direct, direct));
-    }
-    specs
+    let coupled = random_head(Mode::Coupled);
+    let (normals, cells) = (NormalGrid::new(16, 32).unwrap(), CellGrid::new(16, 16).unwrap());
+    vec![
+        write("baked", "baked", Intermediate::Bake(bake(&coupled, &tail))),
+        write("head", "coupled", Intermediate::Head(coupled)),
+        write("ris:4:head", "autoregressive", Intermediate::Head(random_head(Mode::Autoregressive))),
+        write("head+mis", "selecting", Intermediate::Head(selecting_head())),
+        write("direct+mis", "direct", Intermediate::DirectBake(direct_bake(&tail, normals, cells).unwrap())),
+    ]
 }
 
 impl Setting {
@@ -129,7 +97,7 @@ fn compare(a: &Image, b: &Image) -> TileTest {
 }
 
 #[test]
-fn samplers_with_flow_tails_and_compact_emitters_render_the_same_picture() {
+fn samplers_with_flow_tails_render_the_same_picture() {
     let folder = tempfile::tempdir().unwrap();
     for map in MAPS {
         let environment = Arc::new(built_in(map).unwrap());
@@ -199,39 +167,28 @@ impl<A: Sampler, B: Sampler> Sampler for Mistaken<A, B> {
     }
 }
 
-fn product<I: IntermediateDensity>(environment: &Arc<Environment>, tail: &Arc<Tail>, density: I) -> ProductSampler<I> {
-    ProductSampler::new(EnvironmentLight::with_tail(environment.clone(), tail.clone()), density)
-}
-
-/// The mistakes that an implementation could make are seen with the same scenes, samples and significance.
+/// Detects likely mistakes with the same scenes, samples and significance.
 #[test]
-fn wrong_pdfs_of_flow_tails_and_of_compact_emitters_are_told_apart() {
-    let head = || random_head(Mode::Coupled);
+fn wrong_pdfs_of_flow_tails_are_detected() {
     for map in MAPS {
         let environment = Arc::new(built_in(map).unwrap());
-        let rest = rest(&environment);
-        let compact = Arc::new(CompactEmitters::new(&environment, &rest).unwrap());
-        let tail = |tail: Tail| Arc::new(tail);
-        let (fine, coarse) = (tail(warp(&environment, CELLS)), tail(warp(&environment, CELLS / 8)));
-        let of_rest = tail(exact(TailKind::Hierarchical, &environment, &rest));
-        let of_all = tail(exact(TailKind::Hierarchical, &environment, &environment.luminance()));
-        let over = |tail: &Arc<Tail>| product(&environment, tail, head());
-        let mixture = WithCompactEmitters::new(compact, over(&of_rest));
+        let (fine, coarse) = (warp(&environment, CELLS), warp(&environment, CELLS / 8));
+        let exact = Tail::of_environment(TailKind::Hierarchical, &environment).unwrap();
+        let over = |tail: &Tail| {
+            let light = EnvironmentLight::with_tail(environment.clone(), Arc::new(tail.clone()));
+            ProductSampler::new(light, random_head(Mode::Coupled))
+        };
         let single = |sampler: Arc<dyn Sampler>| -> Box<dyn Estimator> {
             Box::new(SingleSample::new(Covering::new(sampler).unwrap(), environment.clone()))
         };
-        let mistakes: [(&str, Box<dyn Estimator>); 3] = [
+        let mistakes: [(&str, Box<dyn Estimator>); 2] = [
             (
                 "the pdf of another table of the flow",
                 single(Arc::new(Mistaken { drawn: over(&fine), said: over(&coarse) })),
             ),
             (
                 "the light in place of the flow's density",
-                single(Arc::new(Mistaken { drawn: over(&fine), said: over(&of_all) })),
-            ),
-            (
-                "emitters left out of the mixture's pdf",
-                single(Arc::new(Mistaken { drawn: mixture, said: over(&of_rest) })),
+                single(Arc::new(Mistaken { drawn: over(&fine), said: over(&exact) })),
             ),
         ];
         let pictures = SCENES.map(|scene| {
