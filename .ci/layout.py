@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 # A crate whose folder does not exist has no modules.
-CRATES = ["render/src", "model/src", "train/src", "shaders/src", "capi/src", "eval/src", "src"]
+CRATES = ["sampling/src", "render/src", "model/src", "train/src", "shaders/src", "capi/src", "eval/src", "src"]
 WIDTH = 120
 
 # Comments, raw strings, strings and characters: their braces and paths are not code.

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-/// Folders and files of `render/src` on which directions, densities, pictures or their time depend.
+/// Folders and files of `sampling/src` or `render/src` on which directions, densities, pictures or their time depend.
 const SOURCES: [&str; 32] = [
     "bake",
     "batch.rs",
@@ -39,11 +39,12 @@ const SOURCES: [&str; 32] = [
 ];
 
 fn main() {
-    let root = Path::new("../render/src");
     let mut hasher = blake3::Hasher::new();
     for source in SOURCES {
-        println!("cargo:rerun-if-changed=../render/src/{source}");
-        add(&root.join(source), source, &mut hasher);
+        let path = ["../sampling/src", "../render/src"].map(|root| Path::new(root).join(source));
+        let path = path.iter().find(|path| path.exists()).expect("a source of sampling or render");
+        println!("cargo:rerun-if-changed={}", path.display());
+        add(path, source, &mut hasher);
     }
     let hash = hasher.finalize().to_hex();
     println!("cargo:rustc-env=HEADTAIL_SOURCES={}", &hash[..16]);

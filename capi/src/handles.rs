@@ -5,7 +5,7 @@ use std::{
     sync::{Arc, LazyLock, PoisonError, RwLock},
 };
 
-use headtail_render::{environment::Environment, sampler::Sampler};
+use headtail_sampling::{environment::Environment, sampler::Sampler};
 
 use crate::status::Failure;
 

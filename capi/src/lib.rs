@@ -14,7 +14,7 @@ use std::{
 };
 
 use handles::{Object, OpenSampler};
-use headtail_render::{
+use headtail_sampling::{
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
     environment::Environment,
     export::ExportedSampler,

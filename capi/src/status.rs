@@ -31,9 +31,9 @@ impl Failure {
     }
 }
 
-impl From<headtail_render::Error> for Failure {
-    fn from(error: headtail_render::Error) -> Self {
-        let is_io = matches!(error, headtail_render::Error::Io { .. });
+impl From<headtail_sampling::Error> for Failure {
+    fn from(error: headtail_sampling::Error) -> Self {
+        let is_io = matches!(error, headtail_sampling::Error::Io { .. });
         Self(if is_io { HeadtailStatus::Io } else { HeadtailStatus::Invalid }, error.to_string())
     }
 }

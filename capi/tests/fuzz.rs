@@ -7,7 +7,7 @@ use std::{
 };
 
 use headtail_c::*;
-use headtail_render::random::{Purpose, Stream};
+use headtail_sampling::random::{Purpose, Stream};
 
 /// Entries of every list; calls promise at most as many.
 const ROOM: usize = 40;
@@ -252,7 +252,7 @@ impl Caller {
 
 /// A table's file, what is left of it when it is cut or a byte of it is changed, and a folder.
 fn files(folder: &Path) -> Vec<PathBuf> {
-    use headtail_render::{bake, environment::Environment, export, tail};
+    use headtail_sampling::{bake, environment::Environment, export, tail};
     let map = Environment::open("overcast").unwrap();
     let warp = tail::Tail::of_environment(tail::TailKind::Hierarchical, &map).unwrap();
     let (normals, cells) = (bake::NormalGrid::new(4, 6).unwrap(), bake::CellGrid::new(4, 4).unwrap());

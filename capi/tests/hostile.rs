@@ -8,7 +8,7 @@ use std::{
 };
 
 use headtail_c::*;
-use headtail_render::{
+use headtail_sampling::{
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
     environment::Environment,
     spec::SamplerSpec,

@@ -5,7 +5,7 @@
 
 use std::fmt::Write;
 
-use headtail_render::{
+use headtail_sampling::{
     Error, Result,
     flat::{FlatArray, FlatNumbers},
 };
@@ -75,8 +75,8 @@ const HEAD_OVER_PATCHES: &str = include_str!("../wgsl/head_over_patches.wgsl");
 const EXAMPLE: &str = include_str!("../wgsl/example.wgsl");
 
 impl Shader {
-    /// The shader of a sampler's arrays (see [`headtail_render::export::flat_patches`] and
-    /// [`headtail_render::export::flat_exported`]).
+    /// The shader of a sampler's arrays (see [`headtail_sampling::export::flat_patches`] and
+    /// [`headtail_sampling::export::flat_exported`]).
     ///
     /// # Errors
     /// The arrays are not those of a sampler, or hold more numbers than a device can address.

@@ -6,7 +6,7 @@
 use std::{borrow::Cow, path::Path, sync::Arc};
 
 use glam::{Vec2, Vec3, Vec3A};
-use headtail_render::{
+use headtail_sampling::{
     bake::{CellGrid, NormalGrid, direct_bake},
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
     brdf::{Ggx, Kernel, Lambert},

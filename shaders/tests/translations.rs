@@ -2,7 +2,7 @@
 
 use std::{env, fs, path::Path, process::Command};
 
-use headtail_render::{
+use headtail_sampling::{
     bake::{CellGrid, NormalGrid, direct_bake},
     environment::Environment,
     export::{ExportedSampler, Intermediate, flat_exported, flat_patches},

@@ -1,0 +1,393 @@
+//! The directions that the cells of Y hold: for integrals over a cell, and for bounds that no direction in it escapes.
+
+use std::f32::consts::{PI, TAU};
+
+use crate::parallel::*;
+use glam::{Vec2, Vec3A};
+
+use super::{cell_grid::CellGrid, normal_grid::NormalGrid, share::Share};
+use crate::{
+    columns::{strips, vectorized},
+    latlong,
+    simd::{LANES, Lanes},
+    tail::{Tail, TailWarp},
+};
+
+/// Points along a side of Y.
+const Y_SIDE: usize = 512;
+/// Rows of points of X, at least about as many, and twice as many columns; a map that has more texels gets one point for each.
+const X_ROWS: usize = 512;
+/// Rows of the blocks of X by which directions are grouped, 1.4 degrees each, and twice as many columns.
+const BLOCK_ROWS: usize = 128;
+/// Bits of the number of a block.
+const BLOCK_BITS: u32 = (2 * BLOCK_ROWS * BLOCK_ROWS).ilog2();
+/// How far from its edges a part of a texel is looked up, as a share of its size: rounding must not lead to the neighbour.
+const INSET: f32 = 4e-3;
+/// By how much the box of such points is widened: the density at an edge of a texel is at most twice its mean, so less than two
+/// insets of the texel's image lie beyond.
+const WIDENING: f32 = 2.0 * 2.0 * INSET;
+/// The largest weight over its mean that masses are raised for. The documented bound is 12: the light that is seen is known at some normals
+/// only, and what it is over the density at some points of a texel.
+const LARGEST_WEIGHT: f32 = 11.0;
+/// The largest share of the highest cosine in a cell that a mass is raised to.
+const LARGEST_SHARE: f32 = 0.5;
+/// How often masses are raised to what the sum of raised masses asks for.
+const ROUNDS: usize = 4;
+/// The share of the time of raising masses in which highest cosines are found.
+const BOUNDS: f64 = 0.5;
+/// Normals along a side of a cell of the grid of normals at which a table is held against the light that is seen there.
+const BETWEEN: usize = 6;
+
+/// The directions in the cells of Y, in groups of neighbours.
+///
+/// A texel's share of Y is its share of the light: a dark part of the map is a strip of Y that evenly spaced points step over, though it
+/// is a large part of the sphere. So directions come from points of Y *and* from points of X, joined by the balance heuristic, and the
+/// cells that hold a direction are found from the corners of every texel.
+#[derive(Clone, Debug)]
+pub struct CellDirections {
+    cells: CellGrid,
+    /// Where the parts of each cell begin, and the end.
+    starts: Vec<usize>,
+    parts: Vec<Part>,
+    /// All light by direction: components and mass, in lanes.
+    light: Vec<[Lanes; 3]>,
+}
+
+/// What a cell holds of one block of X.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    /// Mean direction of the points, not normalised, times the root of their mass over the cell's.
+    scaled: Vec3A,
+    /// A cap around the block and texels that it cuts, with the cosine and sine of its angle.
+    centre: Vec3A,
+    cos: f32,
+    sin: f32,
+    /// The largest light over density in it.
+    excess: f32,
+}
+
+/// Points of one block in one cell.
+#[derive(Clone, Copy, Debug)]
+struct Group {
+    /// The cell's number, then the block's.
+    key: u32,
+    /// Share of Y.
+    mass: f32,
+    /// Sum of directions times their masses.
+    sum: Vec3A,
+    /// The largest light over density.
+    excess: f32,
+}
+
+impl CellDirections {
+    /// Finds the directions of all cells.
+    pub fn new(tail: &Tail, cells: CellGrid) -> Self {
+        let split = Split::of(tail);
+        let mut groups: Vec<Group> =
+            (0..BLOCK_ROWS).into_par_iter().flat_map_iter(|band| split.groups_of_band(tail, cells, band)).collect();
+        groups.extend(groups_of_y(tail, cells, &split));
+        groups.par_sort_by_key(|group| group.key);
+        merge(&mut groups);
+        let caps: Vec<(Vec3A, f32, f32)> = (0..2 * BLOCK_ROWS * BLOCK_ROWS).map(|block| split.cap(block)).collect();
+        let mut of_cells = vec![0.0; cells.cells()];
+        let mut starts = vec![0; cells.cells() + 1];
+        for group in &groups {
+            of_cells[group.cell()] += group.mass;
+            starts[group.cell() + 1] += 1;
+        }
+        for cell in 0..cells.cells() {
+            starts[cell + 1] += starts[cell];
+        }
+        let part = |group: &Group| {
+            let (centre, cos, sin) = caps[group.block()];
+            let share = if group.mass > 0.0 { 1.0 / (group.mass * of_cells[group.cell()]).sqrt() } else { 0.0 };
+            Part { scaled: share * group.sum, centre, cos, sin, excess: group.excess }
+        };
+        let parts = groups.iter().map(part).collect();
+        Self { cells, starts, parts, light: light_of(&groups) }
+    }
+
+    /// The root mean square over each cell of the cosine to a normal: `[rows * columns]`.
+    pub fn root_mean_squares(&self, normal: Vec3A, out: &mut [f32]) {
+        for (out, ends) in out.iter_mut().zip(self.starts.windows(2)) {
+            let squares = self.parts[ends[0]..ends[1]].iter().map(|part| normal.dot(part.scaled).max(0.0).powi(2));
+            *out = squares.sum::<f32>().sqrt();
+        }
+    }
+
+    /// A bound of the cosine of any direction in each cell to any normal within `reach` radians of one, times light over density:
+    /// `[rows * columns]`.
+    fn highest_cosines(&self, normal: Vec3A, reach: f32, out: &mut [f32]) {
+        let (sin_reach, cos_reach) = reach.sin_cos();
+        for (out, ends) in out.iter_mut().zip(self.starts.windows(2)) {
+            let mut highest = 0.0_f32;
+            for part in &self.parts[ends[0]..ends[1]] {
+                let (cos, sin) =
+                    (part.cos * cos_reach - part.sin * sin_reach, part.sin * cos_reach + part.cos * sin_reach);
+                let to_centre = normal.dot(part.centre);
+                let to_edge = to_centre * cos + (1.0 - to_centre * to_centre).max(0.0).sqrt() * sin;
+                highest = highest.max(part.excess * if to_centre >= cos { 1.0 } else { to_edge });
+            }
+            *out = highest;
+        }
+    }
+
+    /// Raises masses `[nodes, rows, columns]` so that no direction has a weight (light x cosine over pdf) of more than 12 times its mean,
+    /// whatever the normal of a Lambert surface.
+    ///
+    /// The mean of a node's masses is to be the mean over Y of the cosine to its normal, or more. At a normal n between nodes of weights w let the
+    /// interpolated mass of a cell be M, the mean of M over cells S, and the mean of the cosine C: a direction has the weight `cos S / C M` over the
+    /// mean. Let every mass be a share of the highest cosine in its cell, or more. As the cosine is convex in the normal, M is at least that
+    /// share of |N| cos if n is along N, the sum of w times the nodes' normals. It is only near N, so the highest cosine is taken over all
+    /// normals that near. Then no weight exceeds `S / (C |N| share)`, and the share of a node is the least that makes this 11 at the normals
+    /// that it serves.
+    ///
+    /// It is 1/2 at most. Normals ask for more that see next to no light, where the highest cosines over all cells have a mean of more than 5 C: no table
+    /// of so few cells could bound their weights by much less.
+    ///
+    /// `watch` is told now and then how much of the whole work is done, of which the given share was done before.
+    pub fn raise(&self, normals: NormalGrid, masses: &mut [f32], (before, watch): (f64, &(dyn Fn(f64) + Sync))) {
+        let count = self.cells.cells();
+        let mut highest = vec![0.0; masses.len()];
+        let reaches = normals.reaches();
+        let middle = before + BOUNDS * (1.0 - before);
+        let bounds = Share::new(watch, (before, middle), normals.nodes());
+        highest.par_chunks_exact_mut(count).enumerate().for_each(|(node, out)| {
+            self.highest_cosines(normals.normal(node), reaches[node / normals.shape().1], out);
+            bounds.step();
+        });
+        let served = normals.between(BETWEEN);
+        let light = Share::new(watch, (middle, 1.0), served.len());
+        let irradiance = |normal: Vec3A| {
+            light.step();
+            self.irradiance(normal)
+        };
+        let seen: Vec<f32> = served.par_iter().map(|served| irradiance(served.normal)).collect();
+        let mut shares = vec![0.0_f32; normals.nodes()];
+        for _ in 0..ROUNDS {
+            let raised = |node: usize| {
+                let cells = node * count..(node + 1) * count;
+                let sum: f32 =
+                    masses[cells.clone()].iter().zip(&highest[cells]).map(|(m, h)| m.max(shares[node] * h)).sum();
+                sum / count as f32
+            };
+            let means: Vec<f32> = (0..normals.nodes()).into_par_iter().map(raised).collect();
+            shares.fill(0.0);
+            for (served, &seen) in served.iter().zip(&seen) {
+                let mean: f32 = served.stencil().map(|(node, weight)| weight * means[node]).sum();
+                let share = (mean / (seen * served.length * LARGEST_WEIGHT)).min(LARGEST_SHARE);
+                for (node, _) in served.stencil().filter(|_| seen > 0.0) {
+                    shares[node] = shares[node].max(share);
+                }
+            }
+        }
+        for (node, (masses, highest)) in masses.chunks_exact_mut(count).zip(highest.chunks_exact(count)).enumerate() {
+            for (mass, highest) in masses.iter_mut().zip(highest) {
+                *mass = mass.max(shares[node] * highest);
+            }
+        }
+    }
+
+    /// The mean over Y of the cosine to a normal, where that is positive.
+    pub fn irradiance(&self, normal: Vec3A) -> f32 {
+        let mut sums = [0.0; LANES];
+        irradiances(&self.light, normal.to_array(), &mut sums);
+        sums.iter().sum()
+    }
+}
+
+vectorized! {
+    fn irradiances['a](_simd, light: &'a [[Lanes; 3]], normal: [f32; 3], sums: &'a mut Lanes) {
+        // In registers: what is written through a reference might be read by the next turn.
+        let mut own = *sums;
+        for [x, y, z] in light {
+            for k in 0..LANES {
+                let cosine = normal[0] * x[k] + normal[1] * y[k] + normal[2] * z[k];
+                own[k] += if cosine > 0.0 { cosine } else { 0.0 };
+            }
+        }
+        *sums = own;
+    }
+}
+
+impl Group {
+    fn cell(&self) -> usize {
+        (self.key >> BLOCK_BITS) as usize
+    }
+
+    fn block(&self) -> usize {
+        self.key as usize & ((1 << BLOCK_BITS) - 1)
+    }
+
+    /// The points of X and Y with the mass of their own.
+    fn of(cells: CellGrid, y: Vec2, x: Vec2, mass: f32) -> Self {
+        let block = block_of(x);
+        Self { key: key_of(cells, cells.cell(y), block), mass, sum: mass * latlong::direction(x), excess: 0.0 }
+    }
+}
+
+/// The block of a point of X.
+fn block_of(x: Vec2) -> usize {
+    let row = ((x.y * BLOCK_ROWS as f32) as usize).min(BLOCK_ROWS - 1);
+    let column = ((x.x * (2 * BLOCK_ROWS) as f32) as usize).min(2 * BLOCK_ROWS - 1);
+    row * 2 * BLOCK_ROWS + column
+}
+
+fn key_of(cells: CellGrid, (row, column): (usize, usize), block: usize) -> u32 {
+    // At most 12 bits and 15 bits.
+    ((row * cells.shape().1 + column) << BLOCK_BITS | block) as u32
+}
+
+/// Joins neighbours of equal keys.
+fn merge(groups: &mut Vec<Group>) {
+    groups.dedup_by(|next, first| {
+        let same = next.key == first.key;
+        if same {
+            first.mass += next.mass;
+            first.sum += next.sum;
+            first.excess = first.excess.max(next.excess);
+        }
+        same
+    });
+}
+
+/// All points of one block, whatever their cell.
+fn light_of(groups: &[Group]) -> Vec<[Lanes; 3]> {
+    let mut sums = vec![Vec3A::ZERO; 1 << BLOCK_BITS];
+    for group in groups {
+        sums[group.block()] += group.sum;
+    }
+    sums.retain(|sum| *sum != Vec3A::ZERO);
+    let mut light = vec![[[0.0; LANES]; 3]; strips(sums.len())];
+    for (k, sum) in sums.into_iter().enumerate() {
+        for (lanes, component) in light[k / LANES].iter_mut().zip(sum.to_array()) {
+            lanes[k % LANES] = component;
+        }
+    }
+    light
+}
+
+/// The groups of evenly spaced points of Y.
+fn groups_of_y(tail: &Tail, cells: CellGrid, split: &Split) -> Vec<Group> {
+    let row = |row: usize| {
+        let y = |k: usize| (Vec2::new(k as f32, row as f32) + 0.5) / Y_SIDE as f32;
+        let y: Vec<Vec2> = (0..Y_SIDE).map(y).collect();
+        let warped = tail.forward_points(&y);
+        let group = |(&y, (x, jacobian)): (&Vec2, (Vec2, f32))| {
+            let mass = split.mass(1.0 / jacobian);
+            (mass > 0.0).then(|| Group::of(cells, y, x, mass))
+        };
+        let mut groups: Vec<Group> = y.iter().zip(warped).filter_map(group).collect();
+        groups.sort_by_key(|group| group.key);
+        merge(&mut groups);
+        groups
+    };
+    (0..Y_SIDE).into_par_iter().flat_map_iter(row).collect()
+}
+
+/// The cells of a map's density, each split into rectangles.
+struct Split {
+    /// Cells of the density.
+    columns: usize,
+    rows: usize,
+    /// Rectangles along the sides of a cell.
+    across: usize,
+    down: usize,
+    /// Of the density.
+    row_weights: Vec<f32>,
+}
+
+impl Split {
+    fn of(tail: &Tail) -> Self {
+        let (columns, rows) = (tail.light().columns(), tail.light().rows());
+        Self {
+            columns,
+            rows,
+            across: (2 * X_ROWS / columns).max(1),
+            down: (X_ROWS / rows).max(1),
+            row_weights: tail.light().row_weights(),
+        }
+    }
+
+    /// What a point of X or Y counts for in an integral over Y, by the balance heuristic over all points of both kinds; `density` is |dy/dx| there.
+    fn mass(&self, density: f32) -> f32 {
+        let of_x = (self.columns * self.across * self.rows * self.down) as f32;
+        let of_y = (Y_SIDE * Y_SIDE) as f32;
+        // Infinite where a sun is a single point.
+        if density < f32::INFINITY { density / (of_x + of_y * density) } else { 1.0 / of_y }
+    }
+
+    /// The cap around a block, and what texels around its points reach beyond it: its centre, and the cosine and sine of its angle.
+    fn cap(&self, block: usize) -> (Vec3A, f32, f32) {
+        let at = |inside: Vec2| {
+            let corner = Vec2::new((block % (2 * BLOCK_ROWS)) as f32, (block / (2 * BLOCK_ROWS)) as f32);
+            latlong::direction((corner + inside) / Vec2::new((2 * BLOCK_ROWS) as f32, BLOCK_ROWS as f32))
+        };
+        let centre = at(Vec2::splat(0.5));
+        let farthest = [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|corner| at(corner).distance(centre));
+        let block = 2.0 * (0.5 * farthest.into_iter().fold(0.0, f32::max)).asin();
+        let texel = 0.5 * (TAU / (self.columns * self.across) as f32).hypot(PI / (self.rows * self.down) as f32);
+        let (sin, cos) = (block + texel).sin_cos();
+        (centre, cos, sin)
+    }
+
+    /// The groups of the rows of cells in one of as many bands as there are rows of blocks: rows of the same blocks, few groups.
+    fn groups_of_band(&self, tail: &Tail, cells: CellGrid, band: usize) -> Vec<Group> {
+        let mut groups = Vec::new();
+        for row in band * self.rows / BLOCK_ROWS..(band + 1) * self.rows / BLOCK_ROWS {
+            self.push_row(tail, cells, row, &mut groups);
+            groups.sort_by_key(|group| group.key);
+            merge(&mut groups);
+        }
+        groups
+    }
+
+    /// The groups of a row of cells of the density: their centres, and every cell of Y that they reach.
+    fn push_row(&self, tail: &Tail, cells: CellGrid, row: usize, groups: &mut Vec<Group>) {
+        const PLACES: [Vec2; 5] = [
+            Vec2::splat(0.5),
+            Vec2::new(INSET, INSET),
+            Vec2::new(1.0 - INSET, INSET),
+            Vec2::new(INSET, 1.0 - INSET),
+            Vec2::new(1.0 - INSET, 1.0 - INSET),
+        ];
+        let size = Vec2::new(self.across as f32, self.down as f32);
+        for down in 0..self.down {
+            let mut x = Vec::with_capacity(PLACES.len() * self.columns * self.across);
+            for across in 0..self.columns * self.across {
+                let corner = Vec2::new((across % self.across) as f32, down as f32);
+                let at = |place: Vec2| {
+                    tail.light().point((across / self.across) as u32, row as u32, (corner + place) / size)
+                };
+                x.extend(PLACES.map(at));
+            }
+            let y = tail.inverse_points(&x);
+            let excess = tail.light().light_over_density(&self.row_weights, &x);
+            let places =
+                x.chunks_exact(PLACES.len()).zip(y.chunks_exact(PLACES.len())).zip(excess.chunks_exact(PLACES.len()));
+            for ((x, y), excess) in places {
+                self.push(cells, x[0], y, excess.iter().fold(1.0, |a, &b| a.max(b)), groups);
+            }
+        }
+    }
+
+    /// One rectangle, by its centre and the places where its centre and corners come from.
+    fn push(&self, cells: CellGrid, centre: Vec2, y: &[(Vec2, f32)], excess: f32, groups: &mut Vec<Group>) {
+        if y.iter().all(|&(_, density)| density <= 0.0) {
+            return;
+        }
+        groups.push(Group::of(cells, y[0].0, centre, self.mass(y[0].1)));
+        let (low, high) = y.iter().fold((y[0].0, y[0].0), |(low, high), &(y, _)| (low.min(y), high.max(y)));
+        let margin = WIDENING * (high - low);
+        let (first, last) = (cells.cell((low - margin).max(Vec2::ZERO)), cells.cell(high + margin));
+        for row in first.0..=last.0 {
+            for column in first.1..=last.1 {
+                let key = key_of(cells, (row, column), block_of(centre));
+                groups.push(Group { key, mass: 0.0, sum: Vec3A::ZERO, excess });
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

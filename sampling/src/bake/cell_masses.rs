@@ -1,0 +1,330 @@
+//! The cell masses of the tables at the nodes of a grid of normals, as 16-bit integers: sums without rounding.
+//!
+//! A draw looks at the tables of the four nodes around its normal at the same places. So the numbers of four nodes lie side by side, for each cell of
+//! the grid of normals: a step of a search is one load for each sample, and the same few instructions for all samples of a strip. A step waits for the
+//! one before, so searches go on for two strips at once: `N` is how many samples.
+
+use super::{cell_grid::CellGrid, normal_grid::NormalGrid};
+use crate::{discrete::remap, large::Large, simd::Quads};
+
+/// The running sum at the end of a row, and the factor of the row of largest mass.
+const WHOLE: u16 = u16::MAX;
+
+/// The four tables around the normal of each of some samples: the cell of the grid of normals, and what a unit of the mass of each of its corners
+/// counts for, its weight times its scale.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Blends<const N: usize> {
+    pub cells: [u32; N],
+    pub weights: [[f32; N]; 4],
+}
+
+/// The sum of four tables' numbers, each times its weight. In this order everywhere, so that equal numbers have equal sums.
+#[inline(always)]
+fn weighted_sum(weights: [f32; 4], numbers: [f32; 4]) -> f32 {
+    let near = weights[0] * numbers[0] + weights[1] * numbers[1];
+    let far = weights[2] * numbers[2] + weights[3] * numbers[3];
+    near + far
+}
+
+/// The same for each sample.
+#[inline(always)]
+fn weighted_sums<const N: usize>(weights: &[[f32; N]; 4], numbers: &[[f32; N]; 4]) -> [f32; N] {
+    let mut sums = [0.0; N];
+    for k in 0..N {
+        sums[k] = weighted_sum(lane(weights, k), lane(numbers, k));
+    }
+    sums
+}
+
+/// The four numbers of a sample.
+#[inline(always)]
+fn lane<const N: usize>(columns: &[[f32; N]; 4], k: usize) -> [f32; 4] {
+    [columns[0][k], columns[1][k], columns[2][k], columns[3][k]]
+}
+
+/// Masses of the cells of many tables over the same grid of cells.
+///
+/// The mass of a cell is `scale of the table x factor of the row x difference of running sums along the row`. Factors and
+/// running sums are integers up to 65535 and no difference is 0, so every cell has a mass and all sums are exact in f32.
+#[derive(Clone, Debug)]
+pub(super) struct CellMasses {
+    normals: NormalGrid,
+    cells: CellGrid,
+    /// What a mass of 1 stands for: `[cells of normals, corners]`.
+    scales: Vec<[f32; 4]>,
+    /// The inclusive running sums of the rows' factors: `[cells of normals, rows, corners]`.
+    row_sums: Large<[f32; 4]>,
+    /// The factor of a row, then its running sums before each cell but the first, where it is 0, then 65535: `[cells of normals, rows, columns + 1,
+    /// corners]`.
+    numbers: Large<[u16; 4]>,
+}
+
+/// One table.
+struct Quantized {
+    scale: f32,
+    row_sums: Vec<f32>,
+    /// `[rows, columns + 1]`.
+    numbers: Vec<u16>,
+}
+
+impl Quantized {
+    /// A row is rounded up to 1/65535 of the largest row, a cell to 1/65535 of its row.
+    fn new(columns: usize, masses: &[f64]) -> Self {
+        let row_mass = |row: &[f64]| row.iter().sum::<f64>();
+        let largest = masses.chunks_exact(columns).map(row_mass).fold(0.0, f64::max);
+        let (mut factors, mut row_sums, mut numbers) = (0_u32, Vec::new(), Vec::new());
+        for masses in masses.chunks_exact(columns) {
+            // Up, so that no row counts for less.
+            let factor = (row_mass(masses) / largest * f64::from(WHOLE)).ceil().max(1.0) as u16;
+            numbers.push(factor);
+            let mut sum = 0;
+            for steps in &steps_of(masses)[..columns - 1] {
+                sum += steps;
+                numbers.push(sum);
+            }
+            numbers.push(WHOLE);
+            // At most 64 x 65535, which is less than 2^24.
+            factors += u32::from(factor);
+            row_sums.push(factors as f32);
+        }
+        Self { scale: (largest / (f64::from(WHOLE) * f64::from(WHOLE))) as f32, row_sums, numbers }
+    }
+}
+
+impl CellMasses {
+    /// The tables of `masses` `[nodes of normals, rows, columns]`, all positive.
+    pub fn new(normals: NormalGrid, cells: CellGrid, masses: &[f64]) -> Self {
+        let nodes = masses.chunks_exact(cells.cells()).map(|masses| Quantized::new(cells.shape().1, masses));
+        let nodes: Vec<Quantized> = nodes.collect();
+        let (mut scales, mut row_sums, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
+        for cell in 0..normals.cells() {
+            let corners = normals.corners(cell).map(|node| &nodes[node]);
+            scales.push(corners.map(|node| node.scale));
+            row_sums.extend((0..corners[0].row_sums.len()).map(|row| corners.map(|node| node.row_sums[row])));
+            numbers.extend((0..corners[0].numbers.len()).map(|k| corners.map(|node| node.numbers[k])));
+        }
+        Self { normals, cells, scales, row_sums: row_sums.into(), numbers: numbers.into() }
+    }
+
+    /// For each table, row and cell the running mass of the row up to the cell's end and the cell's own mass, and for each table and row the running mass
+    /// of the rows. A cell's mass is no difference of its neighbours' running masses here, as those are rounded.
+    pub fn running_masses(&self) -> [Vec<f32>; 3] {
+        let (rows, columns) = self.cells.shape();
+        let [mut along, mut own, mut down] = [const { Vec::new() }; 3];
+        for node in 0..self.normals.nodes() {
+            let (cell, corner) = self.normals.cell_of(node);
+            let scale = self.scales[cell][corner];
+            for row in 0..rows {
+                let numbers = &self.numbers[self.row_start(cell, row)..][..=columns];
+                let (factor, mut before) = (scale * f32::from(numbers[0][corner]), 0);
+                for sum in &numbers[1..] {
+                    along.push(factor * f32::from(sum[corner]));
+                    own.push(factor * f32::from(sum[corner] - before));
+                    before = sum[corner];
+                }
+                down.push(scale * Self::ROW * self.row_sums[cell * rows + row][corner]);
+            }
+        }
+        [along, own, down]
+    }
+
+    /// What the masses of the four tables around a normal count for by their weights, and the sum of their rows' factors, each times that.
+    #[inline(always)]
+    pub fn blends<const N: usize>(&self, cells: &[u32; N], weights: &[[f32; N]; 4]) -> (Blends<N>, [f32; N]) {
+        let (rows, scales) = (self.cells.shape().0 as u32, self.scales.load(cells));
+        let (mut last, mut scaled, mut total) = ([0; N], [[0.0; N]; 4], [0.0; N]);
+        for k in 0..N {
+            last[k] = cells[k] * rows + rows - 1;
+        }
+        let factors = self.row_sums.load(&last);
+        for corner in 0..4 {
+            for k in 0..N {
+                let weight = weights[corner][k] * scales[corner][k];
+                total[k] += weight * factors[corner][k];
+                scaled[corner][k] = weight;
+            }
+        }
+        (Blends { cells: *cells, weights: scaled }, total)
+    }
+
+    /// The mass of all cells of a table in which the rows' factors sum to 1, in units of its scale.
+    pub const ROW: f32 = WHOLE as f32;
+
+    #[inline(always)]
+    fn row_start(&self, cell: usize, row: usize) -> usize {
+        let (rows, columns) = self.cells.shape();
+        (cell * rows + row) * (columns + 1)
+    }
+
+    /// For each sample the row in which the weighted sum of the tables' running sums of factors passes `target`, and the position inside in `[0, 1)`.
+    #[inline(always)]
+    pub fn search_rows<const N: usize>(&self, at: &Blends<N>, target: &[f32; N]) -> ([u32; N], [f32; N]) {
+        let rows = self.cells.shape().0 as u32;
+        let mut first = [0; N];
+        for k in 0..N {
+            first[k] = at.cells[k] * rows;
+        }
+        let found = Found::new(&*self.row_sums, first, rows, &at.weights, target);
+        (found.index, found.inside(target))
+    }
+
+    /// For each sample the column of a row at which the share `z` of the row's mass in all tables is reached, the position inside in `[0, 1)`, and the
+    /// mass of the cell in all tables, each times its weight.
+    #[inline(always)]
+    pub fn search_columns<const N: usize>(
+        &self,
+        at: &Blends<N>,
+        rows: &[u32; N],
+        z: &[f32; N],
+    ) -> ([u32; N], [f32; N], [f32; N]) {
+        let (starts, weights) = self.rows(at, rows);
+        let (mut first, mut target) = ([0; N], [0.0; N]);
+        for k in 0..N {
+            first[k] = starts[k] + 1;
+            target[k] = z[k] * weighted_sum(lane(&weights, k), [Self::ROW; 4]);
+        }
+        let found = Found::new(&*self.numbers, first, self.cells.shape().1 as u32, &weights, &target);
+        let masses = self.between(&starts, &found.index, &weights, &found.numbers);
+        (found.index, found.inside(&target), masses)
+    }
+
+    /// For each sample the mass of a cell in all tables, each times its weight.
+    #[inline(always)]
+    pub fn masses<const N: usize>(&self, at: &Blends<N>, rows: &[u32; N], columns: &[u32; N]) -> [f32; N] {
+        let (starts, weights) = self.rows(at, rows);
+        let mut ends = [0; N];
+        for k in 0..N {
+            ends[k] = starts[k] + columns[k] + 1;
+        }
+        self.between(&starts, columns, &weights, &self.numbers.load(&ends))
+    }
+
+    /// Where rows begin, and what a unit of the running sums along them counts for in each table: its weight times the row's factor.
+    #[inline(always)]
+    fn rows<const N: usize>(&self, at: &Blends<N>, rows: &[u32; N]) -> ([u32; N], [[f32; N]; 4]) {
+        let (count, stride) = (self.cells.shape().0 as u32, self.cells.shape().1 as u32 + 1);
+        let mut starts = [0; N];
+        for k in 0..N {
+            starts[k] = (at.cells[k] * count + rows[k]) * stride;
+        }
+        let mut weights = self.numbers.load(&starts);
+        for (own, all) in weights.iter_mut().zip(&at.weights) {
+            for k in 0..N {
+                own[k] *= all[k];
+            }
+        }
+        (starts, weights)
+    }
+
+    /// The masses of the cells whose running sums end at `after`.
+    #[inline(always)]
+    fn between<const N: usize>(
+        &self,
+        starts: &[u32; N],
+        columns: &[u32; N],
+        weights: &[[f32; N]; 4],
+        after: &[[f32; N]; 4],
+    ) -> [f32; N] {
+        let (mut place, mut masses) = ([0; N], [0.0; N]);
+        for k in 0..N {
+            place[k] = starts[k] + columns[k];
+        }
+        let mut before = self.numbers.load(&place);
+        for before in &mut before {
+            for k in 0..N {
+                // The first number of a row is no sum.
+                before[k] = if columns[k] == 0 { 0.0 } else { before[k] };
+            }
+        }
+        for k in 0..N {
+            masses[k] = mass_between(lane(weights, k), lane(&before, k), lane(after, k));
+        }
+        masses
+    }
+}
+
+/// What a bisection of running sums finds for each sample.
+struct Found<const N: usize> {
+    /// The first sum that is above the target; the last one where none is.
+    index: [u32; N],
+    /// The sum before it, and itself.
+    before: [f32; N],
+    sum: [f32; N],
+    /// What it is the weighted sum of.
+    numbers: [[f32; N]; 4],
+}
+
+impl<const N: usize> Found<N> {
+    /// Among the `count` weighted sums from `first` on. Products and sums of rounded numbers never decrease where the numbers do not, so the weighted
+    /// sums grow.
+    #[inline(always)]
+    fn new<Q: Quads + ?Sized>(
+        quads: &Q,
+        first: [u32; N],
+        count: u32,
+        weights: &[[f32; N]; 4],
+        target: &[f32; N],
+    ) -> Self {
+        let (mut place, mut before, mut size) = (first, [0.0; N], count);
+        while size > 1 {
+            let half = size / 2;
+            let mut middle = place;
+            for middle in &mut middle {
+                *middle += half - 1;
+            }
+            let sums = weighted_sums(weights, &quads.load(&middle));
+            for k in 0..N {
+                let passed = sums[k] <= target[k];
+                place[k] += if passed { half } else { 0 };
+                before[k] = if passed { sums[k] } else { before[k] };
+            }
+            size -= half;
+        }
+        let numbers = quads.load(&place);
+        let sum = weighted_sums(weights, &numbers);
+        for k in 0..N {
+            place[k] -= first[k];
+        }
+        Self { index: place, before, sum, numbers }
+    }
+
+    /// Where the target lies between both sums, in `[0, 1)`.
+    #[inline(always)]
+    fn inside(&self, target: &[f32; N]) -> [f32; N] {
+        let mut inside = [0.0; N];
+        for k in 0..N {
+            inside[k] = remap(target[k], self.before[k], self.sum[k]);
+        }
+        inside
+    }
+}
+
+/// The masses of a row in steps of 1/65535 of it.
+///
+/// All are rounded up, a small one too: where its directions are worth much, a step less would make their weights large. What that is too much is taken
+/// from the largest cells, of which one at least has 1024 steps.
+fn steps_of(masses: &[f64]) -> Vec<u16> {
+    /// Cells of less steps are left alone.
+    const LARGE: u16 = 512;
+    let unit = f64::from(WHOLE) / masses.iter().sum::<f64>();
+    let mut steps: Vec<u16> =
+        masses.iter().map(|mass| (mass * unit).ceil().clamp(1.0, f64::from(WHOLE)) as u16).collect();
+    let mut largest: Vec<usize> = (0..masses.len()).filter(|&cell| steps[cell] >= LARGE).collect();
+    largest.sort_by(|&a, &b| masses[b].total_cmp(&masses[a]));
+    // At most one step for each cell, and one for the rounding of the sum.
+    let excess = steps.iter().map(|&steps| usize::from(steps)).sum::<usize>().saturating_sub(usize::from(WHOLE));
+    for &cell in largest.iter().cycle().take(excess) {
+        steps[cell] -= 1;
+    }
+    steps
+}
+
+/// The differences are those of integers, and exact: a small cell loses nothing beside large ones.
+#[inline(always)]
+fn mass_between(weights: [f32; 4], before: [f32; 4], after: [f32; 4]) -> f32 {
+    let [a, b, c, d] = before;
+    weighted_sum(weights, [after[0] - a, after[1] - b, after[2] - c, after[3] - d])
+}
+
+#[cfg(test)]
+mod tests;

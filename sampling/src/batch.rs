@@ -1,0 +1,316 @@
+//! Samplers over flat lists of shading points, on all threads: what bindings to other languages call.
+//!
+//! Everything that comes in is checked, as it comes from outside of the program: a mistake is an error that names the list and the place in it.
+
+use std::sync::Mutex;
+
+use crate::parallel::*;
+use glam::{Vec3, Vec3A};
+
+use crate::{
+    brdf::{Ggx, Lambert, Surface},
+    columns::Arena,
+    environment::Environment,
+    error::{Error, Result},
+    points::{Dimension, PointSet, Points},
+    sampler::{Draws, Sampler, prepared},
+    simd::Lanes,
+    tile::{ShadingPoint, Tile},
+};
+
+/// Points that one thread works on at a time.
+const TILE: usize = 1024;
+/// How far the square of a unit vector's length may be from 1.
+const UNIT_TOLERANCE: f32 = 1e-3;
+
+/// What surfaces reflect; lists have one number for all points, or one for each.
+#[derive(Clone, Copy, Debug)]
+pub enum SurfaceList<'a> {
+    /// White diffuse surfaces.
+    Diffuse,
+    /// Trowbridge-Reitz surfaces.
+    Glossy {
+        /// Widths, from [`Ggx::MIN_ALPHA`] to 1.
+        alpha: &'a [f32],
+        /// Reflectances at normal incidence, in `[0, 1]`.
+        f0: &'a [f32],
+    },
+}
+
+/// Shading points; lists have one entry for all points, or one for each.
+#[derive(Clone, Copy, Debug)]
+pub struct PointList<'a> {
+    /// Unit shading normals in world space.
+    pub n: &'a [[f32; 3]],
+    /// Unit directions to the viewer. Empty where samplers do not look at them: the normals are taken.
+    pub wo: &'a [[f32; 3]],
+    /// What they reflect.
+    pub surface: SurfaceList<'a>,
+}
+
+/// The uniform numbers of draws.
+#[derive(Clone, Copy, Debug)]
+pub enum Numbers<'a> {
+    /// One point of `[0, 1)^2` for each draw.
+    Given(&'a [[f32; 2]]),
+    /// Independent random numbers of a seed: a function of the seed and the place in the list.
+    Seed(u64),
+}
+
+/// Draws of a list, one for each shading point; all lists are equally long.
+#[derive(Debug)]
+pub struct DrawList<'a> {
+    /// Unit directions; zero where the pdf is 0.
+    pub wi: &'a mut [[f32; 3]],
+    /// Solid-angle pdfs; 0 is no sample.
+    pub pdf: &'a mut [f32],
+    /// The map and the radiance from `wi`; zero where the pdf is 0.
+    pub radiance: Option<(&'a Environment, &'a mut [[f32; 3]])>,
+}
+
+/// Draws a direction for each shading point.
+///
+/// # Errors
+/// [`Error::Argument`]: a list has another length, a vector is not of unit length, a number is outside of its range.
+pub fn sample(sampler: &dyn Sampler, at: &PointList<'_>, numbers: Numbers<'_>, out: DrawList<'_>) -> Result<()> {
+    let count = out.pdf.len();
+    at.check_lengths(count)?;
+    check_length("wi", out.wi.len(), count)?;
+    let (map, radiance) = out.radiance.unzip();
+    if let Some(radiance) = &radiance {
+        check_length("radiance", radiance.len(), count)?;
+    }
+    if let Numbers::Given(u) = numbers {
+        check_length("u", u.len(), count)?;
+    }
+    // An empty list of radiance has no parts.
+    let radiance = radiance.map_or_else(Vec::new, |list| list.chunks_mut(TILE).map(Some).collect());
+    let radiance = radiance.into_iter().chain(std::iter::repeat_with(|| None));
+    let parts = out.wi.chunks_mut(TILE).zip(out.pdf.chunks_mut(TILE)).zip(radiance).enumerate();
+    let first_error = Mutex::new(None);
+    parts.collect::<Vec<_>>().into_par_iter().for_each_init(
+        Workspace::default,
+        |work, (index, ((wi, pdf), radiance))| {
+            let out = DrawList { wi, pdf, radiance: map.zip(radiance) };
+            keep_first(&first_error, index, work.sample(sampler, at, index * TILE, numbers, out));
+        },
+    );
+    result_of(first_error)
+}
+
+/// The solid-angle pdfs of unit directions, one for each shading point.
+///
+/// # Errors
+/// As [`sample`].
+pub fn pdf(sampler: &dyn Sampler, at: &PointList<'_>, wi: &[[f32; 3]], out: &mut [f32]) -> Result<()> {
+    at.check_lengths(out.len())?;
+    check_length("wi", wi.len(), out.len())?;
+    let first_error = Mutex::new(None);
+    let parts = out.par_chunks_mut(TILE).zip(wi.par_chunks(TILE)).enumerate();
+    parts.for_each_init(Workspace::default, |work, (index, (out, wi))| {
+        keep_first(&first_error, index, work.pdf(sampler, at, index * TILE, wi, out));
+    });
+    result_of(first_error)
+}
+
+/// The radiance of a map from unit directions.
+///
+/// # Errors
+/// As [`sample`].
+pub fn radiance(map: &Environment, wi: &[[f32; 3]], out: &mut [[f32; 3]]) -> Result<()> {
+    check_length("wi", wi.len(), out.len())?;
+    for (place, w) in wi.iter().enumerate() {
+        check_unit("wi", place, *w)?;
+    }
+    out.par_iter_mut()
+        .zip(wi)
+        .with_min_len(TILE)
+        .for_each(|(out, w)| *out = map.radiance(Vec3A::from_array(*w)).to_array());
+    Ok(())
+}
+
+/// Errors are told apart by the place in the list, not by which thread found one first.
+fn keep_first(first: &Mutex<Option<(usize, Error)>>, index: usize, result: Result<()>) {
+    if let Err(error) = result {
+        let mut first = first.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if first.as_ref().is_none_or(|(other, _)| index < *other) {
+            *first = Some((index, error));
+        }
+    }
+}
+
+fn result_of(first: Mutex<Option<(usize, Error)>>) -> Result<()> {
+    let first = first.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    first.map_or(Ok(()), |(_, error)| Err(error))
+}
+
+fn check_length(name: &str, length: usize, count: usize) -> Result<()> {
+    if length == count {
+        return Ok(());
+    }
+    Err(Error::argument(name, format!("has {length} rows; {count} are needed")))
+}
+
+/// One entry for all, or one for each.
+fn check_shared_length(name: &str, length: usize, count: usize) -> Result<()> {
+    if length == count || length == 1 {
+        return Ok(());
+    }
+    Err(Error::argument(name, format!("has {length} rows; {count}, or 1 for all, are needed")))
+}
+
+#[inline(always)]
+fn check_unit(name: &str, place: usize, [x, y, z]: [f32; 3]) -> Result<()> {
+    let square = x * x + y * y + z * z;
+    // In this order what is not a number is refused.
+    if (square - 1.0).abs() <= UNIT_TOLERANCE {
+        return Ok(());
+    }
+    Err(Error::argument(name, format!("row {place} is ({x}, {y}, {z}), which is not of unit length")))
+}
+
+#[inline(always)]
+fn check_range(name: &str, place: usize, value: f32, least: f32) -> Result<f32> {
+    if (least..=1.0).contains(&value) {
+        return Ok(value);
+    }
+    Err(Error::argument(name, format!("row {place} is {value}, which is not in {least}..=1")))
+}
+
+/// The entry of a point.
+#[inline(always)]
+fn entry<T: Copy>(list: &[T], place: usize) -> T {
+    list[if list.len() == 1 { 0 } else { place }]
+}
+
+impl PointList<'_> {
+    fn check_lengths(&self, count: usize) -> Result<()> {
+        check_shared_length("n", self.n.len(), count)?;
+        if !self.wo.is_empty() {
+            check_shared_length("wo", self.wo.len(), count)?;
+        }
+        if let SurfaceList::Glossy { alpha, f0 } = self.surface {
+            check_shared_length("alpha", alpha.len(), count)?;
+            check_shared_length("f0", f0.len(), count)?;
+        }
+        Ok(())
+    }
+
+    fn surface(&self, place: usize) -> Result<Surface> {
+        Ok(match self.surface {
+            SurfaceList::Diffuse => Lambert { albedo: Vec3::ONE }.into(),
+            SurfaceList::Glossy { alpha, f0 } => {
+                let alpha = check_range("alpha", place, entry(alpha, place), Ggx::MIN_ALPHA)?;
+                Ggx::new(alpha, Vec3::splat(check_range("f0", place, entry(f0, place), 0.0)?)).into()
+            }
+        })
+    }
+
+    fn point(&self, place: usize) -> Result<ShadingPoint> {
+        let n = entry(self.n, place);
+        check_unit("n", place, n)?;
+        let wo = if self.wo.is_empty() { n } else { entry(self.wo, place) };
+        check_unit("wo", place, wo)?;
+        let (n, wo) = (Vec3A::from_array(n), Vec3A::from_array(wo));
+        Ok(ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface: self.surface(place)? })
+    }
+}
+
+/// What a thread uses again.
+#[derive(Default)]
+struct Workspace {
+    tile: Tile,
+    arena: Arena,
+}
+
+impl Workspace {
+    /// Makes the tile of the points from `first` on.
+    fn fill(&mut self, at: &PointList<'_>, first: usize, count: usize) -> Result<()> {
+        let brdfs = Default::default();
+        self.tile.clear(&brdfs);
+        for place in first..first + count {
+            self.tile.push(&at.point(place)?, place as u32);
+        }
+        Ok(())
+    }
+
+    fn sample(
+        &mut self,
+        sampler: &dyn Sampler,
+        at: &PointList<'_>,
+        first: usize,
+        numbers: Numbers<'_>,
+        out: DrawList<'_>,
+    ) -> Result<()> {
+        let count = out.pdf.len();
+        self.fill(at, first, count)?;
+        let (rows, arena) = (self.tile.rows(), &self.arena);
+        let mut columns = arena.columns::<9>(rows.strips());
+        let [u, v, x, y, z, pdf, red, green, blue] = columns.get_mut();
+        match numbers {
+            Numbers::Given(list) => {
+                for (k, &[a, b]) in list[first..first + count].iter().enumerate() {
+                    if !((0.0..1.0).contains(&a) && (0.0..1.0).contains(&b)) {
+                        let reason = format!("row {} is ({a}, {b}), which is not in [0, 1)", first + k);
+                        return Err(Error::argument("u", reason));
+                    }
+                    (u.as_flattened_mut()[k], v.as_flattened_mut()[k]) = (a, b);
+                }
+            }
+            Numbers::Seed(seed) => {
+                // Keys have 32 bits: longer lists go on with other samples of the same keys.
+                let sample = (first >> 32) as u32;
+                let points = Points::new(PointSet::Independent, seed).at_sample(sample);
+                points.draw(Dimension::Light(0), &rows, [&mut *u, &mut *v]);
+            }
+        }
+        prepared(sampler, &rows, arena, |state| {
+            let draws = Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf };
+            sampler.sample(&rows, state, [u, v], draws, arena);
+        });
+        out.pdf.copy_from_slice(&pdf.as_flattened()[..count]);
+        interleave([&*x, y, z].map(<[Lanes]>::as_flattened), out.pdf, out.wi);
+        if let Some((map, list)) = out.radiance {
+            // Directions without a pdf are none: those are looked up anywhere and left out.
+            for (k, pdf) in out.pdf.iter().enumerate() {
+                if *pdf <= 0.0 {
+                    (x.as_flattened_mut()[k], y.as_flattened_mut()[k], z.as_flattened_mut()[k]) = (0.0, 1.0, 0.0);
+                }
+            }
+            map.radiances([x, y, z], [&mut *red, &mut *green, &mut *blue]);
+            interleave([&*red, green, blue].map(<[Lanes]>::as_flattened), out.pdf, list);
+        }
+        Ok(())
+    }
+
+    fn pdf(
+        &mut self,
+        sampler: &dyn Sampler,
+        at: &PointList<'_>,
+        first: usize,
+        wi: &[[f32; 3]],
+        out: &mut [f32],
+    ) -> Result<()> {
+        self.fill(at, first, out.len())?;
+        let (rows, arena) = (self.tile.rows(), &self.arena);
+        let mut columns = arena.columns::<4>(rows.strips());
+        let [x, y, z, pdf] = columns.get_mut();
+        for (k, w) in wi.iter().enumerate() {
+            check_unit("wi", first + k, *w)?;
+            (x.as_flattened_mut()[k], y.as_flattened_mut()[k], z.as_flattened_mut()[k]) = (w[0], w[1], w[2]);
+        }
+        prepared(sampler, &rows, arena, |state| sampler.pdf(&rows, state, [x, y, z], pdf, arena));
+        out.copy_from_slice(&pdf.as_flattened()[..out.len()]);
+        Ok(())
+    }
+}
+
+/// Columns as rows; zeros where there is no sample.
+fn interleave([x, y, z]: [&[f32]; 3], pdf: &[f32], out: &mut [[f32; 3]]) {
+    for (k, out) in out.iter_mut().enumerate() {
+        *out = if pdf[k] > 0.0 { [x[k], y[k], z[k]] } else { [0.0; 3] };
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,410 @@
+//! BRDFs. Each is a kernel for one sample ([`Kernel`]), written once; over columns of samples it runs in SIMD lanes ([`Brdf`]).
+
+mod ggx;
+mod lambert;
+mod lobe_albedo;
+mod lobe_mixture;
+mod metallic_roughness;
+pub mod neural;
+pub mod neural_texture;
+
+pub use ggx::Ggx;
+pub use lambert::Lambert;
+pub use lobe_albedo::tabulate as tabulate_lobe_albedo;
+pub use lobe_mixture::LobeMixture;
+pub use metallic_roughness::MetallicRoughness;
+pub use neural_texture::NeuralTexture;
+
+use std::{fmt, marker::PhantomData, sync::Arc};
+
+use glam::{Vec2, Vec3};
+
+use crate::{
+    columns::vectorized,
+    frame::Frame,
+    simd::{LANES, Lanes},
+};
+
+/// Numbers that say what a measured BRDF is like.
+pub const LATENTS: usize = 6;
+
+/// Most numbers that a head sees of a material: features of a neural one, a tangent, and the handedness.
+pub const OF_MATERIAL: usize = neural_texture::FEATURES + 4;
+
+/// Most parameters of a BRDF.
+pub const MAX_PARAMETERS: usize = 11;
+
+/// A BRDF at one point with its parameters. Functions are `#[inline(always)]` and free of branches and of calls, so that a loop over them
+/// becomes SIMD instructions.
+///
+/// Directions are unit vectors that point away from the surface; `n` is the shading normal.
+pub trait Kernel: Copy + fmt::Debug + Send + Sync + 'static {
+    /// How many parameters, at most [`MAX_PARAMETERS`].
+    const PARAMETERS: usize;
+
+    /// The BRDF of its parameters.
+    fn of_parameters(parameters: &[f32; MAX_PARAMETERS]) -> Self;
+
+    /// The parameters; zeros follow.
+    fn parameters(&self) -> [f32; MAX_PARAMETERS];
+
+    /// `f_r(wo, wi) max(0, n . wi)` per channel, in 1/sr.
+    fn evaluate_cosine(&self, n: Vec3, wo: Vec3, wi: Vec3) -> Vec3;
+
+    /// Draws a direction in proportion to (a close approximation of) `f_r cos`: `(wi, solid-angle pdf)`; pdf 0 is no sample.
+    fn sample(&self, n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32);
+
+    /// The solid-angle pdf of [`Self::sample`].
+    fn pdf(&self, n: Vec3, wo: Vec3, wi: Vec3) -> f32;
+
+    /// The Trowbridge-Reitz width of the narrowest lobe, 1 for a diffuse surface.
+    fn alpha(&self) -> f32;
+
+    /// What it is near to, for samplers that work in closed form, with `n . wo`.
+    fn lobes(&self, cos_o: f32) -> Lobes;
+}
+
+/// A BRDF as a diffuse lobe and a Trowbridge-Reitz lobe. Only their ratio matters.
+#[derive(Clone, Copy, Debug)]
+pub struct Lobes {
+    /// Luminance of the diffuse reflectance.
+    pub diffuse: f32,
+    /// Weight of the Trowbridge-Reitz lobe; 0 where there is none.
+    pub specular: f32,
+    /// Luminance of its reflectance at normal incidence.
+    pub f0: f32,
+    /// Its width.
+    pub alpha: f32,
+}
+
+/// The luminance of a reflectance per channel.
+#[inline(always)]
+fn luminance(c: Vec3) -> f32 {
+    0.2126 * c.x + 0.7152 * c.y + 0.0722 * c.z
+}
+
+/// Columns of what a BRDF knows of shading points.
+#[derive(Clone, Copy, Debug)]
+pub struct Surfaces<'a> {
+    /// Shading normals.
+    pub n: [&'a [Lanes]; 3],
+    /// Directions to the viewer.
+    pub wo: [&'a [Lanes]; 3],
+    /// Parameters; of those that the BRDF has.
+    pub parameters: [&'a [Lanes]; MAX_PARAMETERS],
+}
+
+/// A BRDF over columns; all columns of a call have the same number of strips. What is written for one point is a [`Kernel`]; a BRDF
+/// that is a batch by itself (a network) implements this.
+pub trait Brdf: fmt::Debug + Send + Sync {
+    /// How many parameters.
+    fn parameters(&self) -> usize;
+
+    /// [`Kernel::evaluate_cosine`].
+    fn evaluate_cosine(&self, at: &Surfaces<'_>, wi: [&[Lanes]; 3], out: [&mut [Lanes]; 3]);
+
+    /// [`Kernel::sample`].
+    fn sample(&self, at: &Surfaces<'_>, u: [&[Lanes]; 2], wi: [&mut [Lanes]; 3], pdf: &mut [Lanes]);
+
+    /// [`Kernel::pdf`].
+    fn pdf(&self, at: &Surfaces<'_>, wi: [&[Lanes]; 3], out: &mut [Lanes]);
+
+    /// [`Kernel::alpha`].
+    fn alpha(&self, at: &Surfaces<'_>, out: &mut [Lanes]);
+
+    /// [`Kernel::lobes`]: columns of diffuse, specular, f0 and alpha.
+    fn lobes(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; 4]);
+
+    /// What it is like, for heads that serve many materials; zeros where it does not say.
+    fn latent(&self) -> [f32; LATENTS] {
+        [0.0; LATENTS]
+    }
+
+    /// The tangents `s` and `t` of the frame that the material is given in, whose third axis is the normal: for each a column of x, y and
+    /// z. By default the material is the same in all directions, and `s` is the direction to the viewer along the surface.
+    fn frames(&self, at: &Surfaces<'_>, [sx, sy, sz, tx, ty, tz]: [&mut [Lanes]; 6]) {
+        frames_of_views(at, [sx, sy, sz], [tx, ty, tz]);
+    }
+
+    /// What a neural material's texture says of the points; zeros by default.
+    fn features(&self, _at: &Surfaces<'_>, out: [&mut [Lanes]; neural_texture::FEATURES]) {
+        out.into_iter().for_each(|column| column.fill([0.0; LANES]));
+    }
+
+    /// What heads see of a neural material over a surface: its features, the first tangent, and the handedness; zeros for other BRDFs.
+    fn texture(&self, _at: &Surfaces<'_>, out: [&mut [Lanes]; OF_MATERIAL]) {
+        out.into_iter().for_each(|column| column.fill([0.0; LANES]));
+    }
+
+    /// A hash of all that it reflects, if it has one: samplers that were made for it know it by that.
+    fn identity(&self) -> Option<blake3::Hash> {
+        None
+    }
+
+    /// What was found out about it when it was loaded: a line for the user.
+    fn note(&self) -> Option<String> {
+        None
+    }
+}
+
+/// A kernel over columns.
+#[derive(Debug)]
+pub struct OfKernel<K>(PhantomData<K>);
+
+impl<K> OfKernel<K> {
+    /// The kernel over columns.
+    pub const NEW: Self = Self(PhantomData);
+}
+
+impl<K: Kernel> Brdf for OfKernel<K> {
+    fn parameters(&self) -> usize {
+        K::PARAMETERS
+    }
+
+    fn evaluate_cosine(&self, at: &Surfaces<'_>, wi: [&[Lanes]; 3], out: [&mut [Lanes]; 3]) {
+        evaluate_cosine::<K>(at, wi, out);
+    }
+
+    fn sample(&self, at: &Surfaces<'_>, u: [&[Lanes]; 2], wi: [&mut [Lanes]; 3], pdf: &mut [Lanes]) {
+        sample::<K>(at, u, wi, pdf);
+    }
+
+    fn pdf(&self, at: &Surfaces<'_>, wi: [&[Lanes]; 3], out: &mut [Lanes]) {
+        pdf::<K>(at, wi, out);
+    }
+
+    fn alpha(&self, at: &Surfaces<'_>, out: &mut [Lanes]) {
+        for (strip, out) in out.iter_mut().enumerate() {
+            let parameters = Strip::<K>::parameters(at, strip);
+            for (lane, out) in out.iter_mut().enumerate() {
+                *out = K::of_parameters(&parameters.map(|column| column[lane])).alpha();
+            }
+        }
+    }
+
+    fn lobes(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; 4]) {
+        lobes::<K>(at, out);
+    }
+}
+
+/// One strip of surfaces, loaded.
+struct Strip<K> {
+    parameters: [Lanes; MAX_PARAMETERS],
+    n: [Lanes; 3],
+    wo: [Lanes; 3],
+    kind: PhantomData<K>,
+}
+
+impl<K: Kernel> Strip<K> {
+    #[inline(always)]
+    fn parameters(at: &Surfaces<'_>, strip: usize) -> [Lanes; MAX_PARAMETERS] {
+        let mut parameters = [[0.0; LANES]; MAX_PARAMETERS];
+        for k in 0..K::PARAMETERS {
+            parameters[k] = at.parameters[k][strip];
+        }
+        parameters
+    }
+
+    #[inline(always)]
+    fn load(at: &Surfaces<'_>, strip: usize) -> Self {
+        let [n, wo] = [at.n, at.wo].map(|column| [column[0][strip], column[1][strip], column[2][strip]]);
+        Self { parameters: Self::parameters(at, strip), n, wo, kind: PhantomData }
+    }
+
+    #[inline(always)]
+    fn kernel(&self, lane: usize) -> K {
+        let mut parameters = [0.0; MAX_PARAMETERS];
+        for k in 0..K::PARAMETERS {
+            parameters[k] = self.parameters[k][lane];
+        }
+        K::of_parameters(&parameters)
+    }
+}
+
+#[inline(always)]
+fn vector(columns: &[Lanes; 3], lane: usize) -> Vec3 {
+    Vec3::new(columns[0][lane], columns[1][lane], columns[2][lane])
+}
+
+vectorized! {
+    fn evaluate_cosine['a, K: Kernel](_simd, at: &'a Surfaces<'a>, wi: [&'a [Lanes]; 3], out: [&'a mut [Lanes]; 3]) {
+        let [red, green, blue] = out;
+        for strip in 0..red.len() {
+            let surfaces = Strip::<K>::load(at, strip);
+            let wi = [wi[0][strip], wi[1][strip], wi[2][strip]];
+            let mut value = [[0.0; LANES]; 3];
+            for lane in 0..LANES {
+                let kernel = surfaces.kernel(lane);
+                let f = kernel.evaluate_cosine(vector(&surfaces.n, lane), vector(&surfaces.wo, lane), vector(&wi, lane));
+                (value[0][lane], value[1][lane], value[2][lane]) = (f.x, f.y, f.z);
+            }
+            (red[strip], green[strip], blue[strip]) = (value[0], value[1], value[2]);
+        }
+    }
+}
+
+vectorized! {
+    fn sample['a, K: Kernel](
+        _simd, at: &'a Surfaces<'a>, u: [&'a [Lanes]; 2], wi: [&'a mut [Lanes]; 3], pdf: &'a mut [Lanes],
+    ) {
+        let [x, y, z] = wi;
+        for strip in 0..pdf.len() {
+            let surfaces = Strip::<K>::load(at, strip);
+            let u = [u[0][strip], u[1][strip]];
+            let (mut drawn, mut pdfs) = ([[0.0; LANES]; 3], [0.0; LANES]);
+            for lane in 0..LANES {
+                let kernel = surfaces.kernel(lane);
+                let (n, wo) = (vector(&surfaces.n, lane), vector(&surfaces.wo, lane));
+                let (w, density) = kernel.sample(n, wo, Vec2::new(u[0][lane], u[1][lane]));
+                (drawn[0][lane], drawn[1][lane], drawn[2][lane]) = (w.x, w.y, w.z);
+                pdfs[lane] = density;
+            }
+            (x[strip], y[strip], z[strip]) = (drawn[0], drawn[1], drawn[2]);
+            pdf[strip] = pdfs;
+        }
+    }
+}
+
+vectorized! {
+    fn pdf['a, K: Kernel](_simd, at: &'a Surfaces<'a>, wi: [&'a [Lanes]; 3], out: &'a mut [Lanes]) {
+        for strip in 0..out.len() {
+            let surfaces = Strip::<K>::load(at, strip);
+            let wi = [wi[0][strip], wi[1][strip], wi[2][strip]];
+            let mut pdfs = [0.0; LANES];
+            for lane in 0..LANES {
+                let kernel = surfaces.kernel(lane);
+                pdfs[lane] = kernel.pdf(vector(&surfaces.n, lane), vector(&surfaces.wo, lane), vector(&wi, lane));
+            }
+            out[strip] = pdfs;
+        }
+    }
+}
+
+vectorized! {
+    fn lobes['a, K: Kernel](_simd, at: &'a Surfaces<'a>, out: [&'a mut [Lanes]; 4]) {
+        let [diffuse, specular, f0, alpha] = out;
+        for strip in 0..alpha.len() {
+            let surfaces = Strip::<K>::load(at, strip);
+            for lane in 0..LANES {
+                let cos_o = vector(&surfaces.n, lane).dot(vector(&surfaces.wo, lane));
+                let lobes = surfaces.kernel(lane).lobes(cos_o);
+                diffuse[strip][lane] = lobes.diffuse;
+                specular[strip][lane] = lobes.specular;
+                f0[strip][lane] = lobes.f0;
+                alpha[strip][lane] = lobes.alpha;
+            }
+        }
+    }
+}
+
+/// Below this sine of the angle to the normal, a view has no direction along the surface.
+const LEAST_SINE: f32 = 1e-4;
+
+vectorized! {
+    /// The frames of [`Brdf::frames`] by the views.
+    fn frames_of_views['a](_simd, at: &'a Surfaces<'a>, s: [&'a mut [Lanes]; 3], t: [&'a mut [Lanes]; 3]) {
+        for strip in 0..s[0].len() {
+            let [n, wo] = [at.n, at.wo].map(|column| [column[0][strip], column[1][strip], column[2][strip]]);
+            let (mut first, mut second) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+            for lane in 0..LANES {
+                let (n, wo) = (vector(&n, lane), vector(&wo, lane));
+                let along = wo - n * n.dot(wo);
+                let length = along.dot(along).sqrt();
+                let any = Frame::from_normal(n).s;
+                let has_one = length > LEAST_SINE;
+                let scale = 1.0 / if has_one { length } else { 1.0 };
+                let pick = |a: f32, b: f32| if has_one { a * scale } else { b };
+                let s = Vec3::new(pick(along.x, any.x), pick(along.y, any.y), pick(along.z, any.z));
+                let t = n.cross(s);
+                (first[0][lane], first[1][lane], first[2][lane]) = (s.x, s.y, s.z);
+                (second[0][lane], second[1][lane], second[2][lane]) = (t.x, t.y, t.z);
+            }
+            (s[0][strip], s[1][strip], s[2][strip]) = (first[0], first[1], first[2]);
+            (t[0][strip], t[1][strip], t[2][strip]) = (second[0], second[1], second[2]);
+        }
+    }
+}
+
+/// How many analytic BRDFs there are.
+const ANALYTIC: usize = 3;
+
+/// The BRDFs that points of a tile refer to by index.
+#[derive(Clone, Debug)]
+pub struct BrdfTable(Arc<[Arc<dyn Brdf>]>);
+
+impl BrdfTable {
+    /// Index of [`Lambert`].
+    pub const LAMBERT: u32 = 0;
+    /// Index of [`Ggx`].
+    pub const GGX: u32 = 1;
+    /// Index of [`MetallicRoughness`].
+    pub const METALLIC_ROUGHNESS: u32 = 2;
+
+    /// The BRDF of an index.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn get(&self, index: u32) -> &dyn Brdf {
+        &*self.0[index as usize]
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Those beside the analytic ones, in order.
+    pub fn added(&self) -> impl Iterator<Item = &Arc<dyn Brdf>> {
+        self.0.iter().skip(ANALYTIC)
+    }
+
+    /// The table with one more BRDF, and its index.
+    pub fn with(&self, brdf: Arc<dyn Brdf>) -> (Self, u32) {
+        let all = self.0.iter().cloned().chain([brdf]).collect();
+        (Self(all), self.0.len() as u32)
+    }
+}
+
+impl Default for BrdfTable {
+    /// The analytic BRDFs, in the order of the constants.
+    fn default() -> Self {
+        let all: [Arc<dyn Brdf>; ANALYTIC] = [
+            Arc::new(OfKernel::<Lambert>::NEW),
+            Arc::new(OfKernel::<Ggx>::NEW),
+            Arc::new(OfKernel::<MetallicRoughness>::NEW),
+        ];
+        Self(Arc::new(all))
+    }
+}
+
+/// The BRDF of one point: an index into a [`BrdfTable`] and its parameters, textures looked up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// Index of the BRDF.
+    pub brdf: u32,
+    /// Its parameters; zeros follow.
+    pub parameters: [f32; MAX_PARAMETERS],
+}
+
+impl From<Lambert> for Surface {
+    fn from(lambert: Lambert) -> Self {
+        Self { brdf: BrdfTable::LAMBERT, parameters: lambert.parameters() }
+    }
+}
+
+impl From<Ggx> for Surface {
+    fn from(ggx: Ggx) -> Self {
+        Self { brdf: BrdfTable::GGX, parameters: ggx.parameters() }
+    }
+}
+
+impl From<MetallicRoughness> for Surface {
+    fn from(mixture: MetallicRoughness) -> Self {
+        Self { brdf: BrdfTable::METALLIC_ROUGHNESS, parameters: mixture.parameters() }
+    }
+}

@@ -1,0 +1,241 @@
+//! Reading OpenEXR files: scan lines or tiles, the largest level of mip and rip maps, 16- and 32-bit floats and integers.
+//!
+//! Which channels are read is up to [`super::layers`]. The image is the display window: texels that the data window lacks are black, and
+//! those outside are left out. Colours of other primaries (attribute `chromaticities`) become Rec.709. Infinity of 16 bits, which is what
+//! brighter values than 65504 became when the file was written, is 65504. Deep and subsampled images are refused.
+
+use std::collections::HashSet;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use exr::block::UncompressedBlock;
+use exr::block::lines::LineRef;
+use exr::block::reader::ChunksReader;
+use exr::compression::Compression;
+use exr::math::Vec2;
+use exr::meta::BlockDescription;
+use exr::meta::attribute::{ChannelList, Chromaticities, EnvironmentMap, IntegerBounds, SampleType};
+use exr::meta::header::Header;
+use exr::prelude::f16;
+
+use super::layers::{self, Source};
+use super::primaries::{self, Primaries};
+use super::size::check_size;
+use super::{Image, MapLayout, Picture, dwa};
+use crate::error::{Error, Result};
+use crate::remark::Remark;
+
+/// The largest block (tile, or rows that are compressed together) that is read, in bytes.
+const MAX_BLOCK_BYTES: usize = 1 << 30;
+
+/// Reads the open `file` of `file_size` bytes; `path` is for the messages, `layer` the name of the layer to read, if not the default.
+pub(super) fn read(path: &Path, file: File, file_size: u64, layer: Option<&str>) -> Result<Picture> {
+    let reader = exr::block::read(BufReader::new(file), false).map_err(|e| invalid(path, "header", &e))?;
+    check_headers(path, reader.headers(), file_size)?;
+    let chosen = layers::choose(reader.headers(), layer);
+    let (source, remark) = chosen.map_err(|reason| Error::invalid(path, "channels", reason))?;
+    let header = reader.headers()[source.part].clone();
+    if header.deep {
+        return Err(Error::invalid(path, "type", "deep images cannot be read"));
+    }
+    if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
+        return Err(Error::invalid(path, "channels", "subsampled channels cannot be read"));
+    }
+    let mut remarks: Vec<Remark> = remark.into_iter().collect();
+    let mut decoder = Decoder {
+        image: Image::black(header.layer_size.width(), header.layer_size.height()),
+        source,
+        channels: header.channels.clone(),
+        overflown: 0,
+    };
+    decoder.decode(path, reader)?;
+    if decoder.overflown > 0 {
+        let count = decoder.overflown;
+        remarks.push(Remark::Warning(format!("replaced {count} infinite half-precision values by 65504")));
+    }
+    let mut image = displayed(path, decoder.image, &header, &mut remarks)?;
+    if let Some(chromaticities) = &header.shared_attributes.chromaticities {
+        let matrix = primaries_of(chromaticities).to_rec_709();
+        if let Some(matrix) = matrix.map_err(|reason| Error::invalid(path, "chromaticities", reason))? {
+            primaries::convert(&mut image.pixels, &matrix);
+            remarks.push(Remark::Note("converted colours from the primaries of the file to Rec.709".into()));
+        }
+    }
+    let layout = header.own_attributes.environment_map.map(|map| match map {
+        EnvironmentMap::LatitudeLongitude => MapLayout::LatLong,
+        EnvironmentMap::Cube => MapLayout::Cube,
+    });
+    Ok(Picture { image, layout, remarks })
+}
+
+/// The display window of a picture of which the data window was read.
+fn displayed(path: &Path, data: Image, header: &Header, remarks: &mut Vec<Remark>) -> Result<Image> {
+    let IntegerBounds { position: origin, size } = header.shared_attributes.display_window;
+    let position = header.own_attributes.layer_position;
+    let (width, height) = (size.width(), size.height());
+    if position == origin && (width, height) == (data.width, data.height) {
+        return Ok(data);
+    }
+    check_size(path, "displayWindow", width, height)?;
+    let mut image = Image::black(width, height);
+    let left = i64::from(position.x()) - i64::from(origin.x());
+    let top = i64::from(position.y()) - i64::from(origin.y());
+    // Columns of the data that are in the display window.
+    let first = (-left).clamp(0, data.width as i64) as usize;
+    let last = (width as i64 - left).clamp(first as i64, data.width as i64) as usize;
+    for (row, pixels) in data.pixels.chunks_exact(data.width).enumerate() {
+        let y = top + row as i64;
+        if first < last && (0..height as i64).contains(&y) {
+            let start = y as usize * width + (left + first as i64) as usize;
+            image.pixels[start..start + last - first].copy_from_slice(&pixels[first..last]);
+        }
+    }
+    remarks.push(Remark::Note(format!(
+        "placed the {}x{} data window in the {width}x{height} display window",
+        data.width, data.height
+    )));
+    Ok(image)
+}
+
+fn primaries_of(chromaticities: &Chromaticities) -> Primaries {
+    let of = |Vec2(x, y): Vec2<f32>| [f64::from(x), f64::from(y)];
+    let Chromaticities { red, green, blue, white } = *chromaticities;
+    Primaries { colors: [of(red), of(green), of(blue)], white: of(white) }
+}
+
+/// A picture that is filled block by block.
+struct Decoder {
+    /// The data window.
+    image: Image,
+    source: Source,
+    /// All channels of the part.
+    channels: ChannelList,
+    /// How many values of 16 bits were infinite.
+    overflown: usize,
+}
+
+impl Decoder {
+    /// Reads all blocks of the largest level.
+    fn decode<R: std::io::Read + std::io::Seek>(
+        &mut self,
+        path: &Path,
+        reader: exr::block::reader::Reader<R>,
+    ) -> Result<()> {
+        let part = self.source.part;
+        let chunks = reader
+            .filter_chunks(false, |_, _, block| block.layer == part && block.level == Vec2(0, 0))
+            .map_err(|e| invalid(path, "offset table", &e))?;
+        let meta_data = chunks.meta_data().clone();
+        let mut blocks_read = HashSet::new();
+        for chunk in chunks {
+            let chunk = chunk.map_err(|e| invalid(path, "pixels", &e))?;
+            dwa::check_sizes(&meta_data.headers[chunk.layer_index], &chunk)
+                .map_err(|reason| Error::invalid(path, "pixels", reason))?;
+            let block = UncompressedBlock::decompress_chunk(chunk, &meta_data, false);
+            let block = block.map_err(|e| invalid(path, "pixels", &e))?;
+            // The table has one entry for each block that is wanted, so that none is missing if none comes twice.
+            let wanted = block.index.layer == part && block.index.level == Vec2(0, 0);
+            if !wanted || !blocks_read.insert((block.index.pixel_position.x(), block.index.pixel_position.y())) {
+                return Err(Error::invalid(path, "offset table", "an entry leads to a block of another place"));
+            }
+            for line in block.lines(&self.channels) {
+                store(&mut self.image, &self.source, &self.channels, &line, &mut self.overflown);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Copies a row of samples of one channel to every colour that is read from it, and counts infinite values of 16 bits.
+fn store(image: &mut Image, source: &Source, channels: &ChannelList, line: &LineRef, overflown: &mut usize) {
+    let Vec2(x, y) = line.location.position;
+    let start = y * image.width + x;
+    let row = &mut image.pixels[start..start + line.location.sample_count];
+    for colour in 0..3 {
+        if source.rgb[colour] != line.location.channel {
+            continue;
+        }
+        let stored = row.iter_mut().map(|pixel| &mut pixel[colour]);
+        match channels.list[line.location.channel].sample_type {
+            SampleType::F16 => {
+                for (to, &from) in stored.zip(line.value.as_chunks().0) {
+                    let value = f16::from_ne_bytes(from);
+                    *overflown += usize::from(value.is_infinite());
+                    // NaN stays.
+                    *to = value.clamp(f16::MIN, f16::MAX).to_f32();
+                }
+            }
+            SampleType::F32 => {
+                let samples = line.value.as_chunks().0.iter();
+                stored.zip(samples).for_each(|(to, &from)| *to = f32::from_ne_bytes(from));
+            }
+            SampleType::U32 => {
+                let samples = line.value.as_chunks().0.iter();
+                stored.zip(samples).for_each(|(to, &from)| *to = u32::from_ne_bytes(from) as f32);
+            }
+        }
+    }
+}
+
+/// Refuses what would make reading allocate, or loop, far beyond what the file can hold.
+fn check_headers(path: &Path, headers: &[Header], file_size: u64) -> Result<()> {
+    let mut blocks = 0_usize;
+    for header in headers {
+        let most = file_size.saturating_mul(best_ratio(header.compression));
+        check_size(path, "dataWindow", header.layer_size.width(), header.layer_size.height())?;
+        let block_pixels = match header.blocks {
+            BlockDescription::Tiles(tiles) => tiles.tile_size.width().checked_mul(tiles.tile_size.height()),
+            BlockDescription::ScanLines => {
+                header.layer_size.width().checked_mul(header.compression.scan_lines_per_block())
+            }
+        };
+        let block_bytes = block_pixels.and_then(|pixels| pixels.checked_mul(header.channels.bytes_per_pixel));
+        if block_bytes.is_none_or(|bytes| bytes > MAX_BLOCK_BYTES) {
+            let reason = format!("a block of pixels is larger than {MAX_BLOCK_BYTES} bytes");
+            return Err(Error::invalid(path, "tiles", reason));
+        }
+        let pixels = header.layer_size.width() as u64 * header.layer_size.height() as u64;
+        let bytes = pixels.saturating_mul(header.channels.bytes_per_pixel as u64).max(block_bytes.unwrap_or(0) as u64);
+        if bytes > most {
+            let reason = format!("pixels of {bytes} bytes are promised by a file of {file_size}");
+            return Err(Error::invalid(path, "dataWindow", reason));
+        }
+        blocks = blocks.saturating_add(header.chunk_count);
+    }
+    // Each block has 8 bytes in the offset table, then at least its row (4), its byte count (4) and a byte.
+    let least = (blocks as u64).saturating_mul(17);
+    if file_size < least {
+        let reason = format!("{blocks} blocks of pixels take at least {least} bytes, the file has {file_size}");
+        return Err(Error::invalid(path, "dataWindow", reason));
+    }
+    Ok(())
+}
+
+/// How many bytes of pixels a byte of a file can stand for.
+///
+/// Deflate, inside of most methods, codes 258 bytes by two bits at best: 1032 (<https://zlib.net/zlib_tech.html>); PXR24 leaves out a quarter
+/// of each number before. A run of RLE takes two bytes
+/// for 128, a flat block of B44A three for 32. DWA codes 64 pixels by one coefficient before deflate: a black picture of 8192 x 4096 takes
+/// some 10 kB of 200 MB.
+fn best_ratio(compression: Compression) -> u64 {
+    match compression {
+        Compression::Uncompressed => 1,
+        Compression::RLE | Compression::B44 | Compression::B44A => 64,
+        Compression::DWAA(_) | Compression::DWAB(_) => 1 << 16,
+        _ => 2048,
+    }
+}
+
+fn invalid(path: &Path, field: &str, error: &exr::error::Error) -> Error {
+    use exr::error::Error as Exr;
+    match error {
+        // The crate's words for an unexpected end of file.
+        Exr::Invalid(what) if what == "reference to missing bytes" => {
+            Error::invalid(path, field, "the file ends too early")
+        }
+        Exr::Io(e) => Error::invalid(path, field, e.to_string()),
+        Exr::NotSupported(what) | Exr::Invalid(what) => Error::invalid(path, field, what.to_string()),
+        Exr::Aborted => Error::invalid(path, field, "reading was aborted"),
+    }
+}

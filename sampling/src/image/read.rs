@@ -1,0 +1,82 @@
+//! Reading radiance maps, whatever the file is called: the first bytes tell the format.
+
+use std::io::{Read, Seek};
+use std::path::Path;
+
+#[cfg(feature = "exr")]
+use super::openexr;
+use super::{Image, MapLayout, radiance, without_panic};
+use crate::error::{Error, Result};
+use crate::file::open_regular;
+use crate::remark::Remark;
+
+/// The first bytes of every OpenEXR file.
+const OPENEXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+/// The most that is read of a file to tell its format.
+const MAGIC_BYTES: u64 = 4096;
+
+/// What a file of radiance holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Linear Rec.709 values. NaN, infinite and negative ones stay, because what to do about them depends on the use.
+    pub image: Image,
+    /// How directions lie in the picture, where the file says so.
+    pub layout: Option<MapLayout>,
+    /// What was converted, chosen or repaired.
+    pub remarks: Vec<Remark>,
+}
+
+/// Reads a Radiance (.hdr) or OpenEXR (.exr) file as linear Rec.709; see [`read_picture`].
+///
+/// # Errors
+/// As [`read_picture`].
+pub fn read_radiance(path: &Path) -> Result<Image> {
+    read_picture(path, None).map(|picture| picture.image)
+}
+
+/// Reads a Radiance (.hdr) or OpenEXR (.exr) file.
+///
+/// Colours of other primaries become Rec.709, the exposure and the colour correction of a Radiance header are divided out, and of an OpenEXR
+/// file the display window is read. `layer` names the layer of an OpenEXR file (or the end of its name); without it R, G and B are read, or else
+/// the layer that is called as pictures are.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read or is none, but a folder, a pipe or a device; [`Error::Invalid`], naming the field, if it is
+/// neither format, is damaged, holds no colour or no such layer, or has more than [`super::MAX_PIXELS`] pixels. No content of a file makes
+/// this function panic (unless panics abort).
+pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
+    let failed = |source| Error::io(path, source);
+    let (mut file, file_size) = open_regular(path).map_err(failed)?;
+    let mut start = Vec::new();
+    file.by_ref().take(MAGIC_BYTES).read_to_end(&mut start).map_err(failed)?;
+    file.rewind().map_err(failed)?;
+    if start.starts_with(&OPENEXR) {
+        #[cfg(feature = "exr")]
+        return checked(path, || openexr::read(path, file, file_size, layer));
+        #[cfg(not(feature = "exr"))]
+        Err(Error::invalid(
+            path,
+            "first bytes",
+            "is an OpenEXR file, and this build reads Radiance files only; enable the feature exr",
+        ))
+    } else if radiance::is_radiance(&start) {
+        match layer {
+            Some(layer) => Err(Error::invalid(path, "layers", format!("a Radiance file has none, nor '{layer}'"))),
+            None => checked(path, || radiance::read(path, file, file_size)),
+        }
+    } else if start.is_empty() {
+        Err(Error::invalid(path, "first bytes", "the file is empty"))
+    } else if start.starts_with(b"version https://git-lfs") {
+        Err(Error::invalid(path, "first bytes", "is a Git LFS pointer; run `git lfs pull` to fetch the file"))
+    } else {
+        Err(Error::invalid(path, "first bytes", "neither a Radiance (.hdr) nor an OpenEXR (.exr) file"))
+    }
+}
+
+/// Turns a panic of a decoder into an error.
+///
+/// What headers and blocks promise is checked before, and the tests' damaged files never get here in a release build. But deep inside
+/// compressed blocks the decoders count on well-formed data: with overflow checks on, B44 blocks of `exr` 1.74 that end too early do panic.
+fn checked(path: &Path, read: impl FnOnce() -> Result<Picture>) -> Result<Picture> {
+    without_panic(read).unwrap_or_else(|| Err(Error::invalid(path, "pixels", "they are damaged")))
+}

@@ -1,0 +1,278 @@
+//! Moments of a map's light over rectangles of its cells.
+
+use std::ops::Add;
+
+use crate::parallel::*;
+use glam::{DMat3, DVec3, Vec2, Vec3};
+
+use crate::{environment::BilinearDensity, simd, tail::Node};
+
+/// Light of a rectangle: its energy, and that times the first and second moments of its directions.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Moments {
+    /// The share of the map's light.
+    pub energy: f64,
+    first: DVec3,
+    /// xx, yy, zz, xy, xz, yz.
+    second: [f64; 6],
+    /// Times its density over solid angle.
+    squared: f64,
+}
+
+impl Add for Moments {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        let second = std::array::from_fn(|k| self.second[k] + other.second[k]);
+        let (energy, squared) = (self.energy + other.energy, self.squared + other.squared);
+        Self { energy, first: self.first + other.first, second, squared }
+    }
+}
+
+impl Moments {
+    /// Light of a direction with its density over solid angle, spread around it with a variance of `variance` in either tangent.
+    fn of(energy: f64, density: f64, w: DVec3, variance: f64) -> Self {
+        let keep = 1.0 - variance;
+        let second = [
+            keep * w.x * w.x + variance,
+            keep * w.y * w.y + variance,
+            keep * w.z * w.z + variance,
+            keep * w.x * w.y,
+            keep * w.x * w.z,
+            keep * w.y * w.z,
+        ];
+        Self { energy, first: energy * w, second: second.map(|moment| energy * moment), squared: energy * density }
+    }
+
+    /// The mean direction, shorter than 1.
+    pub fn centroid(&self) -> DVec3 {
+        self.first / self.energy
+    }
+
+    /// The mean density over solid angle of its light, as it is met by what is drawn in proportion to the light: in 1/sr.
+    pub fn brightness(&self) -> f64 {
+        self.squared / self.energy
+    }
+
+    /// The covariance of the directions.
+    pub fn covariance(&self) -> DMat3 {
+        let [xx, yy, zz, xy, xz, yz] = self.second.map(|moment| moment / self.energy);
+        let (s, mixed) = (self.centroid(), [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]);
+        DMat3::from_cols_array_2d(&mixed) - DMat3::from_cols(s * s.x, s * s.y, s * s.z)
+    }
+}
+
+/// Most nodes of a level whose moments are kept; those below are summed when they are asked for.
+const KEPT_BITS: u32 = 17;
+/// Cells of maps with fewer rows than this are looked at in more than one point.
+const LEAST_ROWS: usize = 128;
+
+/// The moments of all nodes of a map.
+#[derive(Debug)]
+pub struct MomentMap<'a> {
+    density: &'a BilinearDensity,
+    root: Node,
+    /// Points along a side of a cell.
+    points: usize,
+    /// Cosine and sine of the azimuth of each column of points, and of the polar angle of each row.
+    angles: [Vec<(f32, f32)>; 2],
+    /// Root first; each row by row.
+    levels: Vec<Vec<Moments>>,
+}
+
+impl<'a> MomentMap<'a> {
+    /// The moments of the light of a map.
+    pub fn new(density: &'a BilinearDensity) -> Self {
+        let root = Node::root(density.columns(), density.rows());
+        let points = LEAST_ROWS.div_ceil(density.rows().min(density.columns().div_ceil(2)).max(1)).max(1);
+        let mut map = Self { density, root, points, angles: angles(density, points), levels: Vec::new() };
+        let mut shape = root;
+        while !shape.is_cell() && map.bits_above(shape) < KEPT_BITS {
+            shape = shape.children()[0];
+        }
+        let (width, count) = (1_u32 << (root.width_bits - shape.width_bits), 1_usize << map.bits_above(shape));
+        let finest = (0..count as u32).into_par_iter().map(|k| {
+            let (column, row) = ((k % width) << shape.width_bits, (k / width) << shape.height_bits);
+            map.sum_cells(Node { column, row, ..shape })
+        });
+        let mut levels = vec![finest.collect::<Vec<_>>()];
+        while shape != root {
+            shape = map.parent_shape(shape);
+            let finer = &levels[levels.len() - 1];
+            levels.push(map.coarser(shape, finer));
+        }
+        levels.reverse();
+        map.levels = levels;
+        map
+    }
+
+    /// The whole map.
+    pub fn root(&self) -> Node {
+        self.root
+    }
+
+    /// The distance of neighbouring points at which a map is looked at, in radians at most.
+    pub fn step(&self) -> f64 {
+        let (columns, rows) = (self.density.columns() as f64, self.density.rows() as f64);
+        (std::f64::consts::PI / rows).max(std::f64::consts::TAU / columns) / self.points as f64
+    }
+
+    /// The moments of a node.
+    pub fn moments(&self, node: Node) -> Moments {
+        let Some(level) = self.levels.get(self.bits_above(node) as usize) else { return self.sum_cells(node) };
+        let width = 1_usize << (self.root.width_bits - node.width_bits);
+        level[(node.row >> node.height_bits) as usize * width + (node.column >> node.width_bits) as usize]
+    }
+
+    /// Calls `visit` for the directions of a node at which there is light, with its share of the whole.
+    pub fn each_direction(&self, node: Node, mut visit: impl FnMut(f64, DVec3)) {
+        let (columns, rows) = (self.density.columns(), self.density.rows());
+        let side = self.points;
+        let points = (columns * rows * side * side) as f64;
+        let [across, down] = &self.angles;
+        let of_node = |start: u32, bits: u32, end: usize| start as usize..(start as usize + (1 << bits)).min(end);
+        for row in of_node(node.row, node.height_bits, rows) {
+            for column in of_node(node.column, node.width_bits, columns) {
+                let corners = self.density.corners(column, row);
+                if corners.mean() <= 0.0 {
+                    continue;
+                }
+                for (k, inside) in insides(side).enumerate() {
+                    let (cos_phi, sin_phi) = across[column * side + k % side];
+                    let (cos_theta, sin_theta) = down[row * side + k / side];
+                    let w = Vec3::new(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta);
+                    visit(f64::from(corners.evaluate(inside)) / points, w.as_dvec3());
+                }
+            }
+        }
+    }
+
+    /// Levels between the root and a node.
+    fn bits_above(&self, node: Node) -> u32 {
+        self.root.width_bits + self.root.height_bits - node.width_bits - node.height_bits
+    }
+
+    fn sum_cells(&self, node: Node) -> Moments {
+        let variance = self.step() * self.step() / 12.0;
+        let points = (self.density.columns() * self.density.rows() * self.points * self.points) as f64;
+        let mut sum = Moments::default();
+        self.each_direction(node, |energy, w| {
+            let over_sphere = 2.0 * std::f64::consts::PI.powi(2) * (1.0 - w.y * w.y).max(1e-14).sqrt();
+            sum = sum + Moments::of(energy, energy * points / over_sphere, w, variance);
+        });
+        sum
+    }
+
+    /// The shape of the parents of nodes of a shape.
+    fn parent_shape(&self, shape: Node) -> Node {
+        let mut parent = self.root;
+        while self.bits_above(parent) + 1 < self.bits_above(shape) {
+            parent = parent.children()[0];
+        }
+        parent
+    }
+
+    /// A level of nodes of a shape from the level below.
+    fn coarser(&self, shape: Node, finer: &[Moments]) -> Vec<Moments> {
+        let width = 1_usize << (self.root.width_bits - shape.width_bits);
+        let height = 1_usize << (self.root.height_bits - shape.height_bits);
+        let pair = |row: usize, column: usize| {
+            if shape.halves_columns() {
+                let first = row * 2 * width + 2 * column;
+                [first, first + 1]
+            } else {
+                [2 * row * width + column, (2 * row + 1) * width + column]
+            }
+        };
+        (0..height * width)
+            .map(|k| {
+                let [first, second] = pair(k / width, k % width);
+                finer[first] + finer[second]
+            })
+            .collect()
+    }
+}
+
+/// The points of a cell, from 0 to 1.
+fn insides(side: usize) -> impl Iterator<Item = Vec2> {
+    (0..side * side).map(move |k| (Vec2::new((k % side) as f32, (k / side) as f32) + 0.5) / side as f32)
+}
+
+/// Cosines and sines of azimuths and polar angles: those of [`crate::latlong::direction`], which are products of the two.
+fn angles(density: &BilinearDensity, side: usize) -> [Vec<(f32, f32)>; 2] {
+    let inside = |i: usize| ((i % side) as f32 + 0.5) / side as f32;
+    let across = |i: usize| {
+        let x = density.point((i / side) as u32, 0, Vec2::new(inside(i), 0.0));
+        simd::cos_sin_turns(x.x)
+    };
+    let down = |i: usize| {
+        let x = density.point(0, (i / side) as u32, Vec2::new(0.0, inside(i)));
+        simd::cos_sin_turns(0.5 * x.y)
+    };
+    [(0..density.columns() * side).map(across).collect(), (0..density.rows() * side).map(down).collect()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::latlong;
+
+    fn density(columns: usize, rows: usize) -> BilinearDensity {
+        let luminance: Vec<f32> = (0..columns * (rows + 1)).map(|k| ((k * 7919) % 13) as f32).collect();
+        BilinearDensity::new(columns, rows + 1, &luminance).unwrap()
+    }
+
+    #[test]
+    fn every_node_is_the_sum_of_its_halves_and_the_whole_is_1() {
+        for (columns, rows) in [(1, 1), (16, 4), (4, 32), (7, 3), (1024, 511)] {
+            let density = density(columns, rows);
+            let map = MomentMap::new(&density);
+            assert!((map.moments(map.root()).energy - 1.0).abs() < 1e-6, "{columns} x {rows}");
+            let mut node = map.root();
+            while !node.is_cell() {
+                let [a, b] = node.children().map(|child| map.moments(child));
+                let (whole, sum) = (map.moments(node), a + b);
+                assert!((whole.energy - sum.energy).abs() < 1e-12 && (whole.first - sum.first).length() < 1e-12);
+                node = node.children()[(columns + node.row as usize) % 2];
+            }
+        }
+    }
+
+    #[test]
+    fn directions_are_those_of_the_map() {
+        for (columns, rows) in [(7, 3), (300, 150)] {
+            let density = density(columns, rows);
+            let map = MomentMap::new(&density);
+            let mut expected = Vec::new();
+            for row in 0..rows as u32 {
+                for column in 0..columns as u32 {
+                    let lit = density.corners(column as usize, row as usize).mean() > 0.0;
+                    let points = insides(map.points).filter(|_| lit);
+                    expected
+                        .extend(points.map(|inside| latlong::direction(density.point(column, row, inside)).as_dvec3()));
+                }
+            }
+            let mut found = Vec::new();
+            map.each_direction(map.root(), |_, w| found.push(w));
+            assert_eq!(found, expected);
+        }
+    }
+
+    #[test]
+    fn moments_are_those_of_the_density() {
+        let density = density(5, 3);
+        let map = MomentMap::new(&density);
+        // Ten thousand points per cell: the midpoint rule's error is the square of a step of 0.004 by 0.01.
+        let (mut energy, mut first, mut square) = (0.0, DVec3::ZERO, 0.0);
+        for k in 0..5 * 3 * 10_000 {
+            let (cell, point) = (k / 10_000, k % 10_000);
+            let inside = (Vec2::new((point % 100) as f32, (point / 100) as f32) + 0.5) / 100.0;
+            let x = density.point(cell as u32 % 5, cell as u32 / 5, inside);
+            let (e, w) = (f64::from(density.density(x)) / 150_000.0, latlong::direction(x).as_dvec3());
+            (energy, first, square) = (energy + e, first + e * w, square + e * w.x * w.x);
+        }
+        let whole = map.moments(map.root());
+        assert!((whole.energy - energy).abs() < 1e-4 && (whole.first - first).length() < 1e-3);
+        assert!((whole.second[0] - square).abs() < 1e-3, "{} {square}", whole.second[0]);
+    }
+}

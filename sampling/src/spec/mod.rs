@@ -1,0 +1,359 @@
+//! Sampler specifications (SPECs): `brdf`, `mis`, `ris:4`, `split:4:patches+vis`, `head+mis:FILE`, ...
+//!
+//! A SPEC is a choice on independent axes: the [`Source`] of directions, the [`Companion`] beside it in one-sample MIS, the [`Combiner`] of several
+//! directions, and [`Visibility`]. Combinations that do not exist are rejected when a SPEC is made.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `mod.rs` | the axes, and which combinations exist |
+//! | `parse.rs`, `print.rs` | their grammar, both ways |
+//! | `forms.rs` | all forms, for help |
+//! | `build.rs` | the samplers and estimators that they name |
+
+mod build;
+pub mod forms;
+mod parse;
+mod print;
+#[cfg(test)]
+mod tests;
+
+pub use build::{BuildContext, SceneContext};
+
+use std::path::{Path, PathBuf};
+
+use crate::{
+    error::{Error, Result},
+    export::{ExportedSampler, Intermediate},
+    patches::Detail,
+    rival::RivalKind,
+};
+
+/// A sampler or an estimator by name.
+///
+/// ```
+/// use headtail_sampling::spec::{Combiner, SamplerSpec, Visibility};
+///
+/// let spec: SamplerSpec = "split:4:patches+vis".parse()?;
+/// assert_eq!(spec.combiner(), Combiner::Split(4));
+/// assert_eq!(spec.visibility(), &Visibility::Learned);
+/// assert_eq!(spec.to_string(), "split:4:patches+vis");
+/// # Ok::<(), headtail_sampling::Error>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SamplerSpec {
+    source: Source,
+    companion: Companion,
+    combiner: Combiner,
+    visibility: Visibility,
+}
+
+/// What directions are drawn from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// Chosen for the view: see [`SamplerSpec::resolved`].
+    Auto,
+    /// BRDF sampling.
+    Brdf,
+    /// BRDF sampling by the name that it has on Lambert surfaces.
+    Cosine,
+    /// Emitter sampling.
+    Emitter,
+    /// Emitter sampling with MIS compensation (Karlik et al. 2019), which leaves out dim light and needs a companion.
+    Compensated,
+    /// Patches of the map, beside BRDF sampling on glossy surfaces.
+    Patches(Detail),
+    /// The product, tabulated at every shading point.
+    Oracle,
+    /// A sampler in a file.
+    File(FileKind, PathBuf),
+    /// Another method's sampler, trained for a material.
+    Rival(RivalFamily, PathBuf),
+}
+
+/// The sampler beside a source in one-sample MIS.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Companion {
+    /// None: the source alone.
+    None,
+    /// BRDF sampling, with the mixture weight that the source has learned, otherwise 1/2.
+    Brdf,
+    /// Emitter sampling, for rivals.
+    Emitter,
+}
+
+/// How directions from one shading point are combined.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Combiner {
+    /// One direction.
+    One,
+    /// The mean of this many directions.
+    Split(u32),
+    /// Two-sample MIS with BRDF sampling, power heuristic; two shadow rays.
+    TwoSampleMis,
+    /// Resampled importance sampling with this many candidates, half of them from the source, half from BRDF sampling.
+    Ris(u32),
+}
+
+/// Whether masses are multiplied by the probability that light is visible.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Visibility {
+    /// No: all light counts as visible.
+    None,
+    /// Learned before each rendering.
+    Learned,
+    /// Precomputed, from a file of `bake --visibility`.
+    File(PathBuf),
+}
+
+/// Which method a rival belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RivalFamily {
+    /// NeuSample's lobes or flow, as the file has them.
+    NeuSample,
+    /// The reparameterised sampler.
+    Reparam,
+}
+
+impl RivalFamily {
+    const ALL: [Self; 2] = [Self::NeuSample, Self::Reparam];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::NeuSample => "neusample",
+            Self::Reparam => "reparam",
+        }
+    }
+
+    fn kinds(self) -> &'static [RivalKind] {
+        match self {
+            Self::NeuSample => &[RivalKind::Lobes, RivalKind::Flow],
+            Self::Reparam => &[RivalKind::Reparam],
+        }
+    }
+}
+
+/// What a sampler's file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// A trained head.
+    Head,
+    /// A trained head over patches, in a mixture with BRDF sampling on glossy surfaces.
+    HeadOverPatches,
+    /// A table baked from a head.
+    Baked,
+    /// A table baked from the target itself.
+    Direct,
+}
+
+impl FileKind {
+    const ALL: [Self; 4] = [Self::Head, Self::HeadOverPatches, Self::Baked, Self::Direct];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Head => "head",
+            Self::HeadOverPatches => "head+patches",
+            Self::Baked => "baked",
+            Self::Direct => "direct",
+        }
+    }
+
+    /// Returns the kind of an exported sampler.
+    pub fn of(exported: &ExportedSampler) -> Self {
+        match exported.intermediate {
+            Intermediate::Head(_) if exported.patches.is_some() => Self::HeadOverPatches,
+            Intermediate::Head(_) => Self::Head,
+            Intermediate::Bake(_) => Self::Baked,
+            Intermediate::DirectBake(_) => Self::Direct,
+        }
+    }
+}
+
+impl SamplerSpec {
+    /// One direction from a source and its companion, without visibility.
+    ///
+    /// # Errors
+    /// [`Error::Argument`]: the two do not exist together.
+    pub fn new(source: Source, companion: Companion) -> Result<Self> {
+        Self { source, companion, combiner: Combiner::One, visibility: Visibility::None }.checked()
+    }
+
+    /// The same SPEC with another combiner.
+    ///
+    /// # Errors
+    /// [`Error::Argument`]: that combination does not exist.
+    pub fn combined(self, combiner: Combiner) -> Result<Self> {
+        Self { combiner, ..self }.checked()
+    }
+
+    /// The same SPEC with this visibility.
+    ///
+    /// # Errors
+    /// [`Error::Argument`]: the source takes no visibility.
+    pub fn with_visibility(self, visibility: Visibility) -> Result<Self> {
+        Self { visibility, ..self }.checked()
+    }
+
+    fn checked(self) -> Result<Self> {
+        match self.fault() {
+            None => Ok(self),
+            Some(reason) => Err(Error::argument(format!("sampler '{self}'"), reason)),
+        }
+    }
+
+    /// Why the combination does not exist, if it does not.
+    fn fault(&self) -> Option<&'static str> {
+        let Self { source, companion, combiner, visibility } = self;
+        let is_rival = matches!(source, Source::Rival(..));
+        let is_over_patches = matches!(source, Source::File(FileKind::HeadOverPatches, _));
+        if *source == Source::Auto {
+            let is_plain =
+                (*companion, *combiner) == (Companion::None, Combiner::One) && *visibility == Visibility::None;
+            return (!is_plain).then_some("'auto' chooses all of a SPEC; name it alone");
+        }
+        match companion {
+            Companion::None if *source == Source::Compensated => {
+                return Some("leaves out dim light without a companion");
+            }
+            Companion::Brdf if is_over_patches => return Some("'head+patches' is beside BRDF sampling already"),
+            Companion::Brdf if matches!(source, Source::Brdf | Source::Cosine | Source::Patches(_)) || is_rival => {
+                return Some("has no form beside BRDF sampling");
+            }
+            Companion::Emitter if !is_rival => {
+                return Some("only neusample and reparam are placed beside emitter sampling");
+            }
+            _ => {}
+        }
+        if *visibility == Visibility::None {
+            return None;
+        }
+        if !matches!(source, Source::Patches(_)) && !is_over_patches {
+            return Some("takes no visibility; only patches and heads over patches do");
+        }
+        let draws = matches!(combiner, Combiner::One | Combiner::Split(_));
+        (!draws).then_some("resampling and two-sample MIS take no visibility; use split:N")
+    }
+
+    fn plain(source: Source) -> Self {
+        Self { source, companion: Companion::None, combiner: Combiner::One, visibility: Visibility::None }
+    }
+
+    /// `auto`.
+    pub fn auto() -> Self {
+        Self::plain(Source::Auto)
+    }
+
+    /// `brdf`.
+    pub fn brdf() -> Self {
+        Self::plain(Source::Brdf)
+    }
+
+    /// `emitter`.
+    pub fn emitter() -> Self {
+        Self::plain(Source::Emitter)
+    }
+
+    /// `mis`.
+    pub fn mis() -> Self {
+        Self { companion: Companion::Brdf, ..Self::emitter() }
+    }
+
+    /// `oracle`.
+    pub fn oracle() -> Self {
+        Self::plain(Source::Oracle)
+    }
+
+    /// `patches`.
+    pub fn patches() -> Self {
+        Self::plain(Source::Patches(Detail::Leaves))
+    }
+
+    /// `ris:M`.
+    pub fn ris(candidates: u32) -> Self {
+        Self { combiner: Combiner::Ris(candidates), ..Self::emitter() }
+    }
+
+    /// `KIND:FILE`.
+    pub fn file(kind: FileKind, file: PathBuf) -> Self {
+        Self::plain(Source::File(kind, file))
+    }
+
+    /// `KIND+mis:FILE`; `head+patches:FILE` of a head over patches, which has a companion already.
+    pub fn file_with_mis(kind: FileKind, file: PathBuf) -> Self {
+        let companion = if kind == FileKind::HeadOverPatches { Companion::None } else { Companion::Brdf };
+        Self { companion, ..Self::file(kind, file) }
+    }
+
+    /// The SPEC that an exported sampler was made for: a head with a learned mixture weight is beside BRDF sampling, all others are alone.
+    pub fn of_exported(exported: &ExportedSampler, file: PathBuf) -> Self {
+        let kind = FileKind::of(exported);
+        if exported.has_share() { Self::file_with_mis(kind, file) } else { Self::file(kind, file) }
+    }
+
+    /// `split:N:patches+vis`, or `patches+vis` for one direction.
+    pub fn split_patches_with_visibility(directions: u32) -> Self {
+        Self { visibility: Visibility::Learned, ..Self::patches() }.split(directions)
+    }
+
+    /// `split:N:mis-comp`, or `mis-comp` for one direction.
+    pub fn split_compensated(directions: u32) -> Self {
+        Self { companion: Companion::Brdf, ..Self::plain(Source::Compensated) }.split(directions)
+    }
+
+    fn split(self, directions: u32) -> Self {
+        let combiner = if directions == 1 { Combiner::One } else { Combiner::Split(directions) };
+        Self { combiner, ..self }
+    }
+
+    /// Returns the source of directions.
+    pub fn source(&self) -> &Source {
+        &self.source
+    }
+
+    /// Returns the sampler beside the source.
+    pub fn companion(&self) -> Companion {
+        self.companion
+    }
+
+    /// Returns how directions are combined.
+    pub fn combiner(&self) -> Combiner {
+        self.combiner
+    }
+
+    /// Returns which visibility masses are multiplied by.
+    pub fn visibility(&self) -> &Visibility {
+        &self.visibility
+    }
+
+    /// Returns how many directions one sample draws, each with a shadow ray.
+    pub fn directions(&self) -> u32 {
+        match self.combiner {
+            Combiner::One | Combiner::Ris(_) => 1,
+            Combiner::TwoSampleMis => 2,
+            Combiner::Split(directions) => directions,
+        }
+    }
+
+    /// Whether it names one sampler with a pdf, and not an estimator.
+    pub fn has_pdf(&self) -> bool {
+        self.combiner == Combiner::One && self.visibility == Visibility::None
+    }
+
+    /// Returns what `auto` stands for by rule alone: `split:4:patches+vis` in a scene, and `patches` without one, because there the caller decides how
+    /// many directions a point has. Other SPECs stand for themselves.
+    #[must_use]
+    pub fn resolved(&self, in_scene: bool) -> Self {
+        match (&self.source, in_scene) {
+            (Source::Auto, true) => Self::split_patches_with_visibility(4),
+            (Source::Auto, false) => Self::patches(),
+            _ => self.clone(),
+        }
+    }
+
+    /// Returns the sampler's file and what it must hold, if there is one.
+    pub fn path(&self) -> Option<(FileKind, &Path)> {
+        match &self.source {
+            Source::File(kind, file) => Some((*kind, file)),
+            _ => None,
+        }
+    }
+}
