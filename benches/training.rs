@@ -25,7 +25,8 @@ fn batch(conditions: usize, strata: usize) -> Batch {
         &headtail_train::Preset::PaperGgx.config(),
         &tail,
         headtail_train::Viewpoints::Sphere,
-    );
+    )
+    .expect("no file is needed");
     let shape = BatchShape { conditions, strata, brdf_samples: 0 };
     Batch::draw(&*target, shape, 0, Purpose::Batch, 0).expect("a density")
 }

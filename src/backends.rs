@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     config.head.mode = arguments.mode.unwrap_or(config.head.mode);
     config.gradient = arguments.gradient;
     let tail = Tail::new(config.tail, environment.width(), environment.height(), &environment.luminance())?;
-    let target = build_target(&config, &tail, Viewpoints::Sphere);
+    let target = build_target(&config, &tail, Viewpoints::Sphere)?;
     let trial = BackendTrial { config, steps: arguments.steps as usize };
     let mut rows: Vec<TrialRow> = Vec::new();
     for backend in Backend::ALL {

@@ -1,15 +1,14 @@
 //! `headtail fit-material`: fit a neural material to a bidirectional texture.
 
-use std::{
-    path::PathBuf,
-    sync::atomic::Ordering,
-    time::{Duration, Instant},
-};
+use std::{path::PathBuf, time::Instant};
 
 use anyhow::{Context, Result};
 use clap::Args;
 use headtail_render::fabric::SourceKind;
-use headtail_train::neural_texture::{Decibels, Fit, Settings, State, error_over};
+use headtail_train::{
+    Progress, Run, StateFile,
+    neural_texture::{Decibels, Settings, error_over, fit_material},
+};
 
 use crate::{
     output::{self, OutputFile},
@@ -81,33 +80,24 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let source = arguments.source.build()?;
     let kept = arguments.out.with_added_extension("state");
     let has_gone_on = kept.exists();
-    let state = if has_gone_on { Some(State::read(&kept, &settings, name)?) } else { None };
-    let mut fit = Fit::new(settings, &*source, state)?;
-
-    let bar = progress::bar(steps as u64, name);
-    bar.set_position(fit.step() as u64);
-    let mut mean = None;
-    while fit.step() < steps {
-        let loss = fit.advance();
-        let recent = mean.map_or(loss, |mean: f32| mean + 0.02 * (loss - mean));
-        mean = Some(recent);
-        bar.set_position(fit.step() as u64);
-        bar.set_message(format!("error of single light paths {recent:.4}"));
-        let stopped = stop.load(Ordering::Relaxed);
-        if stopped || fit.step() % SAVE_EVERY == 0 {
-            fit.state.write(&kept, &settings, name)?;
-        }
-        if stopped {
-            let what = format!("{} of {steps} steps are done; the same command goes on from there", fit.step());
-            return Err(progress::Interrupted::new(what).into());
-        }
+    let file = StateFile { path: &kept, every: SAVE_EVERY, target: name.to_owned(), done: &[] };
+    let bar = progress::TrainingBar::new(name);
+    let mut show = |now: &Progress| {
+        let error = now.mean_loss.map(|mean| format!("error of single light paths {mean:.4}"));
+        bar.show(now, error.unwrap_or_default());
+        Ok(())
+    };
+    let run = Run { progress: &mut show, interrupt: &stop, checkpoints: Some(&file), warn: &mut |_| {} };
+    let (mut material, state) = fit_material(&settings, name, &*source, run)?;
+    if state.step < steps {
+        let what = format!("{} of {steps} steps are done; the same command goes on from there", state.step);
+        return Err(progress::Interrupted::new(what).into());
     }
     bar.finish_and_clear();
 
-    let mut material = fit.material(name)?;
     let Decibels { psnr, noise, snr } = error_over(&*source, &material, QUESTIONS, PATHS, seed);
     material.set_psnr(psnr);
-    let seconds = Duration::as_secs_f64(&start.elapsed());
+    let seconds = start.elapsed().as_secs_f64();
     if !has_gone_on {
         material.set_seconds(seconds);
     }
@@ -122,7 +112,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             "psnr": psnr,
             "noise_psnr": noise,
             "snr": snr,
-            "path_error": mean,
+            "path_error": state.mean_loss,
         }))?;
     } else {
         out!(
@@ -130,7 +120,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             arguments.out.display()
         );
     }
-    if let Some(mean) = mean {
+    if let Some(mean) = state.mean_loss {
         say!("weighted squared error of single light paths at the end: {mean:.4}");
     }
     say!("{seconds:.0} s");

@@ -1,15 +1,14 @@
 //! `headtail fit-rival`: train a sampler of others for a neural material, to compare with.
 
-use std::{
-    path::PathBuf,
-    sync::atomic::{AtomicBool, Ordering},
-    time::Instant,
-};
+use std::{path::PathBuf, sync::atomic::AtomicBool, time::Instant};
 
 use anyhow::{Context, Result};
 use clap::Args;
 use headtail_render::rival::{Rival, RivalFile, RivalKind};
-use headtail_train::rival::{RivalFit, RivalMaterial, RivalQuality, RivalSettings, RivalState};
+use headtail_train::{
+    Progress, Run, StateFile, TrainingState,
+    rival::{RivalMaterial, RivalQuality, RivalSettings, fit_rival},
+};
 
 use crate::{
     given::given,
@@ -80,19 +79,26 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let settings = RivalSettings { steps, views, directions, seed, ..RivalSettings::new(kind) };
     settings.check()?;
     let materials = RivalMaterial::open(&arguments.material)?;
-    let mut training = Training::begin(settings, &materials, arguments.out.with_added_extension("state"))?;
-    let (mut rivals, mut figures) = (Vec::new(), Vec::new());
+    let kept = arguments.out.with_added_extension("state");
+    // The time of a part that an earlier command did is not known.
+    let has_gone_on = kept.exists();
+    let identities = materials.iter().map(|material| material.identity.to_hex().to_string());
+    let target = format!("materials {}", identities.collect::<Vec<_>>().join(", "));
+    let (mut rivals, mut figures, mut done) = (Vec::new(), Vec::new(), Vec::new());
     for material in &materials {
-        let rival = training.train(material, &stop)?;
-        figures.push(Figures::of(material, &rival, training.loss(), seed));
+        let file = StateFile { path: &kept, every: SAVE_EVERY, target: target.clone(), done: &done };
+        let (rival, state) = train(&settings, material, &file, &stop)?;
+        let quality = RivalQuality::measure(material, &rival, VIEWS, DIRECTIONS, seed);
+        figures.push(Figures { material: material.name.clone(), quality, cross_entropy: state.mean_loss });
         if !arguments.json {
-            out!("{}", figures[figures.len() - 1]);
+            figures[figures.len() - 1].print();
         }
         rivals.push((material.name.clone(), material.identity, rival));
+        done.push(state);
     }
-    let seconds = (!training.has_gone_on).then(|| start.elapsed().as_secs_f64());
+    let seconds = (!has_gone_on).then(|| start.elapsed().as_secs_f64());
     output.write(|path| RivalFile { kind, rivals, seconds }.write(path))?;
-    output::remove_kept(&training.kept)?;
+    output::remove_kept(&kept)?;
     if arguments.json {
         terminal::print_json(&figures)?;
     }
@@ -100,96 +106,48 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The trainings of a command, material by material.
-struct Training<'a> {
-    settings: RivalSettings,
-    materials: &'a [RivalMaterial],
-    /// What an earlier command left, of which the first are used up.
-    left: std::vec::IntoIter<RivalState>,
-    done: Vec<RivalState>,
-    kept: PathBuf,
-    /// Whether an earlier command did a part, whose time is not known.
-    has_gone_on: bool,
-}
-
-impl<'a> Training<'a> {
-    /// Begins, or goes on where the file `kept` was left.
-    fn begin(settings: RivalSettings, materials: &'a [RivalMaterial], kept: PathBuf) -> Result<Self> {
-        let has_gone_on = kept.exists();
-        let left =
-            if has_gone_on { RivalState::read_all(&kept, &settings, materials)? } else { Vec::new() }.into_iter();
-        Ok(Self { settings, materials, left, done: Vec::new(), kept, has_gone_on })
+/// Trains a sampler for a material; an interruption is an error.
+fn train(
+    settings: &RivalSettings,
+    material: &RivalMaterial,
+    file: &StateFile<'_>,
+    stop: &AtomicBool,
+) -> Result<(Rival, TrainingState)> {
+    let bar = progress::TrainingBar::new(&material.name);
+    let mut show = |now: &Progress| {
+        let entropy = now.mean_loss.map(|mean| format!("cross-entropy {mean:.4} nats"));
+        bar.show(now, entropy.unwrap_or_default());
+        Ok(())
+    };
+    let run = Run { progress: &mut show, interrupt: stop, checkpoints: Some(file), warn: &mut |_| {} };
+    let (rival, state) = fit_rival(settings, material, run)?;
+    if state.step < settings.steps {
+        let (name, step, steps) = (&material.name, state.step, settings.steps);
+        let what = format!("{name}: {step} of {steps} steps are done; the same command goes on from there");
+        return Err(progress::Interrupted::new(what).into());
     }
-
-    fn train(&mut self, material: &'a RivalMaterial, stop: &AtomicBool) -> Result<Rival> {
-        let steps = self.settings.steps;
-        let mut fit = RivalFit::new(self.settings, material, self.left.next())?;
-        let bar = progress::bar(steps as u64, &material.name);
-        bar.set_position(fit.step() as u64);
-        while fit.step() < steps {
-            fit.advance()?;
-            bar.set_position(fit.step() as u64);
-            bar.set_message(format!("cross-entropy {:.4} nats", fit.state().loss.unwrap_or(f32::NAN)));
-            let stopped = stop.load(Ordering::Relaxed);
-            if stopped || fit.step() % SAVE_EVERY == 0 {
-                self.save(fit.state())?;
-            }
-            if stopped {
-                let step = fit.step();
-                let what =
-                    format!("{}: {step} of {steps} steps are done; the same command goes on from there", material.name);
-                return Err(progress::Interrupted::new(what).into());
-            }
-        }
-        bar.finish_and_clear();
-        let rival = fit.rival()?;
-        self.done.push(fit.state().clone());
-        Ok(rival)
-    }
-
-    /// The last training's, in nats.
-    fn loss(&self) -> Option<f32> {
-        self.done.last().and_then(|state| state.loss)
-    }
-
-    fn save(&self, current: &RivalState) -> Result<()> {
-        let states: Vec<&RivalState> = self.done.iter().chain([current]).chain(self.left.as_slice()).collect();
-        Ok(RivalState::write_all(&self.kept, &self.settings, self.materials, &states)?)
-    }
+    bar.finish_and_clear();
+    Ok((rival, state))
 }
 
 /// How good a sampler is.
 #[derive(serde::Serialize)]
 struct Figures {
     material: String,
-    /// Under a white sky.
-    relative_variance: f64,
-    own_relative_variance: f64,
-    /// The share of draws that are samples.
-    kept: f64,
+    #[serde(flatten)]
+    quality: RivalQuality,
     cross_entropy: Option<f32>,
 }
 
 impl Figures {
-    fn of(material: &RivalMaterial, rival: &Rival, cross_entropy: Option<f32>, seed: u64) -> Self {
-        let RivalQuality { own_variance, variance, kept } =
-            RivalQuality::measure(material, rival, VIEWS, DIRECTIONS, seed);
-        let (relative_variance, own_relative_variance) = (variance, own_variance);
-        Self { material: material.name.clone(), relative_variance, own_relative_variance, kept, cross_entropy }
-    }
-}
-
-impl std::fmt::Display for Figures {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "{}: relative variance under a white sky {:.4} (the material's own sampling {:.4}), {:.2} % of the draws are samples, \
-             cross-entropy {:.4} nats",
+    fn print(&self) {
+        let RivalQuality { relative_variance, own_relative_variance, kept } = self.quality;
+        out!(
+            "{}: relative variance under a white sky {relative_variance:.4} (the material's own sampling \
+             {own_relative_variance:.4}), {:.2} % of the draws are samples, cross-entropy {:.4} nats",
             self.material,
-            self.relative_variance,
-            self.own_relative_variance,
-            100.0 * self.kept,
+            100.0 * kept,
             self.cross_entropy.unwrap_or(f32::NAN)
-        )
+        );
     }
 }

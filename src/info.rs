@@ -8,7 +8,6 @@ use headtail_render::{
     brdf::{NeuralTexture, neural},
     environment::{Environment, MapSpec},
     export::{ExportedSampler, Intermediate},
-    file::read_text,
     image::{Picture, read_picture, text_attributes},
     remark::Remark,
     rival::{RivalFile, RivalKind},
@@ -16,6 +15,7 @@ use headtail_render::{
     spec::SamplerSpec,
     visibility::SceneVisibility,
 };
+use headtail_train::state_file::describe;
 use serde_json::{Map, Value, json};
 
 use crate::terminal::{out, print_json};
@@ -27,7 +27,7 @@ use crate::terminal::{out, print_json};
   headtail info room.hdr --json
   headtail info out/temple.exr")]
 pub struct Arguments {
-    /// The file, or the folder of a checkpoint.
+    /// The file.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Print a JSON object.
@@ -54,7 +54,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 fn facts(path: &Path) -> Result<Facts> {
     if path.is_dir() {
-        return checkpoint(path);
+        bail!("{}: it is a folder: name one of its files", path.display());
     }
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
     match &*extension {
@@ -63,7 +63,7 @@ fn facts(path: &Path) -> Result<Facts> {
         "hdr" | "exr" | "pic" | "rgbe" => picture(path),
         _ => {
             // Named otherwise; a sampler's own words are the best where it is none of all.
-            let others = [picture, visibility, neural_material, trained_for_materials, measured_materials];
+            let others = [picture, visibility, neural_material, trained_for_materials, measured_materials, training];
             others.into_iter().find_map(|read| read(path).ok()).map_or_else(|| sampler(path), Ok)
         }
     }
@@ -216,16 +216,6 @@ fn project(path: &Path) -> Result<Facts> {
     ])
 }
 
-fn checkpoint(path: &Path) -> Result<Facts> {
-    let manifest = path.join("manifest.json");
-    if !manifest.exists() {
-        bail!("{}: the folder is no checkpoint: it has no manifest.json", path.display());
-    }
-    let text = read_text(&manifest).map_err(|error| anyhow::anyhow!("{}: {error}", manifest.display()))?;
-    let value: Value =
-        serde_json::from_str(&text).map_err(|error| anyhow::anyhow!("{}: {error}", manifest.display()))?;
-    let Value::Object(fields) = value else { bail!("{}: it is no JSON object", manifest.display()) };
-    let mut facts = vec![fact("file", "a checkpoint of a training")];
-    facts.extend(fields);
-    Ok(facts)
+fn training(path: &Path) -> Result<Facts> {
+    Ok([fact("file", "a checkpoint of a training")].into_iter().chain(describe(path)?).collect())
 }

@@ -1,4 +1,20 @@
 //! headtail: neural product importance sampling by warp composition. The command line.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `arguments.rs`, `given.rs` | arguments that commands share, and their parsers |
+//! | `light.rs`, `crop.rs`, `exposure.rs` | turned and tinted maps, parts of pictures, exposure |
+//! | `output.rs`, `output/` | ownership of output files |
+//! | `terminal.rs`, `progress.rs`, `cost.rs` | messages; progress and signals; expected time |
+//! | `report/` | tables, charts and pages |
+//! | `run/` | a training run as one table, for `fit` and `sweep` |
+//! | `demo.rs`, `fit/`, `bake.rs`, `bake/`, `export.rs` | making samplers |
+//! | `fit_material.rs`, `check_material.rs`, `material.rs`, `fit_rival.rs` | materials |
+//! | `render.rs`, `compare.rs`, `compare/`, `chart.rs`, `scenes.rs` | pictures and comparisons |
+//! | `composite/`, `view.rs` | photographs |
+//! | `inspect/`, `info.rs` | the contents of files |
+//! | `autosize/`, `sweep/`, `stability/`, `backends.rs`, `paper/` | measuring many samplers |
+//! | `completions.rs` | shell completions |
 
 mod arguments;
 mod autosize;

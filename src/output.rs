@@ -2,6 +2,12 @@
 //!
 //! A folder with results holds a record, with the command that made them and the names of its files. Its lock excludes others who write
 //! the whole folder; the system takes it back from a process that is killed.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `output/file.rs` | single files |
+//! | `output/record.rs` | the record of a folder |
+//! | `output/claim.rs` | exclusion on file systems without locks |
 
 mod claim;
 mod file;

@@ -1,6 +1,7 @@
 //! Progress bars with the time left, and interruption by signals.
 
 use std::{
+    cell::OnceCell,
     error::Error,
     fmt,
     io::IsTerminal,
@@ -14,6 +15,7 @@ use std::{
 };
 
 use anyhow::{Context, Result};
+use headtail_train::Progress;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 #[cfg(unix)]
 use signal_hook::consts::SIGHUP;
@@ -249,6 +251,34 @@ impl Bar {
             100.0 * done,
             duration(elapsed.as_secs_f64())
         ));
+    }
+}
+
+/// A bar over the steps of a training, which begins with the first report: what comes before, the
+/// fit of a flow tail perhaps, does not count as time of steps.
+pub struct TrainingBar<'a> {
+    what: &'a str,
+    bar: OnceCell<Bar>,
+}
+
+impl<'a> TrainingBar<'a> {
+    /// A bar that is not shown yet.
+    pub fn new(what: &'a str) -> Self {
+        Self { what, bar: OnceCell::new() }
+    }
+
+    /// Shows a report.
+    pub fn show(&self, progress: &Progress, message: impl AsRef<str>) {
+        let bar = self.bar.get_or_init(|| bar(progress.steps as u64, self.what));
+        bar.set_message(message);
+        bar.set_position(progress.step as u64);
+    }
+
+    /// The end of the training.
+    pub fn finish_and_clear(&self) {
+        if let Some(bar) = self.bar.get() {
+            bar.finish_and_clear();
+        }
     }
 }
 

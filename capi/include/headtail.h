@@ -50,7 +50,8 @@ extern "C" {
 // The sentence of the last call of this thread that did not end with HEADTAIL_STATUS_OK. It stays valid until the next such call.
 const char *headtail_last_error(void);
 
-// Opens an environment: a built-in one (overcast, window, studio, sunset), or a Radiance .hdr or OpenEXR file, by its UTF-8 name.
+// Opens an environment: a built-in one (overcast, window, studio, sunset) or a Radiance .hdr file, by its UTF-8 name. Of other formats, give the
+// texels to headtail_environment_from_texels.
 //
 // # Safety
 // `name` is NULL or ends with a zero byte; `out` is NULL or may be written to.

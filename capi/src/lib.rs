@@ -60,7 +60,8 @@ pub extern "C" fn headtail_last_error() -> *const c_char {
     status::last()
 }
 
-/// Opens an environment: a built-in one (overcast, window, studio, sunset), or a Radiance .hdr or OpenEXR file, by its UTF-8 name.
+/// Opens an environment: a built-in one (overcast, window, studio, sunset) or a Radiance .hdr file, by its UTF-8 name. Of other formats, give the
+/// texels to headtail_environment_from_texels.
 ///
 /// # Safety
 /// `name` is NULL or ends with a zero byte; `out` is NULL or may be written to.

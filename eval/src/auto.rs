@@ -1,8 +1,9 @@
-//! `auto`: chooses the sampler of a view by a pilot rendering that is no part of the picture.
+//! `auto`: chooses between `split:4:patches+vis` and `split:4:mis-comp` by a pilot rendering that is no part of the picture.
 //!
-//! Candidates render the same small picture twice, with points of their own. Half the squared difference of the two is a sampler's error, and
-//! its efficiency one over error x cost. Costs are not timed but taken from [`COSTS`], so that the choice depends on the view, the number of
-//! samples and nothing else. After the choice the sampler is fixed: the picture is as unbiased as by any of the candidates.
+//! Each candidate renders the same small picture twice, with points of its own. Half the squared difference of the two estimates the candidate's error;
+//! its efficiency is one over error x cost. Costs are not timed but taken from [`COSTS`], so that the choice for a budget of samples depends on
+//! the view and the number of samples alone. For a budget of seconds, the clock also decides how many samples the pilot takes. After the choice the
+//! sampler is fixed: the picture is as unbiased as by either candidate.
 
 use std::{sync::atomic::AtomicBool, time::Instant};
 
@@ -17,22 +18,24 @@ use crate::{Budget, OpenedView, Result};
 
 /// Directions of candidates that split.
 const DIRECTIONS: u32 = 4;
-/// The share of a budget that a pilot may take.
-const SHARE: f64 = 0.04;
+/// The largest fraction of a budget that a pilot takes.
+const FRACTION: f64 = 0.03;
 /// The pilot's picture has one pixel for so many of the picture's along each side.
 const COARSENESS: usize = 8;
-/// Samples per pixel of the pilot, the most that fit.
-const SAMPLES: [u32; 4] = [16, 8, 4, 2];
+/// Samples per pixel of the pilot: the most that fit. With 2, fireflies decide too often; 16 decide hardly better than 8.
+const SAMPLES: [u32; 2] = [8, 4];
 /// The pilot's seeds, which users' seeds have no reason to be.
 const SEEDS: [u64; 2] = [0x7069_6c6f_7431, 0x7069_6c6f_7432];
-/// Of the pixels with the greatest difference, the share that is left out: a single one would decide.
+/// The fraction of pixels with the greatest differences that is left out: a single one would decide.
 const TRIMMED: f64 = 0.01;
-/// How much better another candidate must seem than the first, which is the best in most views.
+/// How much better the second candidate must seem than the first, which is the better one in most views.
 const MARGIN: f64 = 1.04;
-/// What it takes to prepare the second candidate, in samples of `mis` for each texel of the map.
+/// The cost to prepare the second candidate, in samples of `mis` per texel of the map.
 const PREPARATION: f64 = 0.3;
 /// Seconds of one thread for a sample of `mis`: it turns a budget of seconds into samples before anything was timed.
 const SECONDS_PER_SAMPLE: f64 = 2.6e-7;
+/// Samples of `mis` that take as long as a point that visibility is learned from.
+const LEARNED_POINT: f64 = 8.0;
 /// The width below which lobes of GGX are narrow.
 const NARROW: f32 = 0.2;
 
@@ -47,13 +50,13 @@ enum SurfaceClass {
 }
 
 /// The time of a sample over that of one of `mis` on the same surfaces: medians of the measurements of `results/equal-time.csv`, by surface, for
-/// `patches+vis`, `split:4:patches+vis`, `mis-comp` and `split:4:mis-comp`.
-const COSTS: [(SurfaceClass, [f64; 4]); 5] = [
-    (SurfaceClass::Diffuse, [1.3, 3.3, 1.0, 2.4]),
-    (SurfaceClass::Glossy, [1.8, 4.1, 1.0, 2.4]),
-    (SurfaceClass::Narrow, [2.1, 5.2, 1.0, 2.4]),
-    (SurfaceClass::MetallicRoughness, [1.9, 4.9, 1.0, 2.5]),
-    (SurfaceClass::Other, [3.0, 9.0, 1.0, 2.6]),
+/// `split:4:patches+vis` and `split:4:mis-comp`.
+const COSTS: [(SurfaceClass, [f64; 2]); 5] = [
+    (SurfaceClass::Diffuse, [3.3, 2.4]),
+    (SurfaceClass::Glossy, [4.1, 2.4]),
+    (SurfaceClass::Narrow, [5.2, 2.4]),
+    (SurfaceClass::MetallicRoughness, [4.9, 2.5]),
+    (SurfaceClass::Other, [9.0, 2.6]),
 ];
 
 /// What a candidate did in the pilot.
@@ -85,68 +88,47 @@ pub struct Choice {
 /// If a candidate cannot be prepared.
 pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Choice> {
     let start = Instant::now();
-    let shares = classes(view);
-    let cost = |column: usize| -> f64 {
-        let weighted = COSTS.iter().map(|(class, costs)| shares[*class as usize] * costs[column]);
-        weighted.sum()
-    };
-    let patches = view.patches_with_visibility()?;
-    let splits = patches.clone().drawing(DIRECTIONS)?;
+    let fractions = classes(view);
+    let costs = [0, 1].map(|k| COSTS.iter().map(|(class, costs)| fractions[*class as usize] * costs[k]).sum::<f64>());
+    let patches = view.patches_with_visibility()?.drawing(DIRECTIONS)?;
     let spec = SamplerSpec::split_patches_with_visibility(DIRECTIONS);
-    // Splitting pays least where a sample is expensive.
-    let is_expensive = shares[SurfaceClass::Narrow as usize] + shares[SurfaceClass::Other as usize] > 0.5;
-    let others = if is_expensive { [cost(3), cost(0), cost(2)].iter().sum() } else { cost(3) };
     let small = view.resized(COARSENESS);
     let pixels = (small.view().width * small.view().height) as f64;
     let texels = (view.environment.width() * view.environment.height()) as f64;
-    let affordable = |samples: &&u32| {
-        let pilot = 2.0 * f64::from(**samples) * pixels * (cost(1) + others);
-        pilot + PREPARATION * texels <= SHARE * samples_of(view, budget)
+    // Samples of `mis` that a pilot takes.
+    let pilot_cost = |samples: u32| 2.0 * f64::from(samples) * pixels * (costs[0] + costs[1]) + PREPARATION * texels;
+    let affordable = |seconds_per_sample: f64| {
+        let most = FRACTION * samples_of(view, budget, seconds_per_sample);
+        SAMPLES.into_iter().find(|&samples| pilot_cost(samples) <= most)
     };
-    let Some(&samples) = SAMPLES.iter().find(affordable) else {
+    let by_rule = |patches| {
         let seconds = start.elapsed().as_secs_f64();
-        return Ok(Choice { spec, estimator: Box::new(splits), trials: Vec::new(), seconds });
+        Ok(Choice { spec: spec.clone(), estimator: Box::new(patches), trials: Vec::new(), seconds })
     };
+    if affordable(SECONDS_PER_SAMPLE).is_none() {
+        return by_rule(patches);
+    }
     // The pilot is too small to learn as much as the picture will.
     let learning = view.resized(COARSENESS / 2);
+    let begun = Instant::now();
     let learned = learn_visibility(learning.view(), &patches, None, (1, SEEDS[0]), stop, &|_| {});
-    let informed = patches.clone().knowing(&learned)?;
-
-    let mut pilot = Pilot { small: &small, samples, stop, trials: Vec::new() };
-    pilot.add(spec, cost(1), &informed.clone().drawing(DIRECTIONS)?);
-    let compensated = |directions: u32| -> Result<(SamplerSpec, Box<dyn Estimator>)> {
-        let spec = SamplerSpec::split_compensated(directions);
-        Ok((spec.clone(), view.estimator(&spec)?))
+    let points = (learning.view().width * learning.view().height) as f64;
+    let thread_seconds = begun.elapsed().as_secs_f64() * rayon::current_num_threads() as f64;
+    let Some(samples) = affordable(thread_seconds / (LEARNED_POINT * points)) else {
+        return by_rule(patches);
     };
-    let (spec, split_mis) = compensated(DIRECTIONS)?;
-    pilot.add(spec, cost(3), &*split_mis);
-    let mut estimators: Vec<Box<dyn Estimator>> = vec![Box::new(splits), split_mis];
-    if is_expensive {
-        pilot.add(SamplerSpec::split_patches_with_visibility(1), cost(0), &informed);
-        let (spec, mis) = compensated(1)?;
-        pilot.add(spec, cost(2), &*mis);
-        estimators.extend([Box::new(patches) as Box<dyn Estimator>, mis]);
-    }
-    let trials = pilot.trials;
+    let informed = patches.clone().knowing(&learned)?;
+    let compensated = SamplerSpec::split_compensated(DIRECTIONS);
+    let split_mis = view.estimator(&compensated)?;
+    let trial = |spec: SamplerSpec, cost: f64, estimator: &dyn Estimator| Trial {
+        error: error(&small, estimator, samples, stop),
+        spec,
+        cost,
+    };
+    let trials = vec![trial(spec, costs[0], &informed), trial(compensated, costs[1], &*split_mis)];
     let chosen = best_of(&trials);
-    let (spec, estimator) = (trials[chosen].spec.clone(), estimators.swap_remove(chosen));
-    Ok(Choice { spec, estimator, trials, seconds: start.elapsed().as_secs_f64() })
-}
-
-/// Pilot renderings of one view.
-struct Pilot<'a> {
-    small: &'a OpenedView,
-    /// Samples per pixel.
-    samples: u32,
-    stop: &'a AtomicBool,
-    trials: Vec<Trial>,
-}
-
-impl Pilot<'_> {
-    /// Renders with a candidate.
-    fn add(&mut self, spec: SamplerSpec, cost: f64, estimator: &dyn Estimator) {
-        self.trials.push(Trial { error: error(self.small, estimator, self.samples, self.stop), spec, cost });
-    }
+    let estimator = if chosen == 0 { Box::new(patches) as Box<dyn Estimator> } else { split_mis };
+    Ok(Choice { spec: trials[chosen].spec.clone(), estimator, trials, seconds: start.elapsed().as_secs_f64() })
 }
 
 /// The number of the most efficient candidate; of the first one, unless another is better by a margin.
@@ -157,12 +139,12 @@ fn best_of(trials: &[Trial]) -> usize {
     best.filter(|_| trials[0].error > 0.0).unwrap_or(0)
 }
 
-/// A budget in samples of `mis` over all pixels.
-fn samples_of(view: &OpenedView, budget: Budget) -> f64 {
+/// A budget in samples of `mis` over all pixels; `seconds_per_sample` is the time of one thread.
+fn samples_of(view: &OpenedView, budget: Budget, seconds_per_sample: f64) -> f64 {
     let part = view.part();
     match budget {
         Budget::Samples(samples) => f64::from(samples) * (part.width * part.height) as f64,
-        Budget::Seconds(seconds) => seconds * rayon::current_num_threads() as f64 / SECONDS_PER_SAMPLE,
+        Budget::Seconds(seconds) => seconds * rayon::current_num_threads() as f64 / seconds_per_sample,
     }
 }
 
@@ -239,14 +221,6 @@ mod tests {
         assert!(choice.trials.is_empty() && choice.spec.to_string() == "split:4:patches+vis");
     }
 
-    #[test]
-    fn narrow_lobes_have_candidates_without_splitting() {
-        let view = opened("sphere", "studio", Some("ggx:alpha=0.05"));
-        let choice = choose(&view, Budget::Samples(1024), &AtomicBool::new(false)).unwrap();
-        assert_eq!(choice.trials.len(), 4);
-        assert!(choice.trials.iter().all(|trial| trial.error > 0.0 && trial.cost >= 1.0));
-    }
-
     /// The table of costs is what was measured.
     #[test]
     fn costs_are_those_of_the_data() {
@@ -260,7 +234,7 @@ mod tests {
         let rows: Vec<Vec<&str>> =
             lines.map(|line| line.split(',').collect()).filter(|row: &Vec<&str>| row[budget] == "1s").collect();
         let time = |row: &[&str]| row[seconds].parse::<f64>().unwrap() / row[spp].parse::<f64>().unwrap();
-        let specs = ["patches+vis", "split:4:patches+vis", "mis-comp", "split:4:mis-comp"];
+        let specs = ["split:4:patches+vis", "split:4:mis-comp"];
         for (name, class) in [("diffuse", 0), ("glossy", 1), ("mirror-like", 2)] {
             for (k, spec) in specs.iter().enumerate() {
                 let mut ratios: Vec<f64> = Vec::new();

@@ -130,6 +130,7 @@ impl ViewSettings {
         if let Some(material) = &self.material {
             scene = material.dress(scene, &bounds)?;
         }
+        scene.prepare_materials();
         let (width, height) = (self.camera.width as usize, self.camera.height as usize);
         Ok(OpenedView {
             material: self.material.clone(),

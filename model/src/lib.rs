@@ -6,6 +6,15 @@
 //!
 //! The *inverse* direction `y -> z` is closed form and gives the density; the *forward* direction `z -> y` samples and
 //! solves a quadratic. No type names a backend: the caller's [`burn::prelude::Device`] chooses it at run time.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `head/`, `flow/` | the head; the flow tail |
+//! | `coupling.rs` | a coupling layer |
+//! | `spline_network.rs` | the network that gives a spline its logits |
+//! | `spline/` | splines in tensor operations |
+//! | `linear.rs` | affine layers with the same initial values on every backend |
+//! | `weights.rs` | named weights, for export |
 
 pub mod coupling;
 pub mod error;

@@ -8,9 +8,10 @@ use std::{
 use headtail_render::{
     bake::{CellGrid, NormalGrid},
     export::{ExportedSampler, Intermediate},
+    scene::MaterialSpec,
 };
 use headtail_train::{
-    CheckpointFolder, ConfigBuilder, FitConfig, Fitted, Material, Preset, Progress, Run, Viewpoints, build_target,
+    CheckpointFolder, Checkpoints, ConfigBuilder, FitConfig, Fitted, Preset, Progress, Run, Viewpoints, build_target,
     exported_sampler, fit_tail, fit_with,
 };
 use pyo3::{prelude::*, types::PyDict};
@@ -23,10 +24,10 @@ use crate::{
 
 /// The configuration of a preset, assignments over it and a material.
 fn configuration(material: Option<&str>, preset: Option<&str>, assignments: &[String]) -> PyResult<FitConfig> {
-    let material: Option<Material> = material.map(str::parse).transpose().map_err(|error: String| refused(error))?;
+    let material: Option<MaterialSpec> = material.map(str::parse).transpose().map_err(of_render)?;
     let preset = match preset {
         Some(name) => name.parse().map_err(|error: String| refused(error))?,
-        None => Preset::fast_for(material.unwrap_or(Material::Lambert)),
+        None => Preset::fast_for(material.as_ref().unwrap_or(&MaterialSpec::LAMBERT)),
     };
     let mut builder = ConfigBuilder::new(preset);
     for assignment in assignments {
@@ -77,17 +78,14 @@ pub fn fit(
         Ok(())
     };
     let exported = py.detach(|| {
-        let tail_checkpoints = checkpoints.as_ref().map(|head| CheckpointFolder {
-            folder: head.folder.join("tail"),
-            target: format!("tail of {}", head.target),
-            ..head.clone()
-        });
+        let of_tail = checkpoints.as_ref().map(CheckpointFolder::of_tail);
+        let [of_tail, of_head] =
+            [&of_tail, &checkpoints].map(|folder| folder.as_ref().map(|folder| folder as &dyn Checkpoints));
         let mut warn = |error: &headtail_train::Error| eprintln!("warning: {error}; the checkpoint before it is used");
-        let run =
-            Run { progress: &mut watch, interrupt: &stop, checkpoints: tail_checkpoints.as_ref(), warn: &mut warn };
+        let run = Run { progress: &mut watch, interrupt: &stop, checkpoints: of_tail, warn: &mut warn };
         let (tail, _) = fit_tail(&config, &map, run)?;
-        let target = build_target(&config, &tail, Viewpoints::Sphere);
-        let run = Run { progress: &mut watch, interrupt: &stop, checkpoints: checkpoints.as_ref(), warn: &mut warn };
+        let target = build_target(&config, &tail, Viewpoints::Sphere)?;
+        let run = Run { progress: &mut watch, interrupt: &stop, checkpoints: of_head, warn: &mut warn };
         let Fitted { head, summary } = fit_with(&config, &*target, run)?;
         exported_sampler(&head, &config, &summary, &map, &tail, !reproducible)
     });

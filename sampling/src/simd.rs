@@ -95,9 +95,12 @@ struct InstructionSet {
     arch: Arch,
 }
 
-/// The set that all work is dispatched to, or why there is none.
-static CHOSEN: LazyLock<std::result::Result<InstructionSet, String>> =
-    LazyLock::new(|| choose(std::env::var_os(VARIABLE).as_deref()));
+/// The set that all work is dispatched to, and what is wrong with [`VARIABLE`]: the best set is taken then.
+static CHOSEN: LazyLock<(InstructionSet, Option<String>)> =
+    LazyLock::new(|| match choose(std::env::var_os(VARIABLE).as_deref()) {
+        Ok(set) => (set, None),
+        Err(reason) => (available()[0], Some(reason)),
+    });
 
 /// The instruction sets that this processor has, the best first.
 fn available() -> Vec<InstructionSet> {
@@ -127,20 +130,17 @@ fn choose(wanted: Option<&OsStr>) -> std::result::Result<InstructionSet, String>
 ///
 /// # Errors
 /// [`Error::Argument`] if [`VARIABLE`] names a set that is unknown, or that this processor does not have. Programs call this before
-/// anything else: [`dispatch`] has no way to report the error.
+/// anything else: [`dispatch`] cannot report the error and takes the best set.
 pub fn instruction_set() -> Result<&'static str> {
-    CHOSEN.as_ref().map(|set| set.name).map_err(|reason| Error::argument(VARIABLE, reason))
+    match &*CHOSEN {
+        (set, None) => Ok(set.name),
+        (_, Some(reason)) => Err(Error::argument(VARIABLE, reason)),
+    }
 }
 
 /// Runs work with the best instructions that the processor has, or those that [`VARIABLE`] names.
-///
-/// # Panics
-/// If [`instruction_set`] is an error.
 pub fn dispatch(work: impl Vectorized) {
-    match &*CHOSEN {
-        Ok(set) => set.arch.dispatch(Op(work)),
-        Err(reason) => panic!("{VARIABLE}: {reason}"),
-    }
+    CHOSEN.0.arch.dispatch(Op(work));
 }
 
 /// Runs work that is part of other work as a function of its own, compiled once for each instruction set.

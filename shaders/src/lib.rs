@@ -2,6 +2,16 @@
 //!
 //! A shader reads two storage buffers, `headtail_floats` and `headtail_integers`: the arrays of a sampler one after the other. Where each begins is a
 //! constant of the shader, and in the layout.
+//!
+//! | file in `wgsl/` | concept |
+//! | --- | --- |
+//! | `square.wgsl` | directions and points of X, shared functions |
+//! | `hierarchical.wgsl`, `row_column.wgsl`, `flow.wgsl` | tails |
+//! | `cells.wgsl` | the cells of a map |
+//! | `patches.wgsl`, `table.wgsl` | patches; tables |
+//! | `network.wgsl`, `spline.wgsl`, `head.wgsl` | heads |
+//! | `patches_alone.wgsl`, `head_over_tail.wgsl`, `head_over_patches.wgsl` | complete samplers |
+//! | `example.wgsl` | a compute shader as an example |
 
 use std::fmt::Write;
 

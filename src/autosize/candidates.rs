@@ -1,11 +1,9 @@
 //! Samplers that could be chosen, from cheap to dear.
 
-use anyhow::{Result, anyhow};
 use headtail_render::{
     scene::MaterialSpec,
     spec::{Combiner, SamplerSpec, Visibility},
 };
-use headtail_train::Material;
 
 /// How a sampler comes about.
 #[derive(Clone, Debug, PartialEq)]
@@ -189,24 +187,19 @@ pub fn draws_one(spec: &SamplerSpec) -> bool {
 }
 
 /// What heads are trained for.
-#[derive(Clone, Copy, Debug)]
-pub struct HeadMaterial(pub Material);
+#[derive(Clone, Debug)]
+pub struct HeadMaterial(pub MaterialSpec);
 
 impl HeadMaterial {
     /// For a scene of one analytic or measured material, that one; for others, diffuse or a range of widths.
-    ///
-    /// # Errors
-    /// If the file of a measured material cannot be read.
-    pub fn of(material: Option<&MaterialSpec>, diffuse: bool) -> Result<Self> {
-        Ok(Self(match material {
-            Some(MaterialSpec::Ggx { alpha, .. }) => Material::Ggx { low: alpha.low, high: alpha.high },
-            Some(MaterialSpec::Lambert { .. }) => Material::Lambert,
-            Some(measured @ MaterialSpec::Measured { .. }) => {
-                measured.to_string().parse().map_err(|reason: String| anyhow!(reason))?
-            }
-            None if diffuse => Material::Lambert,
-            None | Some(MaterialSpec::Neural(_)) => Material::Ggx { low: 0.1, high: 0.8 },
-        }))
+    pub fn of(material: Option<&MaterialSpec>, diffuse: bool) -> Self {
+        Self(match material {
+            Some(MaterialSpec::Ggx { alpha, .. }) => MaterialSpec::ggx(alpha.low, alpha.high),
+            Some(MaterialSpec::Lambert { .. }) => MaterialSpec::LAMBERT,
+            Some(measured @ MaterialSpec::Measured { .. }) => measured.clone(),
+            None if diffuse => MaterialSpec::LAMBERT,
+            None | Some(MaterialSpec::Neural(_)) => MaterialSpec::ggx(0.1, 0.8),
+        })
     }
 }
 
@@ -248,10 +241,9 @@ mod tests {
 
     #[test]
     fn heads_are_trained_for_the_material_that_is_seen() {
-        let of = |text: &str| HeadMaterial::of(Some(&text.parse().unwrap()), true).unwrap().0.to_string();
+        let of = |text: &str| HeadMaterial::of(Some(&text.parse().unwrap()), true).0.to_string();
         assert_eq!(of("ggx:alpha=0.2,f0=0.5"), "ggx:alpha=0.2");
         assert_eq!(of("lambert:albedo=0.5"), "lambert");
-        assert!(HeadMaterial::of(Some(&"nbrdf:none.npz".parse().unwrap()), false).is_err());
-        assert_eq!(HeadMaterial::of(None, false).unwrap().0.to_string(), "ggx:alpha=0.1..0.8");
+        assert_eq!(HeadMaterial::of(None, false).0.to_string(), "ggx:alpha=0.1..0.8");
     }
 }

@@ -191,7 +191,7 @@ impl<'a> Contest<'a> {
     pub fn enter(&mut self, candidate: Candidate, stop: &AtomicBool) -> Result<Option<usize>> {
         let folder = self.arguments.out.join("candidates");
         make_folder(&folder)?;
-        let ready = ready(&candidate, &self.view.env, self.opened, self.material, &folder, stop);
+        let ready = ready(&candidate, &self.view.env, self.opened, &self.material, &folder, stop);
         let mut ready = match ready {
             Err(error) if comes_to_nothing(&error) => {
                 let sentence = format!("{} is left out: {error:#}", candidate.name);

@@ -39,7 +39,7 @@ pub fn ready(
     candidate: &Candidate,
     env: &str,
     opened: &OpenedView,
-    material: HeadMaterial,
+    material: &HeadMaterial,
     folder: &Path,
     stop: &AtomicBool,
 ) -> Result<Ready> {
@@ -80,7 +80,7 @@ pub fn untrained(
     shape: &HeadShape,
     env: &str,
     opened: &OpenedView,
-    material: HeadMaterial,
+    material: &HeadMaterial,
     out: &Path,
     stop: &AtomicBool,
 ) -> Result<Ready> {
@@ -96,7 +96,7 @@ fn trained(
     settings: &str,
     steps: usize,
     env: &str,
-    material: HeadMaterial,
+    material: &HeadMaterial,
     out: &Path,
     stop: &AtomicBool,
 ) -> Result<SamplerSpec> {

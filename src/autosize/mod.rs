@@ -1,4 +1,12 @@
 //! `headtail autosize`: the smallest sampler that is good enough for a scene, a map and a material.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `candidates.rs`, `lineup.rs` | candidate samplers, and preparing one |
+//! | `contest.rs`, `stages.rs` | who is measured how well; progress |
+//! | `training.rs` | which heads are trained, and how far |
+//! | `score.rs`, `choice.rs` | error at the end of the time; the choice |
+//! | `page.rs` | `autosize.html` |
 
 mod candidates;
 mod choice;
@@ -92,7 +100,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ..ViewArguments::of(&arguments.scene, &arguments.env, camera)
     };
     let opened = view.open()?;
-    let material = HeadMaterial::of(arguments.material.as_ref(), opened.is_diffuse())?;
+    let material = HeadMaterial::of(arguments.material.as_ref(), opened.is_diffuse());
     let mut contest = Contest::new(arguments, &view, &opened, material)?;
     contest.run(&stop)?;
     if stop.load(std::sync::atomic::Ordering::Relaxed) {

@@ -5,7 +5,6 @@ use std::sync::atomic::{self, AtomicBool};
 use anyhow::Result;
 use headtail_eval::IndependentRuns;
 use headtail_render::{estimator::Estimator, spec::SamplerSpec};
-use headtail_train::Material;
 
 use super::{
     candidates::{HEADS, HeadShape, Recipe, STEPS, baked, head},
@@ -76,7 +75,7 @@ impl Contest<'_> {
 
     /// Whether a shape has something to learn on these surfaces.
     fn fits(&self, shape: &HeadShape) -> bool {
-        !shape.over_patches || self.material.0 != Material::Lambert
+        !shape.over_patches || !self.material.0.is_lambert()
     }
 
     /// Trains these shapes for the steps of a rung, measures them and their tables, and returns the entries. `None` where the rest need not be tried.
@@ -120,11 +119,11 @@ impl Contest<'_> {
                     return Ok(None);
                 }
             }
-            if self.arguments.exhaustive && self.material.0 == Material::Lambert {
+            if self.arguments.exhaustive && self.material.0.is_lambert() {
                 entered.extend(self.enter(baked(shape, steps), stop)?);
             }
         }
-        if is_short && self.material.0 == Material::Lambert {
+        if is_short && self.material.0.is_lambert() {
             entered.extend(self.bake_best(&entered, steps, stop)?);
         }
         entered.iter().for_each(|&index| self.measure(index));
@@ -133,7 +132,7 @@ impl Contest<'_> {
 
     /// Whether a head of this shape would be behind even if it were perfect: its time per sample is that of an untrained one.
     fn is_too_slow(&self, shape: &HeadShape, perfect: f64, stop: &AtomicBool) -> Result<bool> {
-        let ready = untrained(shape, &self.view.env, self.opened, self.material, &self.arguments.out, stop)?;
+        let ready = untrained(shape, &self.view.env, self.opened, &self.material, &self.arguments.out, stop)?;
         let measurement = self.trial(&*ready.estimator);
         Ok(self.is_out_of_reach(self.sample_seconds(&measurement), perfect, ready.prepared))
     }

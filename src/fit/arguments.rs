@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use headtail_render::tail::TailKind;
+use headtail_render::{scene::MaterialSpec, tail::TailKind};
 use headtail_train::{
-    Backend, ConfigBuilder, FitConfig, FlowSize, Loss, Material, Preset,
+    Backend, ConfigBuilder, FitConfig, FlowSize, Loss, Preset,
     config::{Over, Points},
 };
 
@@ -49,8 +49,8 @@ pub struct Arguments {
     pub print_config: bool,
     /// The material to sample for: lambert, ggx:alpha=0.4, (any of a range) ggx:alpha=0.2..0.8, or measured: nbrdf:FILE#NAME, and one head for
     /// many: nbrdf:FILE#NAME,NAME and so on.
-    #[arg(long, value_name = "MATERIAL", required_unless_present_any = ["preset", "config"], value_parser = given::<Material>())]
-    material: Option<Material>,
+    #[arg(long, value_name = "MATERIAL", required_unless_present_any = ["preset", "config"], value_parser = given::<MaterialSpec>())]
+    material: Option<MaterialSpec>,
     /// The tail warp under the head.
     #[arg(long, value_parser = one_of(&TAILS))]
     tail: Option<TailKind>,
@@ -165,12 +165,12 @@ impl Arguments {
 
     /// The configuration that preset, file, values and flags make.
     pub fn config(&self, described: &RunTable) -> Result<FitConfig> {
-        let material = self.material.or_else(|| described.material()).unwrap_or(Material::Lambert);
+        let material = self.material.clone().or_else(|| described.material()).unwrap_or(MaterialSpec::LAMBERT);
         let preset = match self.preset {
             Some(preset) => preset,
             None => described.preset()?.unwrap_or(match self.over {
                 Some(Over::Patches | Over::FinePatches) => Preset::OverPatches,
-                Some(Over::Tail) | None => Preset::fast_for(material),
+                Some(Over::Tail) | None => Preset::fast_for(&material),
             }),
         };
         let mut builder = ConfigBuilder::new(preset);
@@ -182,8 +182,8 @@ impl Arguments {
             builder.assignment(assignment)?;
         }
         let mut config = builder.build()?;
-        if let Some(material) = self.material {
-            config = config.for_material(material);
+        if let Some(material) = &self.material {
+            config = config.for_material(material.clone());
         }
         if let Some(over) = self.over {
             config = config.over(over);

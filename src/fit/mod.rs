@@ -2,10 +2,7 @@
 
 mod arguments;
 
-use std::{
-    sync::{Arc, OnceLock, atomic::AtomicBool},
-    time::Instant,
-};
+use std::{sync::atomic::AtomicBool, time::Instant};
 
 use anyhow::{Context, Result};
 use headtail_render::tail::Tail;
@@ -16,7 +13,7 @@ pub use arguments::Arguments;
 use crate::terminal::{self, out, say, warning};
 use crate::{
     output::OutputFolder,
-    progress,
+    progress::{self, TrainingBar},
     run::{self, Surroundings},
 };
 
@@ -49,7 +46,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for name in run::RESULTS {
         output.file(name)?;
     }
-    let bar = TrainingBar::new(described.fit.steps);
+    let bar = TrainingBar::new("training");
     let around = Surroundings {
         references: out.join("references"),
         out: out.clone(),
@@ -57,7 +54,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         pictures: arguments.pictures.clone(),
         until: None,
         stop: &stop,
-        watch: &mut bar.watcher(),
+        watch: &mut shown_on(&bar),
     };
     let finished = run::perform(&described, around)?;
     bar.finish_and_clear();
@@ -96,43 +93,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// A progress bar of a training. It begins with the first step, so that what comes before, the fit of a flow tail perhaps, is not taken for the time of steps.
-struct TrainingBar {
-    steps: usize,
-    bar: Arc<OnceLock<progress::Bar>>,
-}
-
-impl TrainingBar {
-    fn new(steps: usize) -> Self {
-        Self { steps, bar: Arc::default() }
-    }
-
-    /// What shows each step.
-    fn watcher(&self) -> impl FnMut(&Progress) + use<> {
-        let (steps, bar) = (self.steps, self.bar.clone());
-        let mut kl = f64::NAN;
-        move |progress| {
-            let bar = bar.get_or_init(|| progress::bar(steps as u64, "training"));
-            kl = progress.divergence.map_or(kl, |divergence| divergence.kl);
-            let known = if kl.is_nan() { String::new() } else { format!(", KL {kl:.4} nats") };
-            let speed = progress.samples_per_second / 1e6;
-            bar.set_message(format!("loss {:.4}{known}, {speed:.2} M samples/s", progress.loss));
-            bar.set_position(progress.step as u64);
-        }
-    }
-
-    fn finish_and_clear(&self) {
-        if let Some(bar) = self.bar.get() {
-            bar.finish_and_clear();
-        }
+/// What shows each step of a head's training.
+fn shown_on(bar: &TrainingBar<'_>) -> impl FnMut(&Progress) {
+    let mut kl = f64::NAN;
+    move |progress| {
+        kl = progress.divergence.map_or(kl, |divergence| divergence.kl);
+        let known = if kl.is_nan() { String::new() } else { format!(", KL {kl:.4} nats") };
+        let speed = progress.samples_per_second / 1e6;
+        bar.show(progress, format!("loss {:.4}{known}, {speed:.2} M samples/s", progress.loss));
     }
 }
 
 /// Trains a head for a map under conditions from everywhere, with a progress bar and without files.
 pub fn train(tail: &Tail, config: &FitConfig, stop: &AtomicBool) -> Result<Fitted> {
-    let target = build_target(config, tail, Viewpoints::Sphere);
-    let bar = TrainingBar::new(config.steps);
-    let fitted = fit(config, &*target, &mut bar.watcher(), stop)?;
+    let target = build_target(config, tail, Viewpoints::Sphere)?;
+    let bar = TrainingBar::new("training");
+    let fitted = fit(config, &*target, &mut shown_on(&bar), stop)?;
     bar.finish_and_clear();
     Ok(fitted)
 }

@@ -1,26 +1,32 @@
 //! `headtail inspect`: the densities of an exported sampler as a picture.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `tails.rs`, `continuity.rs` | `--tail`; where a tail tears the square |
+//! | `visibility.rs` | `--visibility` |
+//! | `cloth.rs` | `--place`: a point of a neural material |
 
 mod cloth;
 mod continuity;
 pub mod tails;
 mod visibility;
 
-use std::path::PathBuf;
+use std::{path::PathBuf, sync::Arc};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
-    brdf::{BrdfTable, Ggx, Lambert, MAX_PARAMETERS, Surface},
+    brdf::{BrdfTable, Ggx, Lambert, MAX_PARAMETERS, NeuralTexture, Surface},
     color::luminance,
     export::{ExportedSampler, Intermediate},
     file,
     head::Condition,
     latlong,
+    scene::{MaterialSpec, open_measured},
     tail::TailWarp,
     tile::ShadingPoint,
 };
-use headtail_train::Material;
 
 use crate::arguments::{Triple, open_environment};
 use crate::given::given;
@@ -64,8 +70,8 @@ pub struct Arguments {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     view: Option<Triple>,
     /// The surface: lambert, ggx:alpha=A, nbrdf:FILE#NAME or neural:FILE. Default: lambert; a head for glossy surfaces needs to be told.
-    #[arg(long, value_name = "MATERIAL")]
-    material: Option<Material>,
+    #[arg(long, value_name = "MATERIAL", value_parser = given::<MaterialSpec>())]
+    material: Option<MaterialSpec>,
     /// Print the figures as a JSON object.
     #[arg(long, conflicts_with = "visibility")]
     json: bool,
@@ -128,7 +134,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         exported.tail.kind().name(),
         direction(at.ns)
     );
-    if let Some(material @ Material::Measured(_)) = arguments.material {
+    if let Some(material @ (MaterialSpec::Measured { .. } | MaterialSpec::Neural(_))) = &arguments.material {
         title += &format!(", {material}, view {}", direction(at.wo));
     } else if at.surface.brdf == BrdfTable::GGX {
         title += &format!(", alpha {}, view {}", at.lobe_width(), direction(at.wo));
@@ -171,19 +177,19 @@ fn shading_point(arguments: &Arguments, intermediate: &Intermediate) -> Result<(
     let is_texture = matches!(intermediate, Intermediate::Head(head) if head.condition() == Condition::Texture);
     let (n, wo) = (normal.normalize(), view.normalize());
     let mut table = BrdfTable::default();
-    if let Some(Material::Measured(materials)) = arguments.material
-        && let Some(texture) = materials.texture()
-    {
-        let (table, surface) = cloth::surface(&arguments.cloth, texture, n, wo);
+    if let Some(MaterialSpec::Neural(spec)) = &arguments.material {
+        let texture = Arc::new(NeuralTexture::read(&spec.file)?);
+        let (table, surface) = cloth::surface(&arguments.cloth, &texture, n, wo);
         return Ok((ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }, table));
     }
-    let surface = match arguments.material {
+    let surface = match &arguments.material {
         _ if is_texture => bail!("the head is for a neural material over a surface: give --material neural:FILE"),
         None if glossy => bail!("the head is for glossy surfaces: give --material ggx:alpha=A or nbrdf:FILE#NAME"),
-        None | Some(Material::Lambert) => Lambert { albedo: Vec3::ONE }.into(),
-        Some(Material::Ggx { low, high }) if low == high => Ggx::new(low, Vec3::ONE).into(),
-        Some(Material::Measured(materials)) => {
-            let [brdf] = materials.brdfs() else {
+        None | Some(MaterialSpec::Lambert { .. }) => Lambert { albedo: Vec3::ONE }.into(),
+        Some(MaterialSpec::Ggx { alpha, .. }) if alpha.fixed().is_some() => Ggx::new(alpha.low, Vec3::ONE).into(),
+        Some(MaterialSpec::Measured { file, names }) => {
+            let materials = open_measured(file, names)?;
+            let [brdf] = &materials[..] else {
                 bail!("--material: name one measured material, as in nbrdf:FILE#NAME");
             };
             let (with, brdf) = table.with(brdf.clone());

@@ -8,9 +8,10 @@ use headtail_render::{
     estimator::{Estimator, SingleSample},
     head::WithoutTail,
     sampler::{Covering, EnvironmentLight, ProductSampler},
+    scene::MaterialSpec,
     tail::{Tail, TailKind},
 };
-use headtail_train::{FitConfig, Loss, Material, Preset, Viewpoints, build_target};
+use headtail_train::{FitConfig, Loss, Preset, Viewpoints, build_target};
 
 use super::{
     Workshop,
@@ -60,15 +61,15 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
         intro += "<p class=\"incomplete\"><b>The column of the neural material is missing.</b> It needs DATA/nbrdf/nbrdf_all.f32.</p>\n";
     }
     let columns = [
-        Some((COSINE, Material::Lambert)),
-        Some((MICROFACET, Material::Ggx { low: 0.2, high: 0.8 })),
+        Some((COSINE, MaterialSpec::LAMBERT)),
+        Some((MICROFACET, MaterialSpec::ggx(0.2, 0.8))),
         fabric.map(|fabric| (NEURAL, fabric)),
     ];
-    let part = |(column, material): (Column, Material)| {
-        let cost = 5.0 * cost::training(&variants(workshop, material)[0])
+    let part = |(column, material): (Column, MaterialSpec)| {
+        let cost = 5.0 * cost::training(&variants(workshop, &material)[0])
             + cost::flow_tail(flow_steps)
             + workshop.effort.rendering(workshop.effort.reference_spp + 5 * SPP * workshop.effort.runs);
-        Part::new(column.name, cost, move |workshop| ablate(workshop, column, material))
+        Part::new(column.name, cost, move |workshop| ablate(workshop, column, &material))
     };
     (intro, columns.into_iter().flatten().map(part).collect())
 }
@@ -96,22 +97,22 @@ fn tails(environment: &Environment, flow: Option<&Tail>, ratio: f64) -> Result<S
 }
 
 /// The configurations of the variants, in the order of [`VARIANTS`]; without the encoder where a head needs none, the fourth is the third.
-fn variants(workshop: &Workshop, material: Material) -> [FitConfig; 5] {
+fn variants(workshop: &Workshop, material: &MaterialSpec) -> [FitConfig; 5] {
     let mut plain = FitConfig { loss: Loss::ForwardKl, learning_rate: 4e-3, ..workshop.heads.config(material) };
     plain.head.bins = 32;
     plain.head.encoder = None;
     plain.flow.steps = workshop.effort.flow_steps;
-    let flow = FitConfig { tail: TailKind::Flow, ..plain };
-    let mut encoded = FitConfig { ..flow };
-    if material != Material::Lambert {
+    let flow = FitConfig { tail: TailKind::Flow, ..plain.clone() };
+    let mut encoded = flow.clone();
+    if !material.is_lambert() {
         encoded.head.encoder = Preset::PaperGgx.config().head.encoder;
     }
-    let entropic = FitConfig { entropic: 1e-4, ..encoded };
-    [FitConfig { naive: true, ..plain }, plain, flow, encoded, entropic]
+    let entropic = FitConfig { entropic: 1e-4, ..encoded.clone() };
+    [FitConfig { naive: true, ..plain.clone() }, plain, flow, encoded, entropic]
 }
 
 /// A column: errors of a picture with each variant.
-fn ablate(workshop: &Workshop, column: Column, material: Material) -> Result<Made> {
+fn ablate(workshop: &Workshop, column: Column, material: &MaterialSpec) -> Result<Made> {
     let environment = workshop.data.map(0)?;
     let view = workshop.data.view(column.scene, &material.to_string())?;
     let bench = Bench::new(workshop, &view, environment.clone())?;
@@ -172,7 +173,7 @@ fn train(
     tail: &Arc<Tail>,
     environment: &Arc<Environment>,
 ) -> Result<Box<dyn Estimator>> {
-    let target = build_target(config, tail, Viewpoints::Sphere);
+    let target = build_target(config, tail, Viewpoints::Sphere)?;
     let (head, _) = workshop.heads.train(config, &*target)?;
     if config.naive {
         return Ok(Box::new(SingleSample::new(Covering::new(WithoutTail(head))?, environment.clone())));

@@ -9,10 +9,10 @@ use headtail_render::{
     environment::Environment,
     estimator::{Estimator, SingleSample},
     sampler::{Covering, EnvironmentLight, ProductSampler},
+    scene::MaterialSpec,
     spec::{FileKind, SamplerSpec},
     tail::TailKind,
 };
-use headtail_train::Material;
 
 use super::{
     Workshop,
@@ -78,7 +78,7 @@ fn samplers(workshop: &Workshop, environment: &Arc<Environment>) -> Result<Vec<(
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
     let direct = SingleSample::new(Covering::new(ProductSampler::new(light, table))?, environment.clone());
-    let head = workshop.heads.of(environment, Material::Lambert)?.file;
+    let head = workshop.heads.of(environment, &MaterialSpec::LAMBERT)?.file;
     Ok(vec![
         ("head", SamplerSpec::file(FileKind::Head, head.clone()).build(environment)?),
         ("baked 8\u{d7}8", baked(&head, environment, 8)?),

@@ -11,7 +11,6 @@ use headtail_render::{
     scene::{MaterialSpec, Scene},
     spec::SamplerSpec,
 };
-use headtail_train::Material;
 
 use super::{
     Workshop,
@@ -48,7 +47,7 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
         .collect();
     let own_shadow = pixels * effort.rendering(passes::OWN_SHADOW * effort.mask_spp);
     parts.push(Part::new("mesh", shot + own_shadow, mesh));
-    let training = cost::training(&workshop.heads.config(Material::Lambert));
+    let training = cost::training(&workshop.heads.config(&MaterialSpec::LAMBERT));
     parts.push(Part::new("bias", training + pixels * effort.rendering(9 * effort.mask_spp), bias));
     (intro.to_owned(), parts)
 }

@@ -6,9 +6,9 @@ use anyhow::Result;
 use headtail_render::{
     environment::Environment,
     estimator::Estimator,
+    scene::MaterialSpec,
     spec::{FileKind, SamplerSpec},
 };
-use headtail_train::Material;
 
 use super::{
     Workshop,
@@ -24,7 +24,7 @@ use crate::report::table::{Cell, Value};
 /// Samples per pixel of the timings.
 const SPP: u32 = 16;
 /// The roughness of the microfacet head.
-const GLOSSY: Material = Material::Ggx { low: 0.2, high: 0.8 };
+const GLOSSY: MaterialSpec = MaterialSpec::ggx(0.2, 0.8);
 
 /// The section.
 pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
@@ -34,10 +34,10 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
          head with its table, and less than 25 for the flow tail.</span></p>\n"
     );
     let effort = workshop.effort;
-    let training = |material| cost::training(&workshop.heads.config(material));
+    let training = |material: &MaterialSpec| cost::training(&workshop.heads.config(material));
     let rendering = effort.rendering(effort.reference_spp.min(512) + effort.runs * 5 * SPP);
     let parts = vec![
-        Part::new("models", training(Material::Lambert) + training(GLOSSY), models),
+        Part::new("models", training(&MaterialSpec::LAMBERT) + training(&GLOSSY), models),
         Part::new("diffuse", rendering, diffuse),
         Part::new("microfacets", rendering, glossy),
     ];
@@ -46,8 +46,8 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
 
 fn models(workshop: &Workshop) -> Result<Made> {
     let environment = workshop.data.map(0)?;
-    let cosine = workshop.heads.of(&environment, Material::Lambert)?;
-    let glossy = workshop.heads.of(&environment, GLOSSY)?;
+    let cosine = workshop.heads.of(&environment, &MaterialSpec::LAMBERT)?;
+    let glossy = workshop.heads.of(&environment, &GLOSSY)?;
     let size = |path: &std::path::Path| std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     let kilobytes = |bytes: u64| Cell::from(Value::Amount((bytes / 1000) as f64));
     let missing = || Cell::from(Value::Missing);
@@ -84,7 +84,7 @@ fn models(workshop: &Workshop) -> Result<Made> {
 
 fn diffuse(workshop: &Workshop) -> Result<Made> {
     let environment = workshop.data.map(0)?;
-    let file = workshop.heads.of(&environment, Material::Lambert)?.file;
+    let file = workshop.heads.of(&environment, &MaterialSpec::LAMBERT)?.file;
     let head = SamplerSpec::file(FileKind::Head, file.clone()).build(&environment)?;
     let own = vec![("head", head), ("baked 8\u{d7}8", baked(&file, &environment, 8)?)];
     timings(workshop, &environment, "temple", "lambert", own)
@@ -92,7 +92,7 @@ fn diffuse(workshop: &Workshop) -> Result<Made> {
 
 fn glossy(workshop: &Workshop) -> Result<Made> {
     let environment = workshop.data.map(0)?;
-    let file = workshop.heads.of(&environment, GLOSSY)?.file;
+    let file = workshop.heads.of(&environment, &GLOSSY)?.file;
     let own = vec![("head", SamplerSpec::file(FileKind::Head, file).build(&environment)?)];
     timings(workshop, &environment, "droid", &GLOSSY.to_string(), own)
 }

@@ -14,8 +14,6 @@ use headtail_render::{
     scene::{Camera, MaterialSpec, Scene},
 };
 
-use headtail_train::Material;
-
 use super::is_folder;
 use crate::arguments::open_environment;
 
@@ -28,7 +26,7 @@ pub struct Data {
     /// Files of neural materials.
     materials: Vec<PathBuf>,
     /// A measured material as a network, where there is one.
-    fabric: Option<Material>,
+    fabric: Option<MaterialSpec>,
     /// The file that it is in.
     measured: Option<PathBuf>,
     is_built_in: bool,
@@ -82,7 +80,7 @@ impl Data {
         let materials = if own.is_empty() { neural_materials(Path::new("checkpoints")) } else { own };
         let measured = Some(folder.join("nbrdf/nbrdf_all.f32")).filter(|file| file.is_file());
         let fabric = measured.as_ref().map(|file| format!("nbrdf:{}#{FABRIC}", text_of(file)).parse());
-        let fabric = fabric.transpose().map_err(anyhow::Error::msg)?;
+        let fabric = fabric.transpose()?;
         let scenes = files(folder, "scenes", &["glb", "gltf"])?;
         Ok(Self { maps, scenes, materials, fabric, measured, is_built_in: false })
     }
@@ -133,8 +131,8 @@ impl Data {
     }
 
     /// A measured fabric that a network stands for, and a head can be trained for.
-    pub fn fabric(&self) -> Option<Material> {
-        self.fabric
+    pub fn fabric(&self) -> Option<MaterialSpec> {
+        self.fabric.clone()
     }
 
     /// The file of a neural material.

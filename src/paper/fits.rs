@@ -6,11 +6,10 @@ use headtail_render::{
     brdf::{BrdfTable, Ggx, Lambert},
     head::Head,
     random::{Purpose, Stream},
-    scene::Scene,
+    scene::{MaterialSpec, Scene},
     tail::Tail,
     tile::ShadingPoint,
 };
-use headtail_train::Material;
 
 use super::{
     Workshop,
@@ -31,31 +30,29 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
         let measured = workshop.data.fabric().filter(|_| index == 0);
         for material in materials().into_iter().chain(measured) {
             let cost =
-                cost::training(&workshop.heads.config(material)) + cost::training(&workshop.heads.naive(material));
-            let name = format!("{}, {}", workshop.data.map_name(index), short_name(material));
-            parts.push(Part::new(name, cost, move |workshop| fit(workshop, index, material)));
+                cost::training(&workshop.heads.config(&material)) + cost::training(&workshop.heads.naive(&material));
+            let name = format!("{}, {}", workshop.data.map_name(index), short_name(&material));
+            parts.push(Part::new(name, cost, move |workshop| fit(workshop, index, &material)));
         }
     }
     (intro.to_owned(), parts)
 }
 
 /// What the paper's three kinds of material are here, but for the neural ones.
-fn materials() -> [Material; 3] {
-    [Material::Lambert, Material::Ggx { low: 0.4, high: 0.4 }, Material::Ggx { low: 0.2, high: 0.8 }]
+fn materials() -> [MaterialSpec; 3] {
+    [MaterialSpec::LAMBERT, MaterialSpec::ggx(0.4, 0.4), MaterialSpec::ggx(0.2, 0.8)]
 }
 
 /// A material's name; of a measured or neural one without its file.
-pub fn short_name(material: Material) -> String {
-    if let Material::Measured(materials) = material
-        && let Some(texture) = materials.texture()
-    {
-        return texture.description().name.clone();
+pub fn short_name(material: &MaterialSpec) -> String {
+    if let MaterialSpec::Neural(spec) = material {
+        return spec.file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     }
     let name = material.to_string();
     name.split_once('#').map_or(name.clone(), |(_, name)| name.to_owned())
 }
 
-fn fit(workshop: &Workshop, index: usize, material: Material) -> Result<Made> {
+fn fit(workshop: &Workshop, index: usize, material: &MaterialSpec) -> Result<Made> {
     let environment = &*workshop.data.map(index)?;
     let head = workshop.heads.of(environment, material)?.head;
     let tail = Tail::of_environment(workshop.heads.config(material).tail, environment)?;
@@ -78,21 +75,21 @@ fn fit(workshop: &Workshop, index: usize, material: Material) -> Result<Made> {
 }
 
 /// A random surface that sees some light: its normal is above the horizon.
-fn condition(material: Material, random: &mut Stream) -> Result<(ShadingPoint, BrdfTable)> {
+fn condition(material: &MaterialSpec, random: &mut Stream) -> Result<(ShadingPoint, BrdfTable)> {
     let n = random.direction();
     let n = Vec3A::new(n.x, n.y.abs(), n.z);
     let wo = random.direction();
     let wo = if wo.dot(n) < 0.0 { -wo } else { wo };
     let alpha = |low: f32, high: f32, u: f32| low + u * (high - low);
     let (surface, brdfs) = match material {
-        Material::Lambert => (Lambert { albedo: glam::Vec3::ONE }.into(), BrdfTable::default()),
-        Material::Ggx { low, high } => {
-            (Ggx::new(alpha(low, high, random.uniform()), glam::Vec3::ONE).into(), BrdfTable::default())
+        MaterialSpec::Lambert { .. } => (Lambert { albedo: glam::Vec3::ONE }.into(), BrdfTable::default()),
+        MaterialSpec::Ggx { alpha: range, .. } => {
+            (Ggx::new(alpha(range.low, range.high, random.uniform()), glam::Vec3::ONE).into(), BrdfTable::default())
         }
-        Material::Measured(_) => {
+        MaterialSpec::Measured { .. } | MaterialSpec::Neural(_) => {
             let ball = Scene::built_in("sphere").ok_or_else(|| anyhow::anyhow!("a built-in scene"))?;
             let bounds = ball.bounds();
-            let ball = material.to_string().parse::<headtail_render::scene::MaterialSpec>()?.dress(ball, &bounds)?;
+            let ball = material.dress(ball, &bounds)?;
             let camera = ball.camera();
             let hit = ball.intersect(&camera.ray(0.5, 0.5, 1, 1));
             (hit.ok_or_else(|| anyhow::anyhow!("a sphere that its camera sees"))?.surface, ball.brdfs().clone())

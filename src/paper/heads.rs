@@ -9,19 +9,21 @@ use std::{
     time::Instant,
 };
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use headtail_render::{
-    brdf::{Brdf as _, NeuralTexture},
+    brdf::NeuralTexture,
     environment::Environment,
     export::{ExportedSampler, Intermediate},
+    file::open_regular,
     head::{Condition, Head},
     rival::{RivalFile, RivalKind},
+    scene::MaterialSpec,
     tail::{Tail, TailKind},
 };
 use headtail_train::{
-    FitConfig, Loss, Material, Preset, Run, Summary, Target, Viewpoints, build_target, exported_sampler, fit, fit_tail,
-    native_head,
-    rival::{RivalFit, RivalMaterial, RivalSettings},
+    FitConfig, Loss, Preset, Run, Summary, Target, Viewpoints, build_target, condition_of, exported_sampler, fit,
+    fit_tail, native_head,
+    rival::{RivalMaterial, RivalSettings, fit_rival},
 };
 
 use super::{data::View, effort::Effort, fits::short_name};
@@ -57,12 +59,12 @@ impl Heads {
 
     /// How a head is trained that stands for the paper's: this program's fast preset, without the share beside BRDF sampling that it would learn but for
     /// neural materials over surfaces.
-    pub fn config(&self, material: Material) -> FitConfig {
-        let mut config = Preset::fast_for(material).config().for_material(material);
-        config.head.share &= material.condition() == Condition::Texture;
+    pub fn config(&self, material: &MaterialSpec) -> FitConfig {
+        let mut config = Preset::fast_for(material).config().for_material(material.clone());
+        config.head.share &= condition_of(material) == Condition::Texture;
         config.fall_back = false;
         config.validate_every = 0;
-        config.steps = if material == Material::Lambert { self.effort.cosine_steps } else { self.effort.ggx_steps };
+        config.steps = if material.is_lambert() { self.effort.cosine_steps } else { self.effort.ggx_steps };
         config
     }
 
@@ -70,7 +72,7 @@ impl Heads {
     ///
     /// # Errors
     /// See [`fit()`]; an interrupted training is an error.
-    pub fn of(&self, environment: &Environment, material: Material) -> Result<Trained> {
+    pub fn of(&self, environment: &Environment, material: &MaterialSpec) -> Result<Trained> {
         let name = format!("{}-{}", environment.name(), short_name(material));
         self.seen(environment, material, &name, || Ok(Viewpoints::Sphere))
     }
@@ -79,7 +81,7 @@ impl Heads {
     ///
     /// # Errors
     /// As [`Self::of`], and if the camera sees nothing.
-    pub fn of_view(&self, environment: &Environment, material: Material, view: &View) -> Result<Trained> {
+    pub fn of_view(&self, environment: &Environment, material: &MaterialSpec, view: &View) -> Result<Trained> {
         let (width, height) = (self.effort.width, self.effort.width * 3 / 4);
         let viewpoints = || Ok(Viewpoints::of_scene(&view.scene, &view.camera, width, height, 0)?);
         let name = format!("{}-{}-{}-{width}", environment.name(), view.name, short_name(material));
@@ -89,7 +91,7 @@ impl Heads {
     /// NeuSample's flow for a neural material: from its file, or trained now.
     ///
     /// # Errors
-    /// See [`RivalFit::new`]; an interrupted training is an error.
+    /// See [`fit_rival`]; an interrupted training is an error.
     pub fn neusample(&self, texture: &Arc<NeuralTexture>) -> Result<PathBuf> {
         let steps = self.effort.rival_steps;
         let material = RivalMaterial::textured(texture.clone());
@@ -99,14 +101,13 @@ impl Heads {
         }
         let start = Instant::now();
         let kind = RivalKind::Flow;
-        let mut fit = RivalFit::new(RivalSettings { steps, ..RivalSettings::new(kind) }, &material, None)?;
-        while fit.step() < steps {
-            fit.advance()?;
-            if self.stop.load(Ordering::Relaxed) {
-                bail!(crate::progress::Interrupted::new("while a flow of NeuSample's was trained"));
-            }
+        let settings = RivalSettings { steps, ..RivalSettings::new(kind) };
+        let run = Run { progress: &mut |_| Ok(()), interrupt: &self.stop, checkpoints: None, warn: &mut |_| {} };
+        let (rival, state) = fit_rival(&settings, &material, run)?;
+        if state.step < steps {
+            bail!(crate::progress::Interrupted::new("while a flow of NeuSample's was trained"));
         }
-        let rivals = vec![(material.name.clone(), material.identity, fit.rival()?)];
+        let rivals = vec![(material.name.clone(), material.identity, rival)];
         RivalFile { kind, rivals, seconds: Some(start.elapsed().as_secs_f64()) }.write(&file)?;
         Ok(file)
     }
@@ -119,12 +120,12 @@ impl Heads {
     fn seen(
         &self,
         environment: &Environment,
-        material: Material,
+        material: &MaterialSpec,
         name: &str,
         viewpoints: impl FnOnce() -> Result<Viewpoints>,
     ) -> Result<Trained> {
         let config = self.config(material);
-        let file = self.file(&format!("{name}{}-{}", identity(material), config.steps));
+        let file = self.file(&format!("{name}{}-{}", identity(material)?, config.steps));
         if let Ok(exported) = ExportedSampler::read(&file)
             && exported.check_environment(environment).is_ok()
             && let Intermediate::Head(head) = exported.intermediate
@@ -133,7 +134,7 @@ impl Heads {
             return Ok(Trained { head, file, seconds });
         }
         let tail = Arc::new(Tail::of_environment(config.tail, environment)?);
-        let target = build_target(&config, &tail, viewpoints()?);
+        let target = build_target(&config, &tail, viewpoints()?)?;
         let fitted = fit(&config, &*target, &mut |_| {}, &self.stop)?;
         self.check(&fitted.summary)?;
         exported_sampler(&fitted.head, &config, &fitted.summary, environment, &tail, true)?.write(&file)?;
@@ -144,7 +145,7 @@ impl Heads {
     ///
     /// # Errors
     /// As [`Self::of`].
-    pub fn naive_of(&self, environment: &Environment, material: Material) -> Result<Head> {
+    pub fn naive_of(&self, environment: &Environment, material: &MaterialSpec) -> Result<Head> {
         let name = format!("{} {material}", environment.name());
         let known = || self.naive.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, head)) = known().iter().find(|(own, _)| *own == name) {
@@ -152,7 +153,7 @@ impl Heads {
         }
         let config = self.naive(material);
         let tail = Tail::of_environment(config.tail, environment)?;
-        let (head, _) = self.train(&config, &*build_target(&config, &tail, Viewpoints::Sphere))?;
+        let (head, _) = self.train(&config, &*build_target(&config, &tail, Viewpoints::Sphere)?)?;
         known().push((name, head.clone()));
         Ok(head)
     }
@@ -189,7 +190,7 @@ impl Heads {
     }
 
     /// The configuration of a head without a tail, of the same size.
-    pub fn naive(&self, material: Material) -> FitConfig {
+    pub fn naive(&self, material: &MaterialSpec) -> FitConfig {
         FitConfig { naive: true, loss: Loss::ForwardKl, learning_rate: 4e-3, ..self.config(material) }
     }
 
@@ -201,11 +202,17 @@ impl Heads {
     }
 }
 
-/// What tells materials of one name apart: the first letters of the hashes of their weights; nothing for analytic ones.
-fn identity(material: Material) -> String {
-    let Material::Measured(materials) = material else { return String::new() };
-    let of_files = materials.brdfs().iter().filter_map(|brdf| brdf.identity());
-    of_files.chain(materials.texture().map(|texture| texture.hash())).map(|hash| short(&hash)).collect()
+/// What tells materials of one name apart: the first letters of the hash of their file; nothing for analytic ones.
+fn identity(material: &MaterialSpec) -> Result<String> {
+    let file = match material {
+        MaterialSpec::Lambert { .. } | MaterialSpec::Ggx { .. } => return Ok(String::new()),
+        MaterialSpec::Measured { file, .. } => file,
+        MaterialSpec::Neural(spec) => &spec.file,
+    };
+    let mut hasher = blake3::Hasher::new();
+    let opened = open_regular(file).and_then(|(file, _)| hasher.update_reader(file).map(|_| ()));
+    opened.with_context(|| file.display().to_string())?;
+    Ok(short(&hasher.finalize()))
 }
 
 fn short(hash: &blake3::Hash) -> String {

@@ -1,4 +1,15 @@
 //! `headtail paper`: every table and figure of the paper in terms of this program, on one page.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `scenes.rs`, `neural.rs`, `catcher.rs` | rendered scenes, neural materials, compositing |
+//! | `ablation.rs`, `costs.rs` | the parts of the model; costs |
+//! | `bias.rs`, `passes.rs` | the bias of the mask; one pass against two |
+//! | `fits.rs`, `two_dimensions.rs` | densities of all fits; the two-dimensional example |
+//! | `part.rs`, `heads.rs` | parts and trained heads, each made once and kept |
+//! | `comparison.rs`, `measure.rs`, `cosine_weighted.rs` | a view by several samplers |
+//! | `densities.rs`, `shot.rs`, `figure.rs` | code that sections share |
+//! | `data.rs`, `effort.rs` | maps and scenes; how much is computed |
 
 mod ablation;
 mod bias;

@@ -1,13 +1,16 @@
 //! The paper's figures of neural materials: bedroom and cloth.
 
+use std::sync::Arc;
+
 use anyhow::{Context, Result};
 use headtail_render::{
+    brdf::NeuralTexture,
     estimator::SingleSample,
     path_text::text_of,
     sampler::Covering,
+    scene::MaterialSpec,
     spec::{Companion, FileKind, RivalFamily, SamplerSpec, Source},
 };
-use headtail_train::Material;
 
 use super::{
     Workshop,
@@ -62,16 +65,16 @@ fn fabric(workshop: &Workshop, scene: &'static str, material: &'static str, repe
     let text = format!("neural:{},repeat={repeat}", text_of(file));
     let view = workshop.data.view(scene, &text)?;
     let title = format!("{scene}, {material}, under {}", environment.name());
-    let own: Material = text.parse().map_err(anyhow::Error::msg)?;
-    let head = SamplerSpec::file_with_mis(FileKind::Head, workshop.heads.of_view(&environment, own, &view)?.file);
+    let own: MaterialSpec = text.parse()?;
+    let head = SamplerSpec::file_with_mis(FileKind::Head, workshop.heads.of_view(&environment, &own, &view)?.file);
     let cosine = SingleSample::new(Covering::new(CosineWeighted)?, environment.clone());
     let mut samplers = vec![("brdf", SamplerSpec::brdf())];
     let mut entries = baselines(&environment)?;
     let resampling = entries.split_off(1);
     entries.push(Entry::new("cosine", Box::new(cosine)));
     entries.push(entry("brdf", &SamplerSpec::brdf(), &environment)?);
-    if let (1.., Material::Measured(own)) = (workshop.effort.rival_steps, own) {
-        let file = workshop.heads.neusample(own.texture().context("a material with a texture")?)?;
+    if workshop.effort.rival_steps > 0 {
+        let file = workshop.heads.neusample(&Arc::new(NeuralTexture::read(file)?))?;
         for (name, companion) in [("neusample", Companion::None), ("neusample + emitter", Companion::Emitter)] {
             let source = Source::Rival(RivalFamily::NeuSample, file.clone());
             let spec = SamplerSpec::new(source, companion)?;

@@ -11,10 +11,11 @@ use headtail_render::{
     export::{ExportedSampler, Intermediate},
     head::Head,
     sampler::{Covering, EnvironmentLight, ProductSampler},
+    scene::MaterialSpec,
     spec::{FileKind, SamplerSpec},
     tail::TailKind,
 };
-use headtail_train::{Material, learned_bake};
+use headtail_train::learned_bake;
 
 use super::{
     Workshop,
@@ -34,7 +35,7 @@ pub fn cosine(workshop: &Workshop) -> (String, Vec<Part>) {
          The densities are those of the point with the green cross; shadows are not in them. \
          <span class=\"paper\">The paper: head 2.2\u{d7} lower variance than MIS on its temple at equal time (4 spp, 35 ms); baked 2.4\u{d7} lower MSE on its diorama \
          at about the run time of MIS.</span></p>\n";
-    let training = cost::training(&workshop.heads.config(Material::Lambert));
+    let training = cost::training(&workshop.heads.config(&MaterialSpec::LAMBERT));
     let mut parts = vec![Part::new("intermediate densities", training, intermediate)];
     for (name, map) in [("temple", 0), ("dishes", 1), ("diorama", 0)] {
         let cost = workshop.effort.comparison(5) + 2.0 * training;
@@ -47,8 +48,8 @@ fn diffuse(workshop: &Workshop, name: &str, map: usize) -> Result<Made> {
     let environment = workshop.data.map(map)?;
     let view = workshop.data.view(name, "lambert")?;
     let mut entries = baselines(&environment)?;
-    let trained = workshop.heads.of(&environment, Material::Lambert)?;
-    let naive = workshop.heads.naive_of(&environment, Material::Lambert)?;
+    let trained = workshop.heads.of(&environment, &MaterialSpec::LAMBERT)?;
+    let naive = workshop.heads.naive_of(&environment, &MaterialSpec::LAMBERT)?;
     entries.push(entry("head", &SamplerSpec::file(FileKind::Head, trained.file.clone()), &environment)?);
     entries.push(Entry::new("baked 8\u{d7}8", baked(&trained.file, &environment, 8)?));
     entries.push(entry("patches", &SamplerSpec::patches(), &environment)?);
@@ -64,18 +65,17 @@ pub fn microfacet(workshop: &Workshop) -> (String, Vec<Part>) {
          roughness (0.4) its head easily outperforms MIS and RIS-4 at equal time; with roughness as a condition (0.2 to 0.8) it outperforms MIS but not RIS at equal time, and \
          is mixed with BRDF sampling.</span></p>\n";
     let mut parts = Vec::new();
-    for (name, material) in [
-        ("one roughness", Material::Ggx { low: 0.4, high: 0.4 }),
-        ("roughness as a condition", Material::Ggx { low: 0.2, high: 0.8 }),
-    ] {
-        let training = cost::training(&workshop.heads.config(material));
+    for (name, material) in
+        [("one roughness", MaterialSpec::ggx(0.4, 0.4)), ("roughness as a condition", MaterialSpec::ggx(0.2, 0.8))]
+    {
+        let training = cost::training(&workshop.heads.config(&material));
         let cost = workshop.effort.comparison(5) + 2.0 * training;
-        parts.push(Part::new(name, cost, move |workshop| glossy(workshop, material)));
+        parts.push(Part::new(name, cost, move |workshop| glossy(workshop, &material)));
     }
     (intro.to_owned(), parts)
 }
 
-fn glossy(workshop: &Workshop, material: Material) -> Result<Made> {
+fn glossy(workshop: &Workshop, material: &MaterialSpec) -> Result<Made> {
     let environment = workshop.data.map(0)?;
     let view = workshop.data.view("droid", &material.to_string())?;
     let mut entries = baselines(&environment)?;
@@ -104,7 +104,7 @@ pub fn entry(name: &str, spec: &SamplerSpec, environment: &Arc<Environment>) -> 
 /// The paper's figure of intermediate densities: a head's, and those of its tables.
 fn intermediate(workshop: &Workshop) -> Result<Made> {
     let environment = workshop.data.map(0)?;
-    let head: Head = workshop.heads.of(&environment, Material::Lambert)?.head;
+    let head: Head = workshop.heads.of(&environment, &MaterialSpec::LAMBERT)?.head;
     let light = EnvironmentLight::new(environment, TailKind::Hierarchical)?;
     let grid = Densities::new(workshop.effort.density_rows);
     let mut made = Made::of(heading("Intermediate densities of the head and of its tables"));

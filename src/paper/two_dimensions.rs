@@ -11,12 +11,12 @@ use headtail_render::{
     latlong,
     points::{PointSet, Points},
     random::Stream,
-    scene::Scene,
+    scene::{MaterialSpec, Scene},
     spec::SamplerSpec,
     tail::{Tail, TailKind},
 };
 use headtail_train::{
-    FitConfig, Loss, Material,
+    FitConfig, Loss,
     integrand::{NaiveTarget, ProductTarget, Surface},
 };
 
@@ -80,7 +80,7 @@ impl Surface for Gaussian {
 
 /// The section.
 pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
-    let cost = 2.0 * cost::training(&workshop.heads.config(Material::Lambert));
+    let cost = 2.0 * cost::training(&workshop.heads.config(&MaterialSpec::LAMBERT));
     (String::new(), vec![Part::new("image and Gaussian", cost, example)])
 }
 
@@ -98,7 +98,7 @@ fn example(workshop: &Workshop) -> Result<Made> {
         })
         .collect();
     let tail = Tail::new(TailKind::Hierarchical, 2 * ROWS, ROWS, &luminance)?;
-    let config = FitConfig { learning_rate: 8e-3, ..workshop.heads.config(Material::Lambert) };
+    let config = FitConfig { learning_rate: 8e-3, ..workshop.heads.config(&MaterialSpec::LAMBERT) };
     let (head, summary) = workshop.heads.train(&config, &ProductTarget::of_surface(Gaussian, &tail))?;
     let naive_config = FitConfig { loss: Loss::ForwardKl, learning_rate: 4e-3, ..config };
     let target = NaiveTarget::new(Box::new(ProductTarget::of_surface(Gaussian, &tail)), &tail);

@@ -1,5 +1,18 @@
 //! The comparison report: `results.csv` with every number, `report.html`, one self-contained page to read them by, and `figures/`, its
 //! charts and tables as files. What other pages are made of is here, too.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `html/`, `overview.rs` | the page of a comparison; the page over several |
+//! | `shell.rs`, `style/`, `script/` | head, style and script of all pages |
+//! | `chart/`, `vector.rs` | charts; drawings on a page and as SVG |
+//! | `kind.rs`, `colours.rs` | colours of samplers, and of values |
+//! | `table.rs`, `number.rs` | tables as HTML, LaTeX and CSV; printed numbers |
+//! | `stage.rs`, `gallery.rs`, `picture.rs`, `radiance.rs`, `crop.rs` | pictures of a page |
+//! | `teaser.rs` | a paper's first figure |
+//! | `summary.rs`, `reading.rs` | runs by sampler and budget; in sentences |
+//! | `terminal.rs`, `csv.rs` | the same as text and as a file |
+//! | `synthetic.rs` | a comparison for tests |
 
 pub mod chart;
 pub mod colours;

@@ -4,8 +4,7 @@ use std::{collections::BTreeMap, path::Path, sync::atomic::AtomicBool};
 
 use anyhow::Result;
 use headtail_eval::{Budget, Entry, Plan, Reference, ReferencePolicy, Run};
-use headtail_render::spec::SamplerSpec;
-use headtail_train::Material;
+use headtail_render::{scene::MaterialSpec, spec::SamplerSpec};
 
 use super::view::MeasuredView;
 
@@ -20,7 +19,7 @@ pub type Measures = BTreeMap<String, f64>;
 pub fn errors_of_view(
     measured: &MeasuredView,
     env: &str,
-    material: Material,
+    material: &MaterialSpec,
     spec: &SamplerSpec,
     cache: &Path,
 ) -> Result<Measures> {

@@ -1,4 +1,10 @@
 //! A run described by one table: map, conditions, head, training, export, and what is measured afterwards.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `table.rs`, `view.rs` | the table of a run, and its views |
+//! | `contents.rs` | the files that it names, as hashes |
+//! | `perform.rs`, `measure.rs` | from settings to files; what is measured |
 
 mod contents;
 pub mod measure;

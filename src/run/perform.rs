@@ -19,8 +19,8 @@ use headtail_render::{
     tail::{Tail, TailKind},
 };
 use headtail_train::{
-    CheckpointFolder, DensityPair, Fitted, FlowSummary, Material, MetricsFile, Progress, Run, Summary, TensorBoard,
-    Viewpoints, build_target, density_pairs, exported_sampler, fit_tail, fit_with,
+    CheckpointFolder, Checkpoints, DensityPair, Fitted, FlowSummary, MetricsFile, Progress, Run, Summary, TensorBoard,
+    Viewpoints, build_target, condition_of, density_pairs, exported_sampler, fit_tail, fit_with,
 };
 
 use super::{
@@ -96,7 +96,7 @@ pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finish
     let viewpoints = run
         .viewpoints
         .as_ref()
-        .map_or(Ok(Viewpoints::Sphere), |picture| seen(picture, config.material, config.seed))?;
+        .map_or(Ok(Viewpoints::Sphere), |picture| seen(picture, &config.material, config.seed))?;
     let checkpoints = run.checkpoints.as_ref().map(|checkpoints| CheckpointFolder {
         folder: checkpoints.folder.clone(),
         every: checkpoints.every,
@@ -111,7 +111,7 @@ pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finish
         let but = if checkpoints.is_some() { " but its checkpoint" } else { "" };
         bail!(progress::Interrupted::new(format!("while the flow tail was fitted; nothing was written{but}")));
     }
-    let target = build_target(config, &tail, viewpoints);
+    let target = build_target(config, &tail, viewpoints)?;
     let pause = AtomicBool::new(false);
     let mut show = |progress: &Progress| {
         metrics.add(progress)?;
@@ -125,7 +125,8 @@ pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finish
         Ok(())
     };
     let warn = &mut |error: &headtail_train::Error| warning!("{error}; the checkpoint before it is used");
-    let around = Run { progress: &mut show, interrupt: &pause, checkpoints: checkpoints.as_ref(), warn };
+    let checkpoints = checkpoints.as_ref().map(|folder| folder as &dyn Checkpoints);
+    let around = Run { progress: &mut show, interrupt: &pause, checkpoints, warn };
     let fitted = fit_with(config, &*target, around)?;
     if let Some(folder) = pictures {
         make_folder(&folder)?;
@@ -163,11 +164,11 @@ fn measured(
     let mut measures = Measures::new();
     if run.measure.time {
         let estimator = spec.build(environment)?;
-        let nanoseconds = nanoseconds_per_sample(&*estimator, environment, &run.fit.material.to_string().parse()?)?;
+        let nanoseconds = nanoseconds_per_sample(&*estimator, environment, &run.fit.material)?;
         measures.insert("ns_per_sample".into(), nanoseconds);
     }
     for view in &run.measure.views {
-        measures.extend(measure::errors_of_view(view, &run.env, run.fit.material, spec, references)?);
+        measures.extend(measure::errors_of_view(view, &run.env, &run.fit.material, spec, references)?);
     }
     Ok(measures)
 }
@@ -195,26 +196,20 @@ fn tail_of(
     checkpoints: Option<&CheckpointFolder>,
     stop: &AtomicBool,
 ) -> Result<Arc<Tail>> {
-    let checkpoints = checkpoints.map(|head| CheckpointFolder {
-        folder: head.folder.join("tail"),
-        target: format!("tail of {}", head.target),
-        ..head.clone()
-    });
-    let mut bar = None;
-    let mut show = |progress: &Progress| {
-        let bar = bar.get_or_insert_with(|| progress::bar(run.fit.flow.steps as u64, "flow tail"));
-        bar.set_message(format!("loss {:.4}, {:.2} M samples/s", progress.loss, progress.samples_per_second / 1e6));
-        bar.set_position(progress.step as u64);
+    let checkpoints = checkpoints.map(CheckpointFolder::of_tail);
+    let bar = progress::TrainingBar::new("flow tail");
+    let mut show = |now: &Progress| {
+        bar.show(now, format!("loss {:.4}, {:.2} M samples/s", now.loss, now.samples_per_second / 1e6));
         Ok(())
     };
     let around = Run {
         progress: &mut show,
         interrupt: stop,
-        checkpoints: checkpoints.as_ref(),
+        checkpoints: checkpoints.as_ref().map(|folder| folder as &dyn Checkpoints),
         warn: &mut |error| warning!("{error}; the checkpoint before it is used"),
     };
     let (tail, summary) = fit_tail(&run.fit, environment, around)?;
-    bar.iter().for_each(progress::Bar::finish_and_clear);
+    bar.finish_and_clear();
     if let Some(FlowSummary { steps, kl, table_kl, initial_kl, repair, seconds, .. }) = summary {
         let blended = match repair.blended {
             0.0 => String::new(),
@@ -230,15 +225,15 @@ fn tail_of(
 }
 
 /// What a camera sees of a scene.
-fn seen(picture: &Picture, material: Material, seed: u64) -> Result<Viewpoints> {
+fn seen(picture: &Picture, material: &MaterialSpec, seed: u64) -> Result<Viewpoints> {
     let mut scene = open_scene(&picture.scene, true)?;
     let camera = picture.camera().open(&scene)?;
     if picture.ground {
         scene.add_ground();
     }
-    if material.condition() == Condition::Texture {
+    if condition_of(material) == Condition::Texture {
         let bounds = scene.bounds();
-        scene = material.to_string().parse::<MaterialSpec>()?.dress(scene, &bounds)?;
+        scene = material.dress(scene, &bounds)?;
     }
     Ok(Viewpoints::of_scene(&scene, &camera, picture.width as usize, picture.height as usize, seed)?)
 }

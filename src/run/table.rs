@@ -3,7 +3,8 @@
 use std::{fmt::Display, path::PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
-use headtail_train::{ConfigBuilder, FitConfig, Material, Preset};
+use headtail_render::scene::MaterialSpec;
+use headtail_train::{ConfigBuilder, FitConfig, Preset};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -139,7 +140,7 @@ impl RunTable {
     }
 
     /// The material, if the file names one.
-    pub fn material(&self) -> Option<Material> {
+    pub fn material(&self) -> Option<MaterialSpec> {
         self.fit.get("material").and_then(Value::as_str).and_then(|text| text.parse().ok())
     }
 
@@ -169,8 +170,8 @@ impl RunTable {
     /// # Errors
     /// As [`Self::lay_over`] and [`Self::with_fit`].
     pub fn resolve(self) -> Result<RunConfig> {
-        let material = self.material().unwrap_or(Material::Lambert);
-        let mut builder = ConfigBuilder::new(self.preset()?.unwrap_or(Preset::fast_for(material)));
+        let material = self.material().unwrap_or(MaterialSpec::LAMBERT);
+        let mut builder = ConfigBuilder::new(self.preset()?.unwrap_or(Preset::fast_for(&material)));
         self.lay_over(&mut builder)?;
         let fit = builder.build()?;
         self.with_fit(fit)
@@ -238,7 +239,7 @@ impl RunConfig {
             picture.scene = contents.scene(&picture.scene);
         }
         let material = contents.material(&self.fit.material.to_string());
-        let fit = FitConfig { material: Material::Lambert, ..self.fit.clone() };
+        let fit = FitConfig { material: MaterialSpec::LAMBERT, ..self.fit.clone() };
         // JSON, because it is written many times as fast.
         let content = serde_json::to_string(&(version, keys, material, fit))?;
         Ok(blake3::hash(content.as_bytes()).to_hex().to_string())

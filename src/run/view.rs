@@ -3,7 +3,6 @@
 use anyhow::{Result, ensure};
 use glam::Vec3A;
 use headtail_render::scene::MaterialSpec;
-use headtail_train::Material;
 use serde::{Deserialize, Serialize};
 
 use crate::arguments::{CameraArguments, Triple, ViewArguments};
@@ -141,12 +140,12 @@ impl MeasuredView {
     }
 
     /// What is rendered, for a head for this material under this map.
-    pub fn view(&self, env: &str, material: Material) -> Result<ViewArguments> {
+    pub fn view(&self, env: &str, material: &MaterialSpec) -> Result<ViewArguments> {
         let parse = |text: &str| text.parse::<MaterialSpec>().map_err(anyhow::Error::from);
         let material = match self.material.as_deref() {
             Some("scene") => None,
             Some(text) => Some(parse(text)?),
-            None => Some(parse(&material.to_string())?),
+            None => Some(material.clone()),
         };
         Ok(ViewArguments {
             ground: self.picture.ground,

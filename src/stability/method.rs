@@ -153,7 +153,7 @@ impl<'a> Laboratory<'a> {
 
     fn train(&self, config: &FitConfig) -> Result<Trained> {
         let tail = self.tail(config)?;
-        let target = build_target(config, &tail, Viewpoints::Sphere);
+        let target = build_target(config, &tail, Viewpoints::Sphere)?;
         let fitted = fit(config, &*target, &mut |_| {}, self.stop)?;
         let mut head = native_head(&fitted.head)?;
         if self.regime.change == Change::HalfWeights {

@@ -1,4 +1,10 @@
 //! `headtail stability`: samplers in the regimes in which importance sampling is known to fail.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `regime.rs`, `method.rs` | light, surfaces and training; samplers made in them |
+//! | `kept.rs` | finished regimes as files |
+//! | `table.rs`, `page.rs`, `picture.rs` | `stability.csv`, `stability.html` and its pictures |
 
 mod kept;
 mod method;

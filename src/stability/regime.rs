@@ -10,10 +10,11 @@ use headtail_render::{
     image::Image,
     latlong,
     random::{Purpose, Stream},
+    scene::MaterialSpec,
     tail::TailKind,
     tile::ShadingPoint,
 };
-use headtail_train::{FitConfig, Loss, Material, Preset, Viewpoints};
+use headtail_train::{FitConfig, Loss, Preset, Viewpoints};
 
 /// What is measured under.
 #[derive(Clone)]
@@ -25,7 +26,7 @@ pub struct Regime {
     /// The map.
     pub environment: Arc<Environment>,
     /// The surfaces.
-    pub material: Material,
+    pub material: MaterialSpec,
     /// Which normals and view directions.
     pub directions: Directions,
     /// What is different in training or in the weights.
@@ -63,7 +64,7 @@ pub enum Change {
 impl Regime {
     /// What `headtail fit` takes for this material without further flags, but for what the regime changes, and fewer steps in quick runs.
     pub fn config(&self, quick: bool) -> FitConfig {
-        let mut config = Preset::fast_for(self.material).config().for_material(self.material);
+        let mut config = Preset::fast_for(&self.material).config().for_material(self.material.clone());
         // The validation at the end is enough: the others change nothing.
         config.validate_every = 0;
         if quick {
@@ -83,10 +84,14 @@ impl Regime {
     pub fn shading_point(&self, index: u64) -> ShadingPoint {
         let mut stream = Stream::new(7, Purpose::Test, index);
         let (wo, n) = self.directions.draw(index, &mut stream);
-        let surface = match self.material {
-            Material::Lambert => Lambert { albedo: Vec3::ONE }.into(),
-            Material::Ggx { low, high } => Ggx::new(low + (high - low) * stream.uniform(), Vec3::ONE).into(),
-            Material::Measured(_) => unreachable!("the regimes are of analytic materials"),
+        let surface = match &self.material {
+            MaterialSpec::Lambert { .. } => Lambert { albedo: Vec3::ONE }.into(),
+            MaterialSpec::Ggx { alpha, .. } => {
+                Ggx::new(alpha.low + (alpha.high - alpha.low) * stream.uniform(), Vec3::ONE).into()
+            }
+            MaterialSpec::Measured { .. } | MaterialSpec::Neural(_) => {
+                unreachable!("the regimes are of analytic materials")
+            }
         };
         ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }
     }
@@ -145,7 +150,7 @@ pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<Missing>)> {
         name: name.to_owned(),
         why,
         environment,
-        material: Material::Lambert,
+        material: MaterialSpec::LAMBERT,
         directions: Directions::Sphere,
         change: Change::None,
     };
@@ -183,13 +188,13 @@ pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<Missing>)> {
         made("1e6 : 1", 256, 128, |i, j| if i / 4 == 40 && j / 4 == 10 { 1e6 } else { 1.0 })?,
     ));
     for alpha in [0.4, 0.2, 0.1, 0.05, 0.02] {
-        let material = Material::Ggx { low: alpha, high: alpha };
+        let material = MaterialSpec::ggx(alpha, alpha);
         all.push(Regime {
             material,
             ..lambert(&format!("alpha = {alpha}"), "narrow lobes among small lights", studio.clone())
         });
     }
-    let rough = Material::Ggx { low: 0.2, high: 0.2 };
+    let rough = MaterialSpec::ggx(0.2, 0.2);
     all.push(Regime {
         material: rough,
         directions: Directions::Grazing,

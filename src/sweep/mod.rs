@@ -1,4 +1,18 @@
 //! `headtail sweep`: many runs from one file, each trial once, whatever is killed meanwhile.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `space.rs`, `axis.rs` | the space; the values of one setting |
+//! | `plan.rs` | trials and their identities |
+//! | `journal.rs`, `folder.rs` | what workers write; the folder and its locks |
+//! | `jobs.rs`, `halving.rs`, `search.rs` | the next work; successive halving; Parzen estimators |
+//! | `worker.rs`, `local.rs` | a worker; worker processes on this machine |
+//! | `slurm.rs`, `queue.rs` | array jobs; the state of jobs |
+//! | `status.rs`, `estimate.rs` | progress; expected work |
+//! | `collect.rs`, `retry.rs` | one table of all trials; failed trials |
+//! | `report.rs`, `report/` | the page |
+//! | `effect.rs`, `forest.rs` | what a setting's values do; which settings matter |
+//! | `arguments.rs`, `place.rs` | the command line; the sweep that a command is about |
 
 mod arguments;
 mod axis;

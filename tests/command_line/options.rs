@@ -219,7 +219,7 @@ fn files_say_what_they_are() {
     succeed(path, "fit --env overcast --material lambert --steps 2 --set conditions=4 --checkpoint-dir ck --out f");
     assert!(succeed(path, "info f/sampler.safetensors").contains(" --sampler head+mis:f/sampler.safetensors\n"));
     assert!(succeed(path, "info ck/step-000000002").contains("a checkpoint of a training"));
-    assert!(fail(path, "info f").contains("no checkpoint"));
+    assert!(fail(path, "info f").contains("it is a folder"));
     fs::write(path.join("x"), "text").unwrap();
     assert!(fail(path, "info x").starts_with("x: "));
 }

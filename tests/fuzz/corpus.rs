@@ -199,19 +199,18 @@ pub fn config() -> FitConfig {
     }
 }
 
-/// A head and a table as exported files; the files of a checkpoint, manifest and state; and how many weights it is of.
-pub fn trained(folder: &Path) -> (Vec<Vec<u8>>, [Vec<u8>; 2], usize) {
+/// A head and a table as exported files; the state of a checkpoint; and the number of its weights.
+pub fn trained(folder: &Path) -> (Vec<Vec<u8>>, Vec<u8>, usize) {
     let map = Environment::from_image("small", picture(16, 8)).unwrap();
     let config = config();
     let tail = Arc::new(Tail::of_environment(TailKind::Hierarchical, &map).unwrap());
-    let target = build_target(&config, &tail, Viewpoints::Sphere);
+    let target = build_target(&config, &tail, Viewpoints::Sphere).unwrap();
     let checkpoints =
         CheckpointFolder { folder: folder.join("made"), every: 1, resume: false, target: "target".into() };
     let (interrupt, warn) = (AtomicBool::new(false), &mut |_: &headtail_train::Error| {});
     let run = Run { progress: &mut |_| Ok(()), interrupt: &interrupt, checkpoints: Some(&checkpoints), warn };
     let fitted = fit_with(&config, &*target, run).unwrap();
-    let read = |name: &str| fs::read(folder.join("made/step-000000002").join(name)).unwrap();
-    let checkpoint = ["manifest.json", "state.safetensors"].map(read);
+    let checkpoint = fs::read(folder.join("made/step-000000002")).unwrap();
     let head = exported_sampler(&fitted.head, &config, &fitted.summary, &map, &tail, false).unwrap();
     let table = direct_bake(&tail, NormalGrid::new(2, 3).unwrap(), CellGrid::new(2, 4).unwrap()).unwrap();
     let table = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();

@@ -8,6 +8,7 @@ mod memory;
 mod mutation;
 
 use std::{
+    collections::HashMap,
     fs,
     panic::{AssertUnwindSafe, catch_unwind},
     path::{Path, PathBuf},
@@ -21,9 +22,10 @@ use headtail_render::{
     rival::RivalFile,
     scene::{FspyProject, MaterialSpec, Scene, UpAxis},
     spec::SamplerSpec,
+    tensor_file,
     visibility::SceneVisibility,
 };
-use headtail_train::{CheckpointFolder, ConfigBuilder, Preset};
+use headtail_train::{CheckpointFolder, Checkpoints, ConfigBuilder, Preset, state::TrainingState};
 use mutation::Mutation;
 
 #[global_allocator]
@@ -151,34 +153,27 @@ fn no_input_makes_a_reader_panic_or_take_much_memory() {
     }
 }
 
-/// Checkpoints have checksums: half of the inputs get new ones, so that what is behind them is reached.
-fn fuzz_checkpoints(made: &Path, [manifest, state]: &[Vec<u8>; 2], weights: usize) {
+/// Checkpoints end with a checksum: most of the inputs get a new one, so that what is behind it is
+/// reached. The header is changed alone, too.
+fn fuzz_checkpoints(made: &Path, checkpoint: &[u8], weights: usize) {
+    const ENTRY: &str = "headtail_state";
     let config = corpus::config();
-    let step = made.join("fuzzed/step-000000002");
-    let set_up = |manifest: &[u8], state: &[u8], sums: bool| {
-        drop(fs::remove_dir_all(made.join("fuzzed")));
-        fs::create_dir_all(&step).unwrap();
-        let line = |name: &str, bytes: &[u8]| format!("{}  {name}\n", blake3::hash(bytes).to_hex());
-        let sums = if sums { line("manifest.json", manifest) + &line("state.safetensors", state) } else { "x".into() };
-        for (name, bytes) in
-            [("manifest.json", manifest), ("state.safetensors", state), ("checksums.b3", sums.as_bytes())]
-        {
-            fs::write(step.join(name), bytes).unwrap();
-        }
+    let settings: serde_json::Value = serde_json::from_str(&serde_json::to_string(&config).unwrap()).unwrap();
+    let blank = TrainingState::new(&config, vec![0.0; weights]);
+    let folder = CheckpointFolder { folder: made.join("fuzzed"), every: 1, resume: true, target: "target".into() };
+    let goes_on = |state: &[u8], is_summed: bool| {
+        let sum = if is_summed { blake3::hash(state).to_hex().to_string() } else { "x".into() };
+        drop(fs::remove_dir_all(&folder.folder));
+        fs::create_dir_all(&folder.folder).unwrap();
+        fs::write(folder.folder.join("step-000000002"), [state, sum.as_bytes()].concat()).unwrap();
+        folder.open(&settings, &blank, &mut |_| {}).is_ok_and(|found| found.is_some())
     };
-    let goes_on = || {
-        let folder = CheckpointFolder { folder: made.join("fuzzed"), every: 1, resume: true, target: "target".into() };
-        folder.open(&config, weights, &mut |_| {}).is_ok_and(|found| found.is_some())
-    };
-    for (name, input) in [("checkpoint.manifest", manifest), ("checkpoint.state", state)] {
-        fuzz(name, std::slice::from_ref(input), |_, bytes| {
-            let sums = bytes.len() % 8 != 7;
-            if name.ends_with("manifest") {
-                set_up(bytes, state, sums);
-            } else {
-                set_up(manifest, bytes, sums);
-            }
-            goes_on() || bytes == &input[..]
-        });
-    }
+    let state = &checkpoint[..checkpoint.len() - 2 * blake3::OUT_LEN];
+    fuzz("checkpoint.state", &[state.to_vec()], |_, bytes| goes_on(bytes, bytes.len() % 8 != 7) || bytes == state);
+    let (metadata, tensors) = tensor_file::open(state).unwrap();
+    let header = metadata.metadata().as_ref().unwrap()[ENTRY].clone().into_bytes();
+    fuzz("checkpoint.header", &[header], |_, bytes| {
+        let header = HashMap::from([(ENTRY.to_owned(), String::from_utf8_lossy(bytes).into_owned())]);
+        goes_on(&safetensors::serialize(tensors.iter(), Some(header)).unwrap(), true)
+    });
 }

@@ -76,13 +76,14 @@ impl BackendTrial {
             let start = Instant::now();
             let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, step as u64)?;
             let drawn = start.elapsed().as_secs_f64();
-            state.advance_on(&config, &batch, &mut *source)?;
+            let gradient = source.gradient(&state.parameters.weights, config.objective(), &batch);
+            state.apply(&config, gradient)?;
             if step > 0 || self.steps == 1 {
                 drawing += drawn;
                 stepping += start.elapsed().as_secs_f64() - drawn;
                 timed += batch.densities.len();
             }
-            losses.push(state.loss);
+            losses.push(state.loss.unwrap_or(f32::NAN));
             watch(step + 1);
         }
         let peak_memory_bytes = peak_memory::bytes();
@@ -96,7 +97,7 @@ impl BackendTrial {
             samples_per_second: timed as f64 / stepping,
             samples_per_second_with_targets: timed as f64 / (stepping + drawing),
             peak_memory_bytes,
-            final_loss: state.loss,
+            final_loss: state.loss.unwrap_or(f32::NAN),
             losses,
             largest_loss_difference,
             gradient_error: self.parity(&config, target)?,

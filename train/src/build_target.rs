@@ -1,9 +1,15 @@
 //! The target that a configuration asks for.
 
-use headtail_render::tail::Tail;
+use std::sync::Arc;
+
+use headtail_render::{
+    brdf::NeuralTexture,
+    scene::{MaterialSpec, open_measured},
+    tail::Tail,
+};
 
 use crate::{
-    FitConfig, Material,
+    FitConfig, Result,
     config::Points,
     integrand::{
         Ggx, Lambert, MeasuredSurface, NaiveTarget, PatchedTarget, ProductTarget, RenderedSurface, TabulatedTarget,
@@ -11,20 +17,26 @@ use crate::{
     },
 };
 
-/// The target of `config` under an exact tail (of the kind that `config` names), with surfaces seen from `viewpoints`.
+/// The target of `config` under an exact tail (of the kind that `config` names), with surfaces seen from `viewpoints`. Opens the material's file, if it
+/// has one.
+///
+/// # Errors
+/// The file cannot be read, or does not hold the material.
 ///
 /// # Panics
 /// If a head over patches is asked for and the tail is not hierarchical.
-pub fn build_target<'a>(config: &FitConfig, tail: &'a Tail, viewpoints: Viewpoints) -> Box<dyn Target + 'a> {
-    let target = match config.material {
-        Material::Lambert => of_surface(config, Lambert::seen_from(viewpoints), tail),
-        Material::Ggx { low, high } => of_surface(config, Ggx::new(viewpoints, low, high), tail),
-        Material::Measured(materials) if materials.texture().is_some() => {
-            of_surface(config, TexturedSurface::new(viewpoints, materials), tail)
+pub fn build_target<'a>(config: &FitConfig, tail: &'a Tail, viewpoints: Viewpoints) -> Result<Box<dyn Target + 'a>> {
+    let target = match &config.material {
+        MaterialSpec::Lambert { .. } => of_surface(config, Lambert::seen_from(viewpoints), tail),
+        MaterialSpec::Ggx { alpha, .. } => of_surface(config, Ggx::new(viewpoints, alpha.low, alpha.high), tail),
+        MaterialSpec::Measured { file, names } => {
+            of_surface(config, MeasuredSurface::new(viewpoints, open_measured(file, names)?), tail)
         }
-        Material::Measured(materials) => of_surface(config, MeasuredSurface::new(viewpoints, materials), tail),
+        MaterialSpec::Neural(spec) => {
+            of_surface(config, TexturedSurface::new(viewpoints, Arc::new(NeuralTexture::read(&spec.file)?)), tail)
+        }
     };
-    if config.naive { Box::new(NaiveTarget::new(target, tail)) } else { target }
+    Ok(if config.naive { Box::new(NaiveTarget::new(target, tail)) } else { target })
 }
 
 fn of_surface<'a, S: RenderedSurface + 'a>(config: &FitConfig, surface: S, tail: &'a Tail) -> Box<dyn Target + 'a> {

@@ -1,11 +1,13 @@
 //! The configuration of a training run. Values stand in one place, `preset.rs`.
 
 use headtail_model::{Condition, HeadConfig};
-use headtail_render::{patches::Detail, tail::TailKind};
+use headtail_render::{patches::Detail, scene::MaterialSpec, tail::TailKind};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Backend, Error, FlowSettings, GradientForm, Loss, Material, Objective, Preset, Result, integrand::BatchShape,
+    Backend, Error, FlowSettings, GradientForm, Loss, Objective, Preset, Result,
+    integrand::BatchShape,
+    material::{check_scale, condition_of},
 };
 
 /// A training run. Missing keys of a file take the defaults, unknown keys are errors.
@@ -13,7 +15,7 @@ use crate::{
 #[serde(deny_unknown_fields, default)]
 pub struct FitConfig {
     /// The material to sample for.
-    pub material: Material,
+    pub material: MaterialSpec,
     /// The tail under the head.
     pub tail: TailKind,
     /// Whether a head whose relative variance is not below that of the untrained one is given up for that one. With a learned
@@ -155,7 +157,7 @@ impl FitConfig {
     #[must_use]
     pub fn over(mut self, over: Over) -> Self {
         self.over = over;
-        self.head.share &= over == Over::Tail || self.material != Material::Lambert;
+        self.head.share &= over == Over::Tail || !self.material.is_lambert();
         self
     }
 
@@ -174,7 +176,7 @@ impl FitConfig {
         if self.naive {
             return refused("naive", "true".into(), "false over patches");
         }
-        if self.material != Material::Lambert && !self.head.share {
+        if !self.material.is_lambert() && !self.head.share {
             return refused(
                 "head.share",
                 "false".into(),
@@ -191,9 +193,10 @@ impl FitConfig {
     pub fn validate(&self) -> Result<()> {
         self.head.validate()?;
         self.flow.validate()?;
-        if self.head.condition != self.material.condition() {
+        check_scale(&self.material)?;
+        if self.head.condition != condition_of(&self.material) {
             let value = name_of(self.head.condition);
-            let requirement = match self.material.condition() {
+            let requirement = match condition_of(&self.material) {
                 Condition::Normal => "`normal` for this material",
                 Condition::Ggx => "`ggx` for this material",
                 Condition::GgxRoughness => "`ggx-roughness` for this material",
@@ -276,7 +279,7 @@ mod tests {
         assert_eq!(refused(FitConfig { tail: TailKind::RowColumn, ..over() }), "tail");
         assert_eq!(refused(FitConfig { points: Points::Tabulated, ..over() }), "points");
         assert_eq!(refused(FitConfig { naive: true, ..over() }), "naive");
-        assert_eq!(refused(over().for_material(Material::Ggx { low: 0.4, high: 0.4 })), "head.share");
+        assert_eq!(refused(over().for_material(MaterialSpec::ggx(0.4, 0.4))), "head.share");
         assert_eq!(refused(FitConfig { learning_rate: f64::NAN, ..good() }), "learning_rate");
         assert_eq!(refused(FitConfig { beta_2: 1.0, ..good() }), "beta_2");
         assert_eq!(refused(FitConfig { entropic: -1e-4, ..good() }), "entropic");

@@ -2,9 +2,10 @@
 
 use std::{path::Path, sync::OnceLock};
 
+use headtail_render::scene::MaterialSpec;
 use toml::{Table, Value};
 
-use crate::{Error, FitConfig, Material, Preset, Result, config::name_of, flow::FlowSize};
+use crate::{Error, FitConfig, Preset, Result, config::name_of, flow::FlowSize, material::condition_of};
 
 /// A configuration that is put together: a preset, over which files and values are laid.
 #[derive(Clone, Debug)]
@@ -72,17 +73,18 @@ impl ConfigBuilder {
         take_older_names(&mut overlay);
         check_keys(name, "", &self.table, &overlay)?;
         let names_condition = overlay.get("head").is_some_and(|head| head.get("condition").is_some());
-        let material = overlay.get("material").and_then(Value::as_str).and_then(|text| text.parse::<Material>().ok());
+        let material =
+            overlay.get("material").and_then(Value::as_str).and_then(|text| text.parse::<MaterialSpec>().ok());
         merge(&mut self.table, overlay);
         if let (Some(material), false) = (material, names_condition) {
-            self.take_condition_of(material);
+            self.take_condition_of(&material);
         }
         self.parse(name).map(|_| ())
     }
 
     /// A material decides what its head is conditioned on.
-    fn take_condition_of(&mut self, material: Material) {
-        let condition = Value::String(name_of(material.condition()));
+    fn take_condition_of(&mut self, material: &MaterialSpec) {
+        let condition = Value::String(name_of(condition_of(material)));
         if let Some(Value::Table(head)) = self.table.get_mut("head") {
             head.insert("condition".into(), condition);
         }
@@ -117,9 +119,9 @@ impl FitConfig {
 
     /// Sets the material, and what its head is conditioned on.
     #[must_use]
-    pub fn for_material(mut self, material: Material) -> Self {
+    pub fn for_material(mut self, material: MaterialSpec) -> Self {
+        self.head.condition = condition_of(&material);
         self.material = material;
-        self.head.condition = material.condition();
         let over = self.over;
         self.over(over)
     }

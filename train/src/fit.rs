@@ -1,41 +1,17 @@
-//! The training loop.
+//! Training heads.
 
-use std::{
-    cmp,
-    sync::atomic::{AtomicBool, Ordering},
-    time::Instant,
-};
+use std::{cmp, sync::atomic::AtomicBool};
 
-use headtail_model::Head;
+use headtail_model::{Head, burn::prelude::Device};
+use headtail_render::random::Purpose;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    CheckpointFolder, Divergence, Error, FitConfig, Result, Target, checkpoint::SavedRun, config::name_of,
-    state::TrainingState, validation::Validation,
+    Batch, Divergence, Error, FitConfig, GradientSource, Progress, Result, Run, StepGradient, Target, TrainingState,
+    config::name_of,
+    trainer::{Trainable, Trainer},
+    validation::Validation,
 };
-
-/// What is known after a step.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Progress {
-    /// Steps done.
-    pub step: usize,
-    /// Steps in all.
-    #[serde(skip)]
-    pub steps: usize,
-    /// The step's loss on its batch.
-    pub loss: f32,
-    /// Validation, if this step had one.
-    #[serde(flatten)]
-    pub divergence: Option<Divergence>,
-    /// The step's learning rate.
-    pub learning_rate: f64,
-    /// Training points per second since the process began, validation included.
-    pub samples_per_second: f64,
-    /// Wall-clock seconds of training, over all processes of a resumed run.
-    pub seconds: f64,
-    /// Steps left out because loss or gradient was not finite.
-    pub skipped: usize,
-}
 
 /// A training run in figures.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -88,119 +64,77 @@ pub fn fit(
     fit_with(config, target, Run { progress: &mut report, interrupt, checkpoints: None, warn: &mut |_| {} })
 }
 
-/// What surrounds a training run.
-pub struct Run<'a> {
-    /// Called at the start, after every step and at the end; an error of its own ends the run.
-    pub progress: &'a mut dyn FnMut(&Progress) -> Result<()>,
-    /// Ends the run after the current step.
-    pub interrupt: &'a AtomicBool,
-    /// Where to save checkpoints and to go on from.
-    pub checkpoints: Option<&'a CheckpointFolder>,
-    /// Told of checkpoints that cannot be used.
-    pub warn: &'a mut dyn FnMut(&Error),
-}
-
-/// [`fit()`] with checkpoints. A run that is killed and resumed, at any moment and any number of times, ends with the weights of one
-/// that was not, bit for bit (on one backend).
+/// [`fit()`] with checkpoints. A run that is killed and resumed, at any moment and any number of
+/// times, ends with the weights of one that was not, bit for bit (on one backend).
 ///
 /// # Errors
-/// As [`fit()`], and those of [`CheckpointFolder`] and of `run.progress`.
+/// As [`fit()`], and those of `run.checkpoints` and `run.progress`.
 pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result<Fitted> {
-    let Run { progress, interrupt, checkpoints, warn } = run;
     config.validate()?;
     check_target(config, target)?;
     config.check_memory()?;
     let device = config.backend.device()?;
     let blank = Head::new(config.head, config.seed, &device)?;
-    let mut state = TrainingState::new(config, blank.flat_weights());
-    let saved = match checkpoints {
-        Some(checkpoints) => checkpoints.open(config, blank.weight_count(), warn)?,
-        None => None,
-    };
-    let start = Instant::now();
+    let points_per_step = config.conditions * config.batch_shape().samples();
+    let state = TrainingState::new(config, blank.flat_weights());
+    let mut trainer = Trainer::new(config, config, state, points_per_step, run)?;
     let validation = Validation::new(target, config.validation_shape(), config.seed)?;
-    let head = |state: &TrainingState| blank.clone().with_flat_weights(state.best_weights(), &device);
-    let divergence = |state: &TrainingState| validation.divergence(&head(state), &device);
-    let initial = divergence(&state);
-    let mut earlier_seconds = 0.0;
-    if let Some(saved) = saved {
-        earlier_seconds = saved.seconds;
-        state = saved.state;
-    }
-    let first_step = state.step;
-    let report = |state: &TrainingState, divergence: Option<Divergence>| Progress {
-        step: state.step,
-        steps: config.steps,
-        loss: state.loss,
-        divergence,
-        learning_rate: state.last_rate(config),
-        samples_per_second: ((state.step - first_step) * config.conditions * config.batch_shape().samples()) as f64
-            / start.elapsed().as_secs_f64(),
-        seconds: earlier_seconds + start.elapsed().as_secs_f64(),
-        skipped: state.skipped,
-    };
-    let save = |state: &TrainingState| match checkpoints {
-        Some(checkpoints) => {
-            let seconds = earlier_seconds + start.elapsed().as_secs_f64();
-            checkpoints.save(config, &SavedRun { state: state.clone(), seconds })
-        }
-        None => Ok(()),
-    };
+    let source = config.gradient.source(&blank, config.backend, &device);
+    let mut training = HeadTraining { config, target, source, validation, blank: &blank, device: &device };
+    let initial = training.measure(&blank.flat_weights());
+    trainer.report((trainer.state.step == 0).then_some(initial))?;
+    let interrupted = trainer.train(&mut training)?;
 
-    progress(&report(&state, (first_step == 0).then_some(initial)))?;
-    let mut source = config.gradient.source(&blank, config.backend, &device);
-    let mut interrupted = false;
-    while state.step < config.steps {
-        interrupted = interrupt.load(Ordering::Relaxed);
-        if interrupted {
-            break;
-        }
-        state.advance(config, target, &mut *source)?;
-        if state.step == config.steps {
-            break;
-        }
-        // Never due where `validate_every` is 0: no step is a multiple of it.
-        let due = state.step.is_multiple_of(config.validate_every);
-        let found = due.then(|| divergence(&state));
-        // Before the checkpoint: a run that goes on from it has been told of everything up to it.
-        progress(&report(&state, found))?;
-        if let Some(found) = found {
-            state.judge(config, found);
-        }
-        if checkpoints.is_some_and(|checkpoints| checkpoints.is_due(state.step)) {
-            save(&state)?;
-        }
+    let mut weights = trainer.state.parameters.inference_weights();
+    let mut divergence = training.measure(weights);
+    let found = divergence.relative_variance;
+    let best = trainer.state.best.as_ref();
+    if let Some(best) = best.filter(|best| found.is_nan() || found > best.divergence.relative_variance) {
+        divergence = best.divergence;
+        weights = best.parameters.inference_weights();
     }
-    let mut last = divergence(&state);
-    let mut weights = state.best_weights().to_vec();
-    let least = state
-        .kept
-        .as_ref()
-        .filter(|kept| last.relative_variance.is_nan() || last.relative_variance > kept.divergence.relative_variance);
-    if let Some(kept) = least {
-        last = kept.divergence;
-        weights = kept.best_weights().to_vec();
-    }
-    let fell_back =
-        config.fall_back && last.relative_variance.partial_cmp(&initial.relative_variance) != Some(cmp::Ordering::Less);
+    let fell_back = config.fall_back
+        && divergence.relative_variance.partial_cmp(&initial.relative_variance) != Some(cmp::Ordering::Less);
     if fell_back {
-        last = initial;
+        divergence = initial;
     }
-    progress(&report(&state, Some(last)))?;
-    save(&state)?;
+    let head = if fell_back { blank.clone() } else { blank.clone().with_flat_weights(weights, &device) };
+    trainer.finish(Some(divergence))?;
 
-    let summary = Summary {
-        steps: state.step,
-        interrupted,
-        loss: state.loss,
-        initial,
-        divergence: last,
-        seconds: earlier_seconds + start.elapsed().as_secs_f64(),
-        skipped: state.skipped,
-        fell_back,
-    };
-    let head = if fell_back { blank.clone() } else { blank.clone().with_flat_weights(&weights, &device) };
+    let (seconds, TrainingState { step: steps, loss, skipped, .. }) = (trainer.seconds(), trainer.state);
+    let loss = loss.unwrap_or(f32::NAN);
+    let summary = Summary { steps, interrupted, loss, initial, divergence, seconds, skipped, fell_back };
     Ok(Fitted { head, summary })
+}
+
+/// The training of a head.
+struct HeadTraining<'a> {
+    config: &'a FitConfig,
+    target: &'a dyn Target,
+    source: Box<dyn GradientSource>,
+    validation: Validation,
+    blank: &'a Head,
+    device: &'a Device,
+}
+
+impl HeadTraining<'_> {
+    fn measure(&self, weights: &[f32]) -> Divergence {
+        self.validation.divergence(&self.blank.clone().with_flat_weights(weights, self.device), self.device)
+    }
+}
+
+impl Trainable for HeadTraining<'_> {
+    fn gradient(&mut self, weights: &[f32], step: usize) -> Result<Option<StepGradient>> {
+        let shape = self.config.batch_shape();
+        let batch = Batch::draw(self.target, shape, self.config.seed, Purpose::Batch, step as u64)?;
+        Ok(self.source.gradient(weights, self.config.objective(), &batch))
+    }
+
+    fn divergence(&mut self, state: &TrainingState) -> Option<Divergence> {
+        // Never due where `validate_every` is 0: no step is a multiple of it.
+        let is_due = state.step.is_multiple_of(self.config.validate_every);
+        is_due.then(|| self.measure(state.parameters.inference_weights()))
+    }
 }
 
 /// Checks that the target has what the configuration asks of it.

@@ -2,6 +2,28 @@
 //!
 //! With an exact tail the density that a head has to learn is `q*(y|c)`, proportional to BRDF x cosine seen through the tail:
 //! no environment factor is left (see [`integrand`]). [`fit()`] is the entry point.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `config.rs`, `preset.rs` | the settings of a run; presets |
+//! | `config_file.rs` | TOML files and single values over a preset |
+//! | `material.rs` | what a head for a material is conditioned on |
+//! | `integrand/`, `build_target.rs` | targets in Y; the target of a configuration |
+//! | `flow/`, `fit_tail.rs` | fitting a flow tail; the tail of a configuration |
+//! | `loss/` | losses in closed form, and in burn's graph |
+//! | `step_gradient.rs`, `gradient.rs` | the trait `GradientSource`; its forms |
+//! | `fused/`, `in_graph.rs` | gradients in SIMD lanes; the same in burn's graph |
+//! | `reference.rs` | the loss in f64, for tests |
+//! | `trainer.rs`, `state.rs`, `optimizer.rs` | the training loop, its state, AdamW |
+//! | `fit.rs` | training heads |
+//! | `setback.rs` | going back to the best validation after a fall |
+//! | `state_file.rs`, `checkpoint.rs` | the file of a state; folders of checkpoints |
+//! | `validation.rs` | KL, chi-square divergence and relative variance on a fixed set |
+//! | `metrics.rs`, `tensorboard.rs` | `metrics.jsonl`; event files |
+//! | `picture.rs` | pictures of densities |
+//! | `export.rs`, `bake.rs` | from a burn head to the exported file; the learned bake |
+//! | `backend.rs`, `backend_trial.rs`, `peak_memory.rs` | burn's backends; comparing them |
+//! | `neural_texture/`, `rival/` | fitting neural materials; training rivals |
 
 pub mod backend;
 pub mod backend_trial;
@@ -21,7 +43,6 @@ pub mod in_graph;
 pub mod integrand;
 pub mod loss;
 pub mod material;
-mod measured;
 pub mod metrics;
 pub mod neural_texture;
 pub mod optimizer;
@@ -32,11 +53,12 @@ pub mod reference;
 pub mod rival;
 pub mod setback;
 pub mod state;
-mod state_file;
+pub mod state_file;
 pub mod step_gradient;
 pub mod tensorboard;
 #[cfg(test)]
 mod test_support;
+pub mod trainer;
 pub mod validation;
 
 pub use backend::Backend;
@@ -48,18 +70,20 @@ pub use config::FitConfig;
 pub use config_file::ConfigBuilder;
 pub use error::{Error, Result};
 pub use export::{exported_sampler, native_head};
-pub use fit::{Fitted, Progress, Run, Summary, fit, fit_with};
+pub use fit::{Fitted, Summary, fit, fit_with};
 pub use fit_tail::fit_tail;
 pub use flow::{FittedFlow, FlowSettings, FlowSize, FlowSummary, fit_flow};
 pub use gradient::GradientForm;
 pub use headtail_model::Mode;
 pub use integrand::{Batch, CosineTarget, Target, Viewpoints};
 pub use loss::{Loss, Objective};
-pub use material::Material;
-pub use measured::Measured;
+pub use material::condition_of;
 pub use metrics::MetricsFile;
 pub use picture::{DensityPair, density_pairs};
 pub use preset::Preset;
+pub use state::TrainingState;
+pub use state_file::StateFile;
 pub use step_gradient::{GradientSource, StepGradient};
 pub use tensorboard::TensorBoard;
+pub use trainer::{Checkpoints, Progress, Run};
 pub use validation::Divergence;

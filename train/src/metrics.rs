@@ -91,6 +91,7 @@ mod tests {
             step,
             steps: 100,
             loss: if step == 0 { f32::NAN } else { 0.5 },
+            mean_loss: None,
             divergence: validated.then_some(divergence),
             learning_rate: 1e-3,
             samples_per_second: 5e4,

@@ -3,10 +3,10 @@
 use std::{fmt, str::FromStr};
 
 use headtail_model::{Condition, EncoderConfig, HeadConfig};
-use headtail_render::tail::TailKind;
+use headtail_render::{scene::MaterialSpec, tail::TailKind};
 
 use crate::{
-    Backend, FitConfig, FlowSize, GradientForm, Loss, Material,
+    Backend, FitConfig, FlowSize, GradientForm, Loss,
     config::{Over, Points},
 };
 
@@ -41,22 +41,19 @@ impl Preset {
     }
 
     /// The configuration.
-    pub const fn config(self) -> FitConfig {
+    pub fn config(self) -> FitConfig {
         match self {
-            Self::PaperCosine => PAPER_COSINE,
-            Self::PaperGgx => PAPER_GGX,
-            Self::FastCosine => FAST_COSINE,
-            Self::FastGgx => FAST_GGX,
-            Self::OverPatches => OVER_PATCHES,
+            Self::PaperCosine => paper_cosine(),
+            Self::PaperGgx => paper_ggx(),
+            Self::FastCosine => fast_cosine(),
+            Self::FastGgx => fast_ggx(),
+            Self::OverPatches => over_patches(),
         }
     }
 
     /// The fast preset for a material.
-    pub const fn fast_for(material: Material) -> Self {
-        match material {
-            Material::Lambert => Self::FastCosine,
-            Material::Ggx { .. } | Material::Measured(_) => Self::FastGgx,
-        }
+    pub fn fast_for(material: &MaterialSpec) -> Self {
+        if material.is_lambert() { Self::FastCosine } else { Self::FastGgx }
     }
 }
 
@@ -81,101 +78,111 @@ impl FromStr for Preset {
 /// equally good per point. The betas are the paper's, the weight decay PyTorch's; neither decay nor clipping matters much,
 /// and the clipping is there for the odd step. Learned share and fall-back keep the variance of `head+mis` at or below that of one-sample MIS
 /// (`headtail stability`).
-const FAST_COSINE: FitConfig = FitConfig {
-    material: Material::Lambert,
-    tail: TailKind::Hierarchical,
-    fall_back: true,
-    setback: 2.0,
-    over: Over::Tail,
-    points: Points::Strata,
-    naive: false,
-    backend: Backend::Flex,
-    gradient: GradientForm::Auto,
-    seed: 0,
-    steps: 1000,
-    conditions: 64,
-    strata: 8,
-    brdf_samples: 0,
-    loss: Loss::LogChiSquare,
-    entropic: 0.0,
-    learning_rate: 1.6e-2,
-    warmup: 0.05,
-    beta_1: 0.9,
-    beta_2: 0.999,
-    epsilon: 1e-8,
-    weight_decay: 1e-2,
-    clip_norm: 10.0,
-    ema_decay: 0.0,
-    max_skipped: 10,
-    validate_every: 250,
-    validation_conditions: 64,
-    validation_strata: 32,
-    head: HeadConfig { share: true, ..HeadConfig::COSINE },
-    flow: FlowSize::Small.settings(),
-};
+fn fast_cosine() -> FitConfig {
+    FitConfig {
+        material: MaterialSpec::LAMBERT,
+        tail: TailKind::Hierarchical,
+        fall_back: true,
+        setback: 2.0,
+        over: Over::Tail,
+        points: Points::Strata,
+        naive: false,
+        backend: Backend::Flex,
+        gradient: GradientForm::Auto,
+        seed: 0,
+        steps: 1000,
+        conditions: 64,
+        strata: 8,
+        brdf_samples: 0,
+        loss: Loss::LogChiSquare,
+        entropic: 0.0,
+        learning_rate: 1.6e-2,
+        warmup: 0.05,
+        beta_1: 0.9,
+        beta_2: 0.999,
+        epsilon: 1e-8,
+        weight_decay: 1e-2,
+        clip_norm: 10.0,
+        ema_decay: 0.0,
+        max_skipped: 10,
+        validate_every: 250,
+        validation_conditions: 64,
+        validation_strata: 32,
+        head: HeadConfig { share: true, ..HeadConfig::COSINE },
+        flow: FlowSize::Small.settings(),
+    }
+}
 
 /// Some 40 s on two busy cores; on dancing_hall_1k (alpha = 0.4) the validation variance, 0.0948, is 1.07 times that of ten times as many steps.
 /// After 1500 steps of 4096 points, 64 conditions each, it was 0.169, 0.139, 0.129 and 0.141 at rates of 4e-3, 8e-3, 1.6e-2 and 2.4e-2, 0.139
 /// with K = 16 and 0.126 with twice the width at the best rate; the autoregressive mode had 1.3 times the variance (1.5 on
 /// kloofendal_overcast_1k) at 8e-3. 128 conditions of 32 points are better than 64 of 64 and 256 of 16 (variance over that of the
 /// tail alone after 4000 steps: 0.029, 0.034, 0.036).
-const FAST_GGX: FitConfig = FitConfig {
-    material: Material::Ggx { low: 0.4, high: 0.4 },
-    steps: 4000,
-    conditions: 128,
-    strata: 5,
-    brdf_samples: 7,
-    learning_rate: 1.6e-2,
-    validate_every: 1000,
-    head: HeadConfig {
-        condition: Condition::Ggx,
-        bins: 8,
-        encoder: Some(EncoderConfig { hidden: 32, output: 32 }),
-        share: true,
-        ..HeadConfig::COSINE
-    },
-    ..FAST_COSINE
-};
+fn fast_ggx() -> FitConfig {
+    FitConfig {
+        material: MaterialSpec::ggx(0.4, 0.4),
+        steps: 4000,
+        conditions: 128,
+        strata: 5,
+        brdf_samples: 7,
+        learning_rate: 1.6e-2,
+        validate_every: 1000,
+        head: HeadConfig {
+            condition: Condition::Ggx,
+            bins: 8,
+            encoder: Some(EncoderConfig { hidden: 32, output: 32 }),
+            share: true,
+            ..HeadConfig::COSINE
+        },
+        ..fast_cosine()
+    }
+}
 
 /// Some ten seconds of one core. What patches leave over is small and smooth: on studio_small_03_1k the validation variance at alpha = 0.05 is 0.292, and
-/// with the head and the rate of [`FAST_GGX`] 0.252, at twice the time of a sample (patches alone: 0.921).
-const OVER_PATCHES: FitConfig = FitConfig {
-    over: Over::Patches,
-    steps: 1000,
-    learning_rate: 1e-2,
-    head: HeadConfig { bins: 4, hidden: 16, ..FAST_GGX.head },
-    ..FAST_GGX
-};
+/// with the head and the rate of [`fast_ggx`] 0.252, at twice the time of a sample (patches alone: 0.921).
+fn over_patches() -> FitConfig {
+    FitConfig {
+        over: Over::Patches,
+        steps: 1000,
+        learning_rate: 1e-2,
+        head: HeadConfig { bins: 4, hidden: 16, ..fast_ggx().head },
+        ..fast_ggx()
+    }
+}
 
 /// "AdamW with a learning rate of 0.001 and beta = (0.9, 0.999)", batches of "1024 samples for each of 256 conditions", "10k
 /// iterations", forward KL with an entropic term of weight 0.0001. The paper names no schedule, weight decay (PyTorch's is
 /// 0.01) or clipping: the rate stays what it is but for the last decay to 0, which the paper may not have. Points
 /// are strata of Y with weights; the paper's own way is `points = "tabulated"`.
-const PAPER_COSINE: FitConfig = FitConfig {
-    steps: 10_000,
-    conditions: 256,
-    strata: 32,
-    fall_back: false,
-    setback: 0.0,
-    loss: Loss::ForwardKl,
-    entropic: 1e-4,
-    learning_rate: 1e-3,
-    warmup: 0.0,
-    clip_norm: 1e6,
-    validate_every: 500,
-    head: HeadConfig::COSINE,
-    ..FAST_COSINE
-};
+fn paper_cosine() -> FitConfig {
+    FitConfig {
+        steps: 10_000,
+        conditions: 256,
+        strata: 32,
+        fall_back: false,
+        setback: 0.0,
+        loss: Loss::ForwardKl,
+        entropic: 1e-4,
+        learning_rate: 1e-3,
+        warmup: 0.0,
+        clip_norm: 1e6,
+        validate_every: 500,
+        head: HeadConfig::COSINE,
+        ..fast_cosine()
+    }
+}
 
-/// As [`PAPER_COSINE`], with the encoder, K = 32 and roughness as an input. A quarter of the 1024 points come from BRDF
+/// As [`paper_cosine`], with the encoder, K = 32 and roughness as an input. A quarter of the 1024 points come from BRDF
 /// sampling, without which strata miss narrow lobes.
-const PAPER_GGX: FitConfig = FitConfig {
-    material: Material::Ggx { low: 0.2, high: 0.8 },
-    strata: 28,
-    brdf_samples: 240,
-    head: HeadConfig::MICROFACET,
-    ..PAPER_COSINE
-};
+fn paper_ggx() -> FitConfig {
+    FitConfig {
+        material: MaterialSpec::ggx(0.2, 0.8),
+        strata: 28,
+        brdf_samples: 240,
+        head: HeadConfig::MICROFACET,
+        ..paper_cosine()
+    }
+}
 
 #[cfg(test)]
 mod tests {

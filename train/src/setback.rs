@@ -6,44 +6,25 @@
 
 use crate::{
     Divergence, FitConfig,
-    state::{Kept, TrainingState},
+    state::{BestValidation, TrainingState},
 };
 
-/// What a validation leads to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    /// The best so far: it is kept.
-    Best,
-    /// Worse, as validations are now and then.
-    Worse,
-    /// A fall: the state is that of the best validation again.
-    WentBack,
-}
-
 impl TrainingState {
-    /// Takes note of a validation, and goes back where it was a fall.
-    pub fn judge(&mut self, config: &FitConfig, divergence: Divergence) -> Verdict {
+    /// Keeps a validation that is the best so far, and goes back where it was a fall.
+    pub fn judge(&mut self, config: &FitConfig, divergence: Divergence) {
         if config.setback == 0.0 {
-            return Verdict::Worse;
+            return;
         }
         let found = divergence.relative_variance;
-        let fell =
-            |kept: &Kept| found.is_nan() || found > f64::from(config.setback) * kept.divergence.relative_variance;
-        match &self.kept {
-            Some(kept) if found < kept.divergence.relative_variance && divergence.kl.is_finite() => {}
-            None if found.is_finite() && divergence.kl.is_finite() => {}
-            Some(kept) if fell(kept) => {
-                self.weights.clone_from(&kept.weights);
-                self.average.clone_from(&kept.average);
-                self.optimizer.clone_from(&kept.optimizer);
-                self.rate_factor *= 0.5;
-                return Verdict::WentBack;
-            }
-            _ => return Verdict::Worse,
+        let least = self.best.as_ref().map_or(f64::INFINITY, |best| best.divergence.relative_variance);
+        if found < least && divergence.kl.is_finite() {
+            self.best = Some(BestValidation { divergence, parameters: self.parameters.clone() });
+        } else if let Some(best) = &self.best
+            && (found.is_nan() || found > f64::from(config.setback) * least)
+        {
+            self.parameters.clone_from(&best.parameters);
+            self.rate_factor *= 0.5;
         }
-        let (weights, average, optimizer) = (self.weights.clone(), self.average.clone(), self.optimizer.clone());
-        self.kept = Some(Kept { divergence, weights, average, optimizer });
-        Verdict::Best
     }
 }
 
@@ -59,19 +40,18 @@ mod tests {
     fn a_fall_goes_back_to_the_best_and_halves_the_rate() {
         let config = FitConfig { setback: 2.0, ..FitConfig::default() };
         let mut state = TrainingState::new(&config, vec![0.0]);
-        assert_eq!(state.judge(&config, divergence(1.0)), Verdict::Best);
-        state.weights = vec![1.0];
-        assert_eq!(state.judge(&config, divergence(0.1)), Verdict::Best);
-        state.weights = vec![2.0];
-        assert_eq!(state.judge(&config, divergence(0.15)), Verdict::Worse);
-        assert_eq!((state.weights[0], state.rate_factor), (2.0, 1.0));
-        for bad in [0.3, f64::NAN, f64::INFINITY] {
-            state.weights = vec![3.0];
-            assert_eq!(state.judge(&config, divergence(bad)), Verdict::WentBack);
-            assert_eq!(state.weights, [1.0]);
+        let mut after = |weight, relative_variance| {
+            state.parameters.weights = vec![weight];
+            state.judge(&config, divergence(relative_variance));
+            let best = state.best.as_ref().unwrap().divergence.relative_variance;
+            (state.parameters.weights[0], best, state.rate_factor)
+        };
+        assert_eq!(after(0.0, 1.0), (0.0, 1.0, 1.0));
+        assert_eq!(after(1.0, 0.1), (1.0, 0.1, 1.0));
+        assert_eq!(after(2.0, 0.15), (2.0, 0.1, 1.0));
+        for (bad, rate_factor) in [(0.3, 0.5), (f64::NAN, 0.25), (f64::INFINITY, 0.125)] {
+            assert_eq!(after(3.0, bad), (1.0, 0.1, rate_factor));
         }
-        assert_eq!(state.rate_factor, 0.125);
-        assert_eq!(state.kept.unwrap().divergence.relative_variance, 0.1);
     }
 
     #[test]
@@ -79,8 +59,8 @@ mod tests {
         let config = FitConfig { setback: 0.0, ..FitConfig::default() };
         let mut state = TrainingState::new(&config, vec![0.0]);
         for variance in [0.1, 100.0] {
-            assert_eq!(state.judge(&config, divergence(variance)), Verdict::Worse);
+            state.judge(&config, divergence(variance));
+            assert_eq!((&state.best, state.rate_factor), (&None, 1.0));
         }
-        assert_eq!((state.kept, state.rate_factor), (None, 1.0));
     }
 }

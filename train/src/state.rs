@@ -1,111 +1,102 @@
-//! The state of a training run between two steps: all that the next step depends on, besides the configuration.
+//! The state of a training between two steps: all that the next step depends on, besides the
+//! settings.
 
-use headtail_render::random::Purpose;
+use serde::{Deserialize, Serialize};
 
 use crate::{
-    Divergence, Error, FitConfig, GradientSource, Result, StepGradient, Target,
-    integrand::Batch,
-    optimizer::{OptimizerState, Schedule},
+    Divergence, Error, FitConfig, Result, StepGradient,
+    optimizer::{OptimizerState, learning_rate},
 };
 
-/// Weights, moments and counters, as they are saved. Batches are not part of it: they are functions of (seed, step).
-#[derive(Clone, Debug, PartialEq)]
+/// Weight of a step's loss in [`TrainingState::mean_loss`].
+const LOSS_WEIGHT: f32 = 0.02;
+
+/// Weights, moments and counters. Batches are not part of it: they are functions of (seed, step).
+/// The lists are no part of its JSON form, see [`crate::state_file`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct TrainingState {
     /// Steps done.
     pub step: usize,
     /// Steps left out because loss or gradient was not finite.
     pub skipped: usize,
     /// The last step's loss.
-    pub loss: f32,
-    /// The weights, in the order of [`headtail_model::Head::flat_weights`].
-    pub weights: Vec<f32>,
-    /// Their moving average; empty where it is off.
-    pub average: Vec<f32>,
-    /// The optimiser's memory.
-    pub optimizer: OptimizerState,
-    /// What the learning rate is multiplied by: 1, and half as much after each fall (see [`crate::setback`]).
+    pub loss: Option<f32>,
+    /// Decaying mean of the losses, over about 50 steps.
+    pub mean_loss: Option<f32>,
+    /// Wall-clock seconds up to the last saving.
+    pub seconds: f64,
+    /// Factor of the learning rates: 1, and half as much after each fall (see [`crate::setback`]).
     pub rate_factor: f64,
-    /// The state at the best validation so far, where it is kept.
-    pub kept: Option<Kept>,
+    /// The weights, and what the optimiser remembers of them.
+    pub parameters: Parameters,
+    /// Length and peak learning rate of the groups of weights, in their order; the settings
+    /// determine them.
+    #[serde(skip)]
+    pub groups: Vec<(usize, f64)>,
+    /// The best validation so far, where it is kept.
+    pub best: Option<BestValidation>,
 }
 
-/// What to go back to.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Kept {
-    /// What validation said.
-    pub divergence: Divergence,
-    /// The weights.
+/// Weights and moments.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Parameters {
+    /// The weights, in one list.
+    #[serde(skip)]
     pub weights: Vec<f32>,
     /// Their moving average; empty where it is off.
+    #[serde(skip)]
     pub average: Vec<f32>,
     /// The optimiser's memory.
     pub optimizer: OptimizerState,
 }
 
-impl Kept {
-    /// The weights for use: the moving average where there is one.
-    pub fn best_weights(&self) -> &[f32] {
-        if self.average.is_empty() { &self.weights } else { &self.average }
+/// A validation and the parameters that it measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BestValidation {
+    /// The divergence.
+    #[serde(with = "bits")]
+    pub divergence: Divergence,
+    /// The parameters.
+    pub parameters: Parameters,
+}
+
+/// A divergence as bits of f64: decimals of JSON are read to within 1 ULP.
+mod bits {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    use crate::Divergence;
+
+    pub fn serialize<S: Serializer>(divergence: &Divergence, serializer: S) -> Result<S::Ok, S::Error> {
+        let Divergence { kl, log_chi_square, relative_variance } = divergence;
+        [kl, log_chi_square, relative_variance].map(|value| value.to_bits()).serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Divergence, D::Error> {
+        let [kl, log_chi_square, relative_variance] = <[u64; 3]>::deserialize(deserializer)?.map(f64::from_bits);
+        Ok(Divergence { kl, log_chi_square, relative_variance })
     }
 }
 
-impl TrainingState {
-    /// Before the first step.
-    pub fn new(config: &FitConfig, weights: Vec<f32>) -> Self {
-        let average = if config.ema_decay > 0.0 { weights.clone() } else { Vec::new() };
-        let optimizer = OptimizerState::new(weights.len());
-        Self { step: 0, skipped: 0, loss: f32::NAN, optimizer, weights, average, rate_factor: 1.0, kept: None }
+impl Parameters {
+    /// The lists, with their names in files.
+    pub(crate) fn lists(&self) -> [(&'static str, &Vec<f32>); 4] {
+        let OptimizerState { first_moments, second_moments, .. } = &self.optimizer;
+        let [weights, average] = [("weights", &self.weights), ("average", &self.average)];
+        [weights, average, ("first_moments", first_moments), ("second_moments", second_moments)]
+    }
+
+    /// The lists, in the same order.
+    pub(crate) fn lists_mut(&mut self) -> [&mut Vec<f32>; 4] {
+        let Self { weights, average, optimizer: OptimizerState { first_moments, second_moments, .. } } = self;
+        [weights, average, first_moments, second_moments]
     }
 
     /// The weights for use: the moving average where there is one.
-    pub fn best_weights(&self) -> &[f32] {
+    pub fn inference_weights(&self) -> &[f32] {
         if self.average.is_empty() { &self.weights } else { &self.average }
-    }
-
-    /// The learning rate of the step that was done last.
-    pub fn last_rate(&self, config: &FitConfig) -> f64 {
-        self.rate_factor * Schedule::new(config).rate(self.step.saturating_sub(1))
-    }
-
-    /// One step; it changes nothing but the count if no condition of its batch sees any light.
-    ///
-    /// # Errors
-    /// [`Error::BadTarget`] for a target that is no density, [`Error::Diverged`] after too many steps that were not finite.
-    pub fn advance(&mut self, config: &FitConfig, target: &dyn Target, source: &mut dyn GradientSource) -> Result<()> {
-        let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, self.step as u64)?;
-        self.advance_on(config, &batch, source)
-    }
-
-    /// [`Self::advance`] on a batch that has been drawn.
-    ///
-    /// # Errors
-    /// [`Error::Diverged`] after too many steps that were not finite.
-    pub fn advance_on(&mut self, config: &FitConfig, batch: &Batch, source: &mut dyn GradientSource) -> Result<()> {
-        let gradient = source.gradient(&self.weights, config.objective(), batch);
-        self.apply(config, gradient)
-    }
-
-    /// Ends a step with its gradient, or with none.
-    ///
-    /// # Errors
-    /// [`Error::Diverged`] after too many steps that were not finite.
-    pub fn apply(&mut self, config: &FitConfig, gradient: Option<StepGradient>) -> Result<()> {
-        if let Some(gradient) = gradient {
-            self.loss = gradient.loss;
-            let rate = self.rate_factor * Schedule::new(config).rate(self.step);
-            let moved =
-                gradient.loss.is_finite() && self.optimizer.step(config, rate, &mut self.weights, &gradient.d_weight);
-            if moved {
-                self.average_weights(config.ema_decay);
-            } else {
-                self.skipped += 1;
-            }
-        }
-        self.step += 1;
-        if self.skipped > config.max_skipped {
-            return Err(Error::Diverged { step: self.step, skipped: self.skipped });
-        }
-        Ok(())
     }
 
     /// The average forgets its start: after `m` moves it decays by at most `(1 + m) / (10 + m)`.
@@ -116,4 +107,51 @@ impl TrainingState {
             *average = decay * *average + (1.0 - decay) * weight;
         }
     }
+}
+
+impl TrainingState {
+    /// The state before the first step, with all weights in one group.
+    pub fn new(config: &FitConfig, weights: Vec<f32>) -> Self {
+        let groups = vec![(weights.len(), config.learning_rate)];
+        let average = if config.ema_decay > 0.0 { weights.clone() } else { Vec::new() };
+        let optimizer = OptimizerState::new(weights.len());
+        let parameters = Parameters { weights, average, optimizer };
+        let (loss, mean_loss, best) = (None, None, None);
+        Self { step: 0, skipped: 0, loss, mean_loss, seconds: 0.0, rate_factor: 1.0, parameters, groups, best }
+    }
+
+    /// The learning rate of the first group at `step`.
+    pub fn learning_rate(&self, config: &FitConfig, step: usize) -> f64 {
+        self.rate_factor * learning_rate(config, self.groups[0].1, step)
+    }
+
+    /// Ends a step with its gradient, or with none.
+    ///
+    /// # Errors
+    /// [`Error::Diverged`] after more than `max_skipped` steps that were not finite.
+    pub fn apply(&mut self, config: &FitConfig, gradient: Option<StepGradient>) -> Result<()> {
+        if let Some(StepGradient { loss, d_weight }) = gradient {
+            self.loss = Some(loss);
+            let rate = |peak| self.rate_factor * learning_rate(config, peak, self.step);
+            let rates: Vec<_> = self.groups.iter().map(|&(length, peak)| (length, rate(peak))).collect();
+            let Parameters { weights, optimizer, .. } = &mut self.parameters;
+            if loss.is_finite() && optimizer.step(config, &rates, weights, &d_weight) {
+                self.parameters.average_weights(config.ema_decay);
+                self.mean_loss = Some(self.mean_loss.map_or(loss, |mean| mean + LOSS_WEIGHT * (loss - mean)));
+            } else {
+                self.skipped += 1;
+            }
+        }
+        self.step += 1;
+        if self.skipped > config.max_skipped {
+            return Err(Error::Diverged { step: self.step, skipped: self.skipped });
+        }
+        Ok(())
+    }
+}
+
+/// Settings as JSON, for comparison with those of a file: what they name is not opened.
+pub(crate) fn as_json(settings: &impl Serialize) -> serde_json::Value {
+    let text = serde_json::to_string(settings).expect("settings can be written as JSON");
+    serde_json::from_str(&text).expect("what was written as JSON is JSON")
 }

@@ -5,9 +5,9 @@ use crate::{Objective, integrand::Batch};
 /// Loss and gradient of one step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepGradient {
-    /// The mean loss over the conditions whose target is not zero everywhere.
+    /// The loss; of heads, the mean over the conditions whose target is not zero everywhere.
     pub loss: f32,
-    /// Its gradient, in the order of [`headtail_model::Head::flat_weights`].
+    /// Its gradient, in the order of the weights.
     pub d_weight: Vec<f32>,
 }
 

@@ -1,6 +1,9 @@
 //! What several tests need.
 
-use std::f32::consts::TAU;
+use std::{
+    f32::consts::TAU,
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 use headtail_model::{Head, HeadConfig, burn::prelude::Device};
 use headtail_render::{
@@ -12,9 +15,24 @@ use headtail_render::{
 };
 
 use crate::{
-    CosineTarget, StepGradient,
+    Checkpoints, CosineTarget, Progress, Result, Run, StepGradient,
     integrand::{Batch, BatchShape},
 };
+
+/// Trains until it is interrupted after `stop_at` steps.
+pub fn train_until<C: Checkpoints, T>(
+    stop_at: usize,
+    checkpoints: Option<&C>,
+    train: impl FnOnce(Run<'_>) -> Result<T>,
+) -> Result<T> {
+    let interrupt = AtomicBool::new(false);
+    let mut progress = |now: &Progress| {
+        interrupt.store(now.step == stop_at, Ordering::Relaxed);
+        Ok(())
+    };
+    let checkpoints = checkpoints.map(|checkpoints| checkpoints as &dyn Checkpoints);
+    train(Run { progress: &mut progress, interrupt: &interrupt, checkpoints, warn: &mut |error| panic!("{error}") })
+}
 
 /// A head far from the identity: its last layers are drawn too.
 pub fn random_head(config: HeadConfig, device: &Device) -> Head {

@@ -2,6 +2,12 @@
 //!
 //! The error of a sampler after some time is read off the errors that were measured at its budgets, by the power law between them ([`Curve`]). Ratios of
 //! errors are averaged geometrically over views; their intervals are percentiles of a bootstrap over views and, within each, over runs ([`Ratios`]).
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `ratios.rs` | ratios over views |
+//! | `curve.rs` | error at equal time |
+//! | `bootstrap.rs` | intervals |
 
 mod bootstrap;
 mod curve;

@@ -1,4 +1,10 @@
 //! The head warp `h: Z -> Y` under a condition: encoder, two coupling layers, and the learned share.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `config.rs` | the shape of a head |
+//! | `share.rs` | the network of the learned mixture weight |
+//! | `flat.rs` | weights and gradients as one list |
 
 mod config;
 mod flat;

@@ -6,6 +6,10 @@ not, for the scene's map);
 `constant`).
 """
 
+# _integrators.py: the integrators and their samplers; _patches.py, _table.py, _head.py: samplers;
+# _network.py, _spline.py: parts of heads; _warp.py: directions and the quad-tree tail; _tails.py: the
+# other tails; _surface.py: BSDFs as a diffuse and a Trowbridge-Reitz lobe.
+
 import functools
 
 import mitsuba as mi

@@ -1,4 +1,4 @@
-"""Head warps in Dr.Jit, as `render/src/head` has them for SIMD lanes: two splines over the square whose logits are networks of the condition."""
+"""Head warps in Dr.Jit, as `sampling/src/head` has them for SIMD lanes: two splines over the square whose logits are networks of the condition."""
 
 import drjit as dr
 import mitsuba as mi
@@ -16,7 +16,7 @@ SHARE_FLOOR = 0.02
 
 
 class Head:
-    """A head of `arrays` (see `Head::flat` in the crate headtail-render): points of the square, and their density."""
+    """A head of `arrays` (see `Head::flat` in the crate headtail-sampling): points of the square, and their density."""
 
     def __init__(self, arrays, loops=None):
         self.condition, coupled, encoder, elevation, azimuth, share, *_ = (int(number) for number in arrays["head.shape"])

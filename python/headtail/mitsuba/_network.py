@@ -8,7 +8,7 @@ BLOCK = 4
 
 
 class Layer:
-    """y = W x + b, of the numbers that `Head::flat` of the crate headtail-render lays out."""
+    """y = W x + b, of the numbers that `Head::flat` of the crate headtail-sampling lays out."""
 
     def __init__(self, numbers, row):
         self.inputs, self.outputs, weights, biases = (int(number) for number in row)

@@ -1,4 +1,4 @@
-"""Patches of sky in Dr.Jit: product sampling in closed form, as `render/src/patches` has it for SIMD lanes.
+"""Patches of sky in Dr.Jit: product sampling in closed form, as `sampling/src/patches` has it for SIMD lanes.
 
 Multiplications and additions are fused where they are there: masses agree to the last digits.
 """
@@ -201,7 +201,7 @@ def descend(forest, root, sums, total, z, given, own, left, right, top, bottom, 
 
 
 class Patches:
-    """The sampler `patches` of `arrays` (see `Patches::flat` in the crate headtail-render)."""
+    """The sampler `patches` of `arrays` (see `Patches::flat` in the crate headtail-sampling)."""
 
     def __init__(self, arrays):
         self.tail = Tail(arrays)

@@ -1,4 +1,4 @@
-"""Monotone rational-quadratic splines in Dr.Jit, as `render/src/spline` has them: on [0, 1] and on the circle."""
+"""Monotone rational-quadratic splines in Dr.Jit, as `sampling/src/spline` has them: on [0, 1] and on the circle."""
 
 import drjit as dr
 import mitsuba as mi

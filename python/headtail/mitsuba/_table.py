@@ -1,4 +1,4 @@
-"""Tables over normals in Dr.Jit, as `render/src/bake` has them for SIMD lanes: for diffuse surfaces."""
+"""Tables over normals in Dr.Jit, as `sampling/src/bake` has them for SIMD lanes: for diffuse surfaces."""
 
 import drjit as dr
 import mitsuba as mi
@@ -20,7 +20,7 @@ def fast_atan2(y, x):
 
 
 class Table:
-    """The sampler of a table of `arrays` (see `BakedTable::flat` in the crate headtail-render) over its tail."""
+    """The sampler of a table of `arrays` (see `BakedTable::flat` in the crate headtail-sampling) over its tail."""
 
     sees_lobes = has_share = False
 

@@ -7,14 +7,14 @@ from ._warp import BELOW_ONE, Cells, Tail, invert_linear, remap, sample_linear, 
 
 
 def tail_of(arrays):
-    """The tail of `arrays` (see `Tail::flat` in the crate headtail-render)."""
+    """The tail of `arrays` (see `Tail::flat` in the crate headtail-sampling)."""
     if "tail.levels" in arrays:
         return Tail(arrays)
     return Flow(arrays) if "tail.cells" in arrays else RowColumn(arrays)
 
 
 class RowColumn(Cells):
-    """The row-column tail (see `RowColumn::window` in the crate headtail-render): first a row by its share of the light, then a column within the row.
+    """The row-column tail (see `RowColumn::window` in the crate headtail-sampling): first a row by its share of the light, then a column within the row.
     Outside of the window there is no light.
     """
 

@@ -83,7 +83,7 @@ class Cells:
 
 
 class Tail(Cells):
-    """The quad-tree warp of `arrays` (see `Hierarchical::flat` in the crate headtail-render)."""
+    """The quad-tree warp of `arrays` (see `Hierarchical::flat` in the crate headtail-sampling)."""
 
     def __init__(self, arrays):
         cuts, levels = arrays["tail.cuts"], arrays["tail.levels"]

@@ -5,6 +5,16 @@
 //! `tau = integral V L max(0, n . w) dw / integral L max(0, n . w) dw` (Litalien et al. 2024, equation `ShadowCatcher`). A renderer that
 //! divides a picture with the object by one without it (Debevec 1998) needs two passes. Samples of the product need one: see [`MaskForm`] for what
 //! can be made of them.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `composition.rs` | what is composited |
+//! | `catcher.rs` | object and catcher, and the photograph as the catcher's texture |
+//! | `irradiance.rs` | the exact irradiance of a map |
+//! | `mask.rs` | the forms of the mask |
+//! | `pass.rs`, `worker.rs`, `film.rs` | passes, one sample of a tile, the sums of all pixels |
+//! | `layers.rs` | the layers of the result |
+//! | `view.rs` | rectified views of a map |
 
 mod catcher;
 mod composition;

@@ -3,6 +3,14 @@
 //! A fabric is a periodic tile of the unit square of yarns or fibres as triangles, over an opaque lining, so that no light path misses
 //! it. The tile's x and y are the texture coordinates u and v, z is the side that is seen, and all lengths are in tiles. A [`Query`] asks for the bidirectional texture
 //! function: the mean over a Gaussian footprint on the reference plane of `f_r cos`, as path tracing through the yarns finds it.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `kinds.rs` | sources by name |
+//! | `yarn.rs` | yarns and fibres as triangles |
+//! | `weave.rs`, `knit.rs`, `pile.rs` | woven, knitted and pile fabrics |
+//! | `reflect.rs` | light paths through a fabric |
+//! | `layered.rs` | light paths between a coat and a base |
 
 mod kinds;
 mod knit;

@@ -1,4 +1,10 @@
 //! Linear Rec.709 images: photographs and textures, writing results. Radiance maps are read by the crate headtail-sampling.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `photograph.rs`, `compressed.rs` | photographs; PNG and JPEG in memory |
+//! | `write.rs`, `layered.rs` | results as OpenEXR and PNG; OpenEXR of several layers |
+//! | `attributes.rs` | what OpenEXR headers say |
 
 mod attributes;
 mod compressed;

@@ -1,4 +1,14 @@
 //! The tiled integrator of direct light and of paths.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `render.rs` | passes until a budget is spent |
+//! | `rendering.rs`, `view.rs` | budget and result; what is rendered |
+//! | `learn.rs` | learning visibility before a picture, or for a file |
+//! | `film.rs` | the sums of all pixels, tiles in parallel |
+//! | `wavefront.rs` | one sample of every pixel of a tile |
+//! | `path.rs` | camera rays, shadow rays and bounces |
+//! | `features.rs` | albedo, normals and depth |
 
 mod features;
 mod film;

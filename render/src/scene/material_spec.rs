@@ -4,6 +4,7 @@
 use std::{fmt, path::PathBuf, str::FromStr, sync::Arc};
 
 use glam::Vec3A;
+use serde::{Deserialize, Serialize};
 
 use super::{AlphaField, Bounds, Material, Scene, measured, neural::NeuralSpec};
 use crate::{
@@ -28,8 +29,10 @@ impl AlphaRange {
     }
 }
 
-/// Materials by their description. Analytic ones are grey, and white by default.
-#[derive(Clone, Debug, PartialEq)]
+/// A material by its description, in configuration files as text. Analytic materials are grey, and white by default. Reading a description opens no
+/// file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub enum MaterialSpec {
     /// `lambert[:albedo=A]`.
     Lambert {
@@ -55,6 +58,19 @@ pub enum MaterialSpec {
 }
 
 impl MaterialSpec {
+    /// `lambert`.
+    pub const LAMBERT: Self = Self::Lambert { albedo: 1.0 };
+
+    /// `ggx:alpha=LOW..HIGH`.
+    pub const fn ggx(low: f32, high: f32) -> Self {
+        Self::Ggx { alpha: AlphaRange { low, high }, f0: 1.0 }
+    }
+
+    /// Whether it is an analytic diffuse material.
+    pub fn is_lambert(&self) -> bool {
+        matches!(self, Self::Lambert { .. })
+    }
+
     /// Whether no surface keeps the material of its file.
     pub fn is_for_all(&self) -> bool {
         !matches!(self, Self::Neural(_))
@@ -137,6 +153,20 @@ impl FromStr for MaterialSpec {
             return Err(wrong(format!("alpha goes from {low} down to {high}: write the smaller width first")));
         }
         Ok(Self::Ggx { alpha, f0: unit("f0")? })
+    }
+}
+
+impl TryFrom<String> for MaterialSpec {
+    type Error = Error;
+
+    fn try_from(text: String) -> Result<Self> {
+        text.parse()
+    }
+}
+
+impl From<MaterialSpec> for String {
+    fn from(material: MaterialSpec) -> Self {
+        material.to_string()
     }
 }
 

@@ -1,4 +1,19 @@
 //! Scenes: triangle meshes, materials, cameras, and the rays that are traced against them.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `mod.rs` | scenes, hits and shadow rays |
+//! | `built_in/`, `gltf/`, `fspy.rs` | built-in scenes; glTF 2.0; cameras of fSpy projects |
+//! | `mesh.rs`, `ground.rs` | triangles; the ground plane |
+//! | `parts.rs` | scenes moved, divided by names and joined |
+//! | `material.rs`, `material_spec.rs` | materials of surfaces; `--material` |
+//! | `measured.rs`, `neural.rs` | measured and neural materials in scenes |
+//! | `texture.rs`, `normal_map.rs` | textures; shading normals from a texture |
+//! | `camera.rs`, `ray.rs` | cameras; rays, hits and bounds |
+//! | `bvh.rs` | building the bounding volume hierarchy |
+//! | `wide.rs`, `wide/` | the hierarchy with eight children to a node, and its traversal |
+//! | `mask.rs` | alpha masks |
+//! | `context.rs`, `hash.rs` | what samplers need of a scene; its content as a hash |
 
 mod built_in;
 mod bvh;
@@ -194,8 +209,8 @@ impl Scene {
         self.meshes.iter().all(|mesh| self.materials[mesh.material].is_diffuse())
     }
 
-    /// Computes tables that materials need, if that is still to be done: so that no first pixel waits for them.
-    pub(crate) fn prepare_materials(&self) {
+    /// Computes tables that materials need and no scene had before in this process, so that no first pixel waits for them.
+    pub fn prepare_materials(&self) {
         let is_mixture = |mesh: &Mesh| matches!(self.materials[mesh.material], Material::MetallicRoughness(_));
         if self.meshes.iter().any(is_mixture) {
             tabulate_lobe_albedo();

@@ -2,6 +2,14 @@
 //! eight triangles of a leaf in the same way (Wald, Benthin and Boulos 2008, "Getting Rid of Packets").
 //!
 //! It is made from a binary tree by drawing grandchildren up.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `packet.rs` | neighbouring rays, eight at once |
+//! | `nearest.rs` | closest hits of other rays |
+//! | `shadow.rs` | any hit |
+//! | `probe.rs` | a ray against boxes and triangles |
+//! | `lanes.rs` | eight numbers side by side |
 
 mod lanes;
 mod nearest;

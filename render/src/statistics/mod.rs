@@ -2,6 +2,14 @@
 //! agree with their densities and with each other.
 //!
 //! Everything here computes in `f64`.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `metric.rs`, `relative_variance.rs` | MSE, relMSE, trimmed relMSE, TTUV; relative variance |
+//! | `interval.rs` | means, ratios and their intervals |
+//! | `flip.rs`, `hdr_flip.rs` | LDR-FLIP and HDR-FLIP |
+//! | `welch.rs`, `tiles.rs` | whether two samplers have the same mean |
+//! | `chi_square.rs` | whether directions follow their pdf |
 
 mod chi_square;
 mod flip;

@@ -1,4 +1,14 @@
 //! Tabulated intermediate densities: the bake of a head, and the direct bake that needs no training.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `direct.rs` | the direct bake, from the target itself |
+//! | `table.rs` | an interpolated table as a density over Y |
+//! | `cell_masses.rs` | running sums of four neighbouring tables, side by side |
+//! | `normal_grid.rs`, `cell_grid.rs` | the grids of normals and of cells of Y |
+//! | `cell_directions.rs` | the directions in each cell, and bounds on weights |
+//! | `cell_points.rs` | evenly spaced points of each cell |
+//! | `share.rs` | progress of a bake |
 
 mod cell_directions;
 mod cell_grid;

@@ -1,4 +1,13 @@
 //! BRDFs. Each is a kernel for one sample ([`Kernel`]), written once; over columns of samples it runs in SIMD lanes ([`Brdf`]).
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `mod.rs` | the traits `Kernel` (one sample) and `Brdf` (columns), the table of BRDFs |
+//! | `lambert.rs`, `ggx.rs`, `metallic_roughness.rs` | analytic BRDFs |
+//! | `lobe_albedo.rs` | the tabulated albedo by which two lobes divide the light |
+//! | `lobe_mixture/` | BRDF sampling fitted to a BRDF that has none of its own |
+//! | `neural/` | measured materials as networks |
+//! | `neural_texture/` | neural materials over a surface |
 
 mod ggx;
 mod lambert;

@@ -1,4 +1,12 @@
 //! Environment maps: radiance from every direction at infinity.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `mod.rs` | radiance by bilinear lookup, repairs, hash |
+//! | `map_file.rs` | maps in files, and their names |
+//! | `built_in.rs` | `overcast`, `window`, `studio`, `sunset` |
+//! | `density.rs` | the light of a map as a density over X |
+//! | `bilinear.rs` | sampling linear and bilinear functions |
 
 mod bilinear;
 mod built_in;

@@ -1,6 +1,14 @@
 //! Unbiased estimators of the light that shading points reflect from the environment.
 //!
 //! An estimator proposes contributions; whoever owns the scene finds out which of them are visible and tells the estimator.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `mod.rs` | the traits `Estimator` and `Learner`, contributions |
+//! | `single_sample.rs`, `split.rs` | one direction, and the mean of several |
+//! | `two_sample_mis.rs`, `ris.rs` | two-sample MIS, resampling |
+//! | `learned_visibility.rs` | patches with visibility learned before each rendering |
+//! | `exploration.rs` | the shadow rays that visibility is learned from |
 
 mod exploration;
 mod learned_visibility;

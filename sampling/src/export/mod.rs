@@ -5,6 +5,13 @@
 //! head's layers (`layer0.linear0.weight` `[out, in]`, `layer0.linear0.bias` `[out]`, ...) or `table.masses`
 //! `[polar, azimuth, rows, columns]`. The metadata has one entry, `headtail`, which holds a JSON object, [`Description`]. A reader
 //! refuses fields and tensors that it does not know.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `mod.rs` | the format; what a file builds |
+//! | `read.rs`, `write.rs` | reading and writing |
+//! | `check.rs` | whether weights make a density |
+//! | `flat.rs` | samplers as arrays, for other devices |
 
 mod check;
 mod flat;
@@ -209,12 +216,12 @@ impl ExportedSampler {
     pub fn sampler(self, environment: &Arc<Environment>, mixed: bool) -> Result<Arc<dyn Sampler>> {
         self.check_environment(environment)?;
         let light = EnvironmentLight::with_tail(environment.clone(), self.tail);
-        let product: Arc<dyn Sampler> = match self.intermediate {
-            Intermediate::Head(head) if let Some(detail) = self.patches => {
-                Arc::new(PatchSampler::with_head(light, detail, head)?)
+        let product: Arc<dyn Sampler> = match (self.intermediate, self.patches) {
+            (Intermediate::Head(head), Some(detail)) => Arc::new(PatchSampler::with_head(light, detail, head)?),
+            (Intermediate::Head(head), None) => Arc::new(ProductSampler::new(light, head)),
+            (Intermediate::Bake(table) | Intermediate::DirectBake(table), _) => {
+                Arc::new(ProductSampler::new(light, table))
             }
-            Intermediate::Head(head) => Arc::new(ProductSampler::new(light, head)),
-            Intermediate::Bake(table) | Intermediate::DirectBake(table) => Arc::new(ProductSampler::new(light, table)),
         };
         Ok(if mixed { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product })
     }

@@ -1,4 +1,12 @@
 //! Native inference of an exported head warp h: Z -> Y.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `condition.rs` | the layouts of condition vectors |
+//! | `network.rs` | the network that gives a spline its logits |
+//! | `inference.rs` | sampling and density over strips of samples |
+//! | `without_tail.rs` | a head over the map itself (the naive flow) |
+//! | `flat.rs` | a head as arrays, for other devices |
 
 mod condition;
 mod flat;

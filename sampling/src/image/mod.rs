@@ -1,4 +1,15 @@
 //! Linear Rec.709 images, and reading them from Radiance and (with the feature `exr`) OpenEXR files.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `read.rs` | the format of a file, from its first bytes |
+//! | `radiance.rs`, `rgbe.rs` | Radiance pictures, and their scan lines |
+//! | `openexr.rs`, `layers.rs` | OpenEXR, and which channels are the picture |
+//! | `dwa.rs` | the sizes that compressed OpenEXR blocks claim |
+//! | `layout.rs` | cubes, crosses, probes and equal-area squares to lat-long |
+//! | `primaries.rs` | colours of other primaries to Rec.709 |
+//! | `size.rs` | the largest image |
+//! | `without_panic.rs` | decoders of other crates that may panic |
 
 #[cfg(feature = "exr")]
 mod dwa;

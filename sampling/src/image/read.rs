@@ -57,7 +57,7 @@ pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
         Err(Error::invalid(
             path,
             "first bytes",
-            "is an OpenEXR file, and this build reads Radiance files only; enable the feature exr",
+            "is an OpenEXR file, and this build reads Radiance files only: give the texels, or enable the feature exr",
         ))
     } else if radiance::is_radiance(&start) {
         match layer {

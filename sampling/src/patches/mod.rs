@@ -10,6 +10,19 @@
 //!
 //! The square of uniform points is cut along the tree in which the map is halved, so that neighbouring points stay neighbours and
 //! low-discrepancy points keep their strata.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `moments.rs` | moments of the light over rectangles of the map |
+//! | `choice.rs` | where the map is divided |
+//! | `mass.rs` | the light that a surface reflects of a patch |
+//! | `tree.rs` | cutting the square along the tree of the map |
+//! | `draw.rs` | preparation, sampling and density over columns |
+//! | `lookup.rs` | the patch of a cell of the map |
+//! | `small_lights.rs` | sample fractions of small lights |
+//! | `rays.rs` | rays that visibility is learned from |
+//! | `warp.rs` | the warp at one shading point, for training |
+//! | `flat.rs` | patches as arrays, for other devices |
 
 mod choice;
 mod draw;

@@ -1,6 +1,14 @@
 //! The points of the unit square (and cube) that a rendering consumes: for a pixel, a sample and a dimension always the same.
 //!
 //! A number is a function of (points, seed, pixel, sample, dimension), so that results depend neither on threads nor on tiles nor on passes.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `mod.rs` | the map of dimensions |
+//! | `set.rs` | the kinds of points |
+//! | `sobol.rs`, `owen.rs` | Sobol's sequence, Owen scrambling |
+//! | `zsobol.rs` | one sequence along a curve through a block of pixels |
+//! | `philox.rs` | independent numbers, and the seeds of all others |
 
 mod owen;
 mod philox;

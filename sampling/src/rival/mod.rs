@@ -7,6 +7,14 @@
 //! All of them give the exact density of what they draw. A draw that leaves the hemisphere is no sample: it counts as zero, so that the
 //! density integrates to the share of draws that are left. Each is for one material, which it knows by [`Brdf::identity`]; points of
 //! other materials are drawn by BRDF sampling.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `lobes.rs`, `flow.rs`, `reparam.rs` | the three samplers |
+//! | `encoding.rs` | the inputs of their networks |
+//! | `sampler.rs` | rivals over columns and in scenes |
+//! | `file.rs` | the file format |
+//! | `trace.rs` | what training the reparameterised sampler needs |
 
 mod encoding;
 mod file;

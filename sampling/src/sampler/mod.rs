@@ -1,6 +1,17 @@
 //! Direction samplers for direct light: each is written once, over columns of shading points.
 //!
 //! Every pdf at these interfaces is over solid angle. A pdf of 0 means "no sample": the estimate of that draw is zero.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `mod.rs` | the trait `Sampler` |
+//! | `coverage.rs` | what of the integrand a sampler can draw, and `Covering` |
+//! | `light.rs` | a map with its tail |
+//! | `brdf.rs`, `emitter.rs` | BRDF sampling; emitter sampling, MIS compensation |
+//! | `one_sample_mis.rs` | the mixture of two samplers |
+//! | `product.rs` | a density over Y composed with a tail |
+//! | `oracle.rs` | the product tabulated at every shading point |
+//! | `single.rs` | any sampler at one shading point |
 
 mod brdf;
 mod coverage;

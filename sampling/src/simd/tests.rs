@@ -160,8 +160,8 @@ fn the_environment_variable_names_the_instruction_set() {
         let (success, output) = run(set.name, "the_instruction_set_has_a_name");
         assert!(success && output.contains(&format!("it is {}", set.name)), "{output}");
     }
-    for test in ["the_instruction_set_has_a_name", "dispatched_work_is_done"] {
-        let (success, output) = run("mmx", test);
-        assert!(!success && output.contains("HEADTAIL_SIMD") && output.contains("portable"), "{output}");
-    }
+    let (success, output) = run("mmx", "the_instruction_set_has_a_name");
+    assert!(!success && output.contains("HEADTAIL_SIMD") && output.contains("portable"), "{output}");
+    let (success, output) = run("mmx", "dispatched_work_is_done");
+    assert!(success, "an unknown name is reported, and work is done all the same: {output}");
 }

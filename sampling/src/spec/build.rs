@@ -1,18 +1,14 @@
 //! What SPECs build: estimators and samplers for a map and a scene.
 
-use std::{path::Path, sync::Arc};
+use std::sync::Arc;
 
-use super::{Combiner, Companion, FileKind, SamplerSpec, Source, Visibility};
+use super::{Combiner, SamplerSpec, Source, Visibility};
 use crate::{
     brdf::BrdfTable,
     environment::Environment,
     error::{Error, Result},
     estimator::{Estimator, LearnedVisibility, Ris, SingleSample, Split, TwoSampleMis},
-    export::ExportedSampler,
-    patches::PatchSampler,
-    rival::RivalSampler,
-    sampler::{BrdfSampler, Covering, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
-    tail::TailKind,
+    sampler::{BrdfSampler, Covering, Sampler},
     visibility::SceneVisibility,
 };
 
@@ -63,7 +59,7 @@ impl SamplerSpec {
         if self.visibility != Visibility::None {
             return Ok(Box::new(self.with_visibility_in(environment, context)?));
         }
-        let (sampler, environment) = (self.sampler_in(environment, context)?, environment.clone());
+        let (sampler, environment) = (self.source.build(self.companion, environment, context)?, environment.clone());
         Ok(match self.combiner {
             Combiner::One => Box::new(SingleSample::new(Covering::new(sampler)?, environment)),
             Combiner::Split(directions) => Box::new(Split::new(Covering::new(sampler)?, directions, environment)?),
@@ -82,40 +78,8 @@ impl SamplerSpec {
         if !self.has_pdf() {
             return Err(Error::argument(format!("sampler '{self}'"), "has no pdf of its own"));
         }
-        let sampler = self.resolved(false).sampler_in(environment, BuildContext::default())?;
+        let sampler = self.source.build(self.companion, environment, BuildContext::default())?;
         Ok(Covering::new(sampler)?.into_inner())
-    }
-
-    /// The source beside its companion.
-    fn sampler_in(&self, environment: &Arc<Environment>, context: BuildContext<'_>) -> Result<Arc<dyn Sampler>> {
-        let light = || EnvironmentLight::new(environment.clone(), TailKind::Hierarchical);
-        let is_mixed = self.companion == Companion::Brdf;
-        let source: Arc<dyn Sampler> = match &self.source {
-            Source::Brdf | Source::Cosine => Arc::new(BrdfSampler),
-            Source::Emitter => Arc::new(EmitterSampler::new(light()?)),
-            Source::Compensated => Arc::new(EmitterSampler::compensated(&light()?)?),
-            Source::Oracle => {
-                let light = light()?;
-                Arc::new(ProductSampler::new(light.clone(), Oracle::new(light.tail())))
-            }
-            Source::Auto => return Self::patches().sampler_in(environment, context),
-            Source::Patches(detail) => Arc::new(OneSampleMis::new(PatchSampler::new(light()?, *detail)?, BrdfSampler)),
-            Source::File(kind, file) => {
-                let is_mixed = is_mixed || *kind == FileKind::HeadOverPatches;
-                let built = read(*kind, file)?.sampler(environment, is_mixed);
-                return built.map_err(|error| error.in_file(file));
-            }
-            Source::Rival(family, file) => {
-                let rival = RivalSampler::open(file, family.kinds())?;
-                let checked = context.scene.map_or(Ok(()), |scene| rival.check(scene.brdfs()));
-                checked.map_err(|error| error.in_file(file))?;
-                return Ok(match self.companion {
-                    Companion::Emitter => Arc::new(OneSampleMis::new(EmitterSampler::new(light()?), rival)),
-                    _ => Arc::new(rival),
-                });
-            }
-        };
-        Ok(if is_mixed { Arc::new(OneSampleMis::new(source, BrdfSampler)) } else { source })
     }
 
     /// The estimator of a SPEC with visibility.
@@ -125,7 +89,8 @@ impl SamplerSpec {
         context: BuildContext<'_>,
     ) -> Result<LearnedVisibility> {
         let estimator = match &self.source {
-            Source::File(kind, file) => read(*kind, file)?
+            Source::File(kind, file) => kind
+                .read(file)?
                 .patch_sampler(environment)
                 .and_then(|sampler| LearnedVisibility::of_sampler(sampler, environment.clone(), context.memory))
                 .map_err(|error| error.in_file(file))?,
@@ -145,21 +110,4 @@ impl SamplerSpec {
         };
         Ok(if context.always { estimator.always() } else { estimator })
     }
-}
-
-/// Reads a file, which must be of a kind.
-fn read(kind: FileKind, file: &Path) -> Result<ExportedSampler> {
-    let exported = ExportedSampler::read(file)?;
-    let held = FileKind::of(&exported);
-    if held != kind {
-        let holds = match held {
-            FileKind::Head if kind == FileKind::Baked => "a head; bake it first, or render it as head:FILE",
-            FileKind::Head => "a head; render it as head:FILE",
-            FileKind::HeadOverPatches => "a head over patches; render it as head+patches:FILE",
-            FileKind::Baked => "the bake of a head; render it as baked:FILE",
-            FileKind::Direct => "a direct bake; render it as direct:FILE",
-        };
-        return Err(Error::invalid(file, "intermediate.kind", format!("the file holds {holds}")));
-    }
-    Ok(exported)
 }

@@ -8,24 +8,26 @@
 //! | `mod.rs` | the axes, and which combinations exist |
 //! | `parse.rs`, `print.rs` | their grammar, both ways |
 //! | `forms.rs` | all forms, for help |
-//! | `build.rs` | the samplers and estimators that they name |
+//! | `source.rs` | sources of directions: names and samplers |
+//! | `build.rs` | the estimators that SPECs name |
 
 mod build;
 pub mod forms;
 mod parse;
 mod print;
+mod source;
 #[cfg(test)]
 mod tests;
 
 pub use build::{BuildContext, SceneContext};
+pub use source::{Companion, FileKind, RivalFamily, Source};
 
 use std::path::{Path, PathBuf};
 
 use crate::{
     error::{Error, Result},
-    export::{ExportedSampler, Intermediate},
+    export::ExportedSampler,
     patches::Detail,
-    rival::RivalKind,
 };
 
 /// A sampler or an estimator by name.
@@ -45,40 +47,6 @@ pub struct SamplerSpec {
     companion: Companion,
     combiner: Combiner,
     visibility: Visibility,
-}
-
-/// What directions are drawn from.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Source {
-    /// Chosen for the view: see [`SamplerSpec::resolved`].
-    Auto,
-    /// BRDF sampling.
-    Brdf,
-    /// BRDF sampling by the name that it has on Lambert surfaces.
-    Cosine,
-    /// Emitter sampling.
-    Emitter,
-    /// Emitter sampling with MIS compensation (Karlik et al. 2019), which leaves out dim light and needs a companion.
-    Compensated,
-    /// Patches of the map, beside BRDF sampling on glossy surfaces.
-    Patches(Detail),
-    /// The product, tabulated at every shading point.
-    Oracle,
-    /// A sampler in a file.
-    File(FileKind, PathBuf),
-    /// Another method's sampler, trained for a material.
-    Rival(RivalFamily, PathBuf),
-}
-
-/// The sampler beside a source in one-sample MIS.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Companion {
-    /// None: the source alone.
-    None,
-    /// BRDF sampling, with the mixture weight that the source has learned, otherwise 1/2.
-    Brdf,
-    /// Emitter sampling, for rivals.
-    Emitter,
 }
 
 /// How directions from one shading point are combined.
@@ -103,69 +71,6 @@ pub enum Visibility {
     Learned,
     /// Precomputed, from a file of `bake --visibility`.
     File(PathBuf),
-}
-
-/// Which method a rival belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RivalFamily {
-    /// NeuSample's lobes or flow, as the file has them.
-    NeuSample,
-    /// The reparameterised sampler.
-    Reparam,
-}
-
-impl RivalFamily {
-    const ALL: [Self; 2] = [Self::NeuSample, Self::Reparam];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::NeuSample => "neusample",
-            Self::Reparam => "reparam",
-        }
-    }
-
-    fn kinds(self) -> &'static [RivalKind] {
-        match self {
-            Self::NeuSample => &[RivalKind::Lobes, RivalKind::Flow],
-            Self::Reparam => &[RivalKind::Reparam],
-        }
-    }
-}
-
-/// What a sampler's file holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FileKind {
-    /// A trained head.
-    Head,
-    /// A trained head over patches, in a mixture with BRDF sampling on glossy surfaces.
-    HeadOverPatches,
-    /// A table baked from a head.
-    Baked,
-    /// A table baked from the target itself.
-    Direct,
-}
-
-impl FileKind {
-    const ALL: [Self; 4] = [Self::Head, Self::HeadOverPatches, Self::Baked, Self::Direct];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Head => "head",
-            Self::HeadOverPatches => "head+patches",
-            Self::Baked => "baked",
-            Self::Direct => "direct",
-        }
-    }
-
-    /// Returns the kind of an exported sampler.
-    pub fn of(exported: &ExportedSampler) -> Self {
-        match exported.intermediate {
-            Intermediate::Head(_) if exported.patches.is_some() => Self::HeadOverPatches,
-            Intermediate::Head(_) => Self::Head,
-            Intermediate::Bake(_) => Self::Baked,
-            Intermediate::DirectBake(_) => Self::Direct,
-        }
-    }
 }
 
 impl SamplerSpec {
@@ -203,30 +108,17 @@ impl SamplerSpec {
     /// Why the combination does not exist, if it does not.
     fn fault(&self) -> Option<&'static str> {
         let Self { source, companion, combiner, visibility } = self;
-        let is_rival = matches!(source, Source::Rival(..));
-        let is_over_patches = matches!(source, Source::File(FileKind::HeadOverPatches, _));
-        if *source == Source::Auto {
-            let is_plain =
-                (*companion, *combiner) == (Companion::None, Combiner::One) && *visibility == Visibility::None;
-            return (!is_plain).then_some("'auto' chooses all of a SPEC; name it alone");
+        let is_plain = *combiner == Combiner::One && *visibility == Visibility::None;
+        if *source == Source::Auto && !is_plain {
+            return Some("'auto' chooses all of a SPEC; name it alone");
         }
-        match companion {
-            Companion::None if *source == Source::Compensated => {
-                return Some("leaves out dim light without a companion");
-            }
-            Companion::Brdf if is_over_patches => return Some("'head+patches' is beside BRDF sampling already"),
-            Companion::Brdf if matches!(source, Source::Brdf | Source::Cosine | Source::Patches(_)) || is_rival => {
-                return Some("has no form beside BRDF sampling");
-            }
-            Companion::Emitter if !is_rival => {
-                return Some("only neusample and reparam are placed beside emitter sampling");
-            }
-            _ => {}
+        if let Some(reason) = source.fault_beside(*companion) {
+            return Some(reason);
         }
         if *visibility == Visibility::None {
             return None;
         }
-        if !matches!(source, Source::Patches(_)) && !is_over_patches {
+        if !source.takes_visibility() {
             return Some("takes no visibility; only patches and heads over patches do");
         }
         let draws = matches!(combiner, Combiner::One | Combiner::Split(_));

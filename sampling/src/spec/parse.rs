@@ -2,11 +2,10 @@
 
 use std::str::FromStr;
 
-use super::{Combiner, Companion, FileKind, RivalFamily, SamplerSpec, Source, Visibility, forms};
+use super::{Combiner, Companion, FileKind, RivalFamily, SamplerSpec, Source, Visibility, forms, source::NAMED};
 use crate::{
     error::{Error, Result},
     estimator::Split,
-    patches::Detail,
     path_text::path_of,
     points::MAX_CANDIDATES,
     sampler::BrdfSampler,
@@ -113,19 +112,7 @@ impl<'a> Parts<'a> {
 }
 
 fn source_without_file(name: &str) -> Option<(Source, Companion)> {
-    Some(match name {
-        "auto" => (Source::Auto, Companion::None),
-        "brdf" => (Source::Brdf, Companion::None),
-        "cosine" => (Source::Cosine, Companion::None),
-        "emitter" => (Source::Emitter, Companion::None),
-        "mis" | "emitter+mis" => (Source::Emitter, Companion::Brdf),
-        "mis-comp" => (Source::Compensated, Companion::Brdf),
-        "oracle" => (Source::Oracle, Companion::None),
-        "oracle+mis" => (Source::Oracle, Companion::Brdf),
-        "patches" => (Source::Patches(Detail::Leaves), Companion::None),
-        "patches:fine" => (Source::Patches(Detail::Twigs), Companion::None),
-        _ => return None,
-    })
+    NAMED.iter().find(|named| named.name == name).map(|named| (named.source.clone(), named.companion))
 }
 
 type WithFile = Box<dyn Fn(std::path::PathBuf) -> Source>;

@@ -1,9 +1,12 @@
 //! How SPECs are written, so that they parse to the same again.
 
-use std::{fmt, path::Path};
+use std::fmt;
 
-use super::{Combiner, Companion, SamplerSpec, Source, Visibility};
-use crate::{patches::Detail, path_text::text_of};
+use super::{
+    Combiner, Companion, SamplerSpec, Source, Visibility,
+    source::{NAMED, Named},
+};
+use crate::path_text::text_of;
 
 impl fmt::Display for SamplerSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -17,13 +20,18 @@ impl fmt::Display for SamplerSpec {
             Combiner::Ris(candidates) if is_emitter => return write!(f, "ris:{candidates}"),
             Combiner::Ris(candidates) => write!(f, "ris:{candidates}:")?,
         }
-        match (source, companion) {
-            (Source::Emitter, Companion::Brdf) => f.write_str("mis")?,
-            (_, Companion::None) => f.write_str(source.name())?,
-            // Compensation has no name without its companion.
-            (Source::Compensated, Companion::Brdf) => f.write_str(source.name())?,
-            (_, Companion::Brdf) => write!(f, "{}+mis", source.name())?,
-            (_, Companion::Emitter) => write!(f, "{}+emitter", source.name())?,
+        match source {
+            Source::File(kind, _) => f.write_str(kind.name())?,
+            Source::Rival(family, _) => f.write_str(family.name())?,
+            _ => {
+                let is_own = |named: &&Named| named.source == *source && named.companion == *companion;
+                f.write_str(NAMED.iter().find(is_own).map_or("?", |named| named.name))?;
+            }
+        }
+        match companion {
+            Companion::Brdf if source.file().is_some() => f.write_str("+mis")?,
+            Companion::Emitter => f.write_str("+emitter")?,
+            _ => {}
         }
         let (precomputed, file) = match (visibility, source.file()) {
             // The visibility of patches stands where other sources have their file.
@@ -38,30 +46,5 @@ impl fmt::Display for SamplerSpec {
             write!(f, "@{}", text_of(precomputed))?;
         }
         file.map_or(Ok(()), |file| write!(f, ":{}", text_of(file)))
-    }
-}
-
-impl Source {
-    /// Its name, without its file.
-    fn name(&self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::Brdf => "brdf",
-            Self::Cosine => "cosine",
-            Self::Emitter => "emitter",
-            Self::Compensated => "mis-comp",
-            Self::Oracle => "oracle",
-            Self::Patches(Detail::Leaves) => "patches",
-            Self::Patches(Detail::Twigs) => "patches:fine",
-            Self::File(kind, _) => kind.name(),
-            Self::Rival(family, _) => family.name(),
-        }
-    }
-
-    fn file(&self) -> Option<&Path> {
-        match self {
-            Self::File(_, file) | Self::Rival(_, file) => Some(file),
-            _ => None,
-        }
     }
 }

@@ -1,4 +1,13 @@
 //! Tail warps t: Y -> X: unconditional bijections that carry the uniform distribution to the light of an environment map.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `mod.rs` | the trait `TailWarp`, and the kinds of tail |
+//! | `row_column.rs` | marginal and conditional |
+//! | `hierarchical.rs`, `node.rs` | the quad-tree tail, and the rectangles that it halves |
+//! | `flow.rs` | a fitted and tabulated flow, and the light that it leaves over |
+//! | `warp_map.rs`, `repair.rs` | a warp as one table; making it one to one |
+//! | `flat.rs` | tails as arrays, for other devices |
 
 mod flat;
 mod flow;

@@ -4,6 +4,16 @@
 //! sky, and those that were not stopped. From these follow weights ([`Weights`]) that a sampler multiplies its product of light,
 //! BRDF and cosine with: equal areas of Y carry equal light, so patches are small where light is.
 //!
+//! | file | concept |
+//! | --- | --- |
+//! | `mod.rs` | the cache of one rendering |
+//! | `cells.rs`, `places.rs` | cells of space, and their numbers |
+//! | `counts.rs` | shadow rays counted by cell and patch |
+//! | `estimate.rs` | visibility from counts, and weights from visibility |
+//! | `division.rs`, `weights.rs` | the patches that weights are for; the weights |
+//! | `worth.rs` | whether weights gain more than they cost |
+//! | `known.rs`, `file.rs` | precomputed visibility, and its file |
+//!
 //! # Why estimates stay unbiased
 //!
 //! A pixel's points are one scrambled sequence: each point alone is uniform, but not after others of the sequence have been seen. So what is drawn with is

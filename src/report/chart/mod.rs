@@ -2,6 +2,14 @@
 //!
 //! They are drawn here, not by a plotting library: on a page, colours and text follow its light or dark theme, and charts come in
 //! two layouts, since shrinking a wide one to a telephone's width would leave its text unreadable.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `bars.rs`, `lines.rs`, `pareto.rs` | ratios; MSE against time; speed against accuracy |
+//! | `matrix.rs`, `curves.rs` | a table of ratios as colours; curves of one kind |
+//! | `settings.rs`, `spots.rs` | what settings do; many points |
+//! | `densities.rs` | pictures in false colour |
+//! | `legend.rs` | the legend of a chart |
 
 mod bars;
 mod curves;

@@ -1,4 +1,9 @@
 //! `report.html`: one page that needs nothing but itself.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `numbers.rs`, `pictures.rs` | tables and pictures |
+//! | `method.rs` | how a comparison was measured |
 
 mod method;
 mod numbers;

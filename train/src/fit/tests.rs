@@ -1,10 +1,14 @@
-use std::f32::consts::TAU;
+use std::{f32::consts::TAU, sync::atomic::Ordering};
 
 use headtail_model::{Condition, HeadConfig, Mode};
 use headtail_render::random::Stream;
 
 use super::*;
-use crate::{Backend, CosineTarget, integrand::PointValues, test_support::sky};
+use crate::{
+    Backend, CheckpointFolder, Checkpoints, CosineTarget,
+    integrand::PointValues,
+    test_support::{sky, train_until},
+};
 
 /// A target over normals that are drawn from an angle.
 struct OfAngle {
@@ -42,18 +46,6 @@ fn small() -> FitConfig {
 
 fn quiet(config: &FitConfig, target: &dyn Target) -> Result<Fitted> {
     fit(config, target, &mut |_| {}, &AtomicBool::new(false))
-}
-
-/// A run that goes on from the last checkpoint.
-fn resumed(
-    config: &FitConfig,
-    target: &dyn Target,
-    checkpoints: &CheckpointFolder,
-    progress: &mut dyn FnMut(&Progress) -> Result<()>,
-    interrupt: &AtomicBool,
-) -> Result<Fitted> {
-    let checkpoints = Some(checkpoints);
-    fit_with(config, target, Run { progress, interrupt, checkpoints, warn: &mut |error| panic!("{error}") })
 }
 
 #[test]
@@ -180,7 +172,10 @@ fn a_run_in_pieces_ends_with_the_bits_of_a_whole_one() {
                 if steps == 11 { Err(Error::EmptyTarget { conditions: 0 }) } else { Ok(()) }
             };
             pieces += 1;
-            match resumed(&config, &target, &checkpoints, &mut progress, &interrupt) {
+            let checkpoints = Some(&checkpoints as &dyn Checkpoints);
+            let warn: &mut dyn FnMut(&Error) = &mut |error| panic!("{error}");
+            let run = Run { progress: &mut progress, interrupt: &interrupt, checkpoints, warn };
+            match fit_with(&config, &target, run) {
                 Ok(fitted) => break fitted,
                 Err(Error::EmptyTarget { .. }) => {}
                 Err(error) => panic!("{error}"),
@@ -210,14 +205,7 @@ fn an_interruption_is_saved_and_resumed() {
     let folder = tempfile::tempdir().unwrap();
     let target = CosineTarget::new(&sky);
     let checkpoints = CheckpointFolder { folder: folder.path().into(), every: 0, resume: true, target: "sky".into() };
-    let train = |stop_at: usize| {
-        let interrupt = AtomicBool::new(false);
-        let mut progress = |progress: &Progress| {
-            interrupt.store(progress.step == stop_at, Ordering::Relaxed);
-            Ok(())
-        };
-        resumed(&small(), &target, &checkpoints, &mut progress, &interrupt).unwrap()
-    };
+    let train = |stop_at| train_until(stop_at, Some(&checkpoints), |run| fit_with(&small(), &target, run)).unwrap();
     assert_eq!(train(12).summary.steps, 12);
     let end = train(usize::MAX);
     assert_eq!(end.summary.steps, 30);

@@ -2,6 +2,12 @@
 //!
 //! Points are drawn in proportion to the light by an exact tail, and the flow's likelihood at them is maximised: with `p` the
 //! density of the light over X, the loss is `KL(p || q)` up to a constant.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `settings.rs` | the settings of a fit |
+//! | `gradient.rs` | the gradient of the likelihood |
+//! | `invert.rs`, `table.rs` | the sampling direction in f64; the flow as a table |
 
 mod gradient;
 mod invert;
@@ -10,7 +16,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-use std::{sync::atomic::Ordering, time::Instant};
+use std::sync::atomic::Ordering;
 
 use glam::Vec2;
 use headtail_model::Flow;
@@ -23,7 +29,10 @@ pub use gradient::FlowGradient;
 pub use settings::{FlowSettings, FlowSize};
 pub use table::tabulate;
 
-use crate::{Error, FitConfig, Progress, Result, Run, checkpoint::SavedRun, state::TrainingState};
+use crate::{
+    Error, FitConfig, Result, Run, StepGradient, TrainingState,
+    trainer::{Trainable, Trainer},
+};
 
 /// Strata along a side of the validation points.
 const VALIDATION_STRATA: usize = 96;
@@ -67,70 +76,55 @@ pub struct FlowSummary {
 /// # Errors
 /// As [`crate::fit_with`].
 pub fn fit_flow(config: &FitConfig, exact: &Tail, run: Run<'_>) -> Result<FittedFlow> {
-    let Run { progress, interrupt, checkpoints, warn } = run;
     let config = config.flow.optimizer(config);
     config.flow.validate()?;
     let device = config.backend.device()?;
     let blank = Flow::new(config.flow.shape, config.seed, &device)?;
-    let mut state = TrainingState::new(&config, blank.flat_weights());
-    let start = Instant::now();
-    let mut earlier = 0.0;
-    if let Some(checkpoints) = checkpoints
-        && let Some(saved) = checkpoints.open(&config, blank.weight_count(), warn)?
-    {
-        earlier = saved.seconds;
-        state = saved.state;
-    }
+    let (initial, interrupt) = (blank.flat_weights(), run.interrupt);
+    let points_per_step = config.flow.strata * config.flow.strata;
+    let state = TrainingState::new(&config, initial.clone());
+    let mut trainer = Trainer::new(&config, &config, state, points_per_step, run)?;
     let mut gradient = FlowGradient::new(&config, &blank, &device);
     let validation = Validation::new(exact, config.seed);
-    let initial_kl = validation.kl(&mut gradient, &blank.flat_weights());
-    let mut kl = validation.kl(&mut gradient, &state.weights);
-    let first_step = state.step;
-    let is_measured = |step: usize| step.is_multiple_of((config.steps / VALIDATIONS).max(1)) || step == config.steps;
-    // Not where a resumed run happens to begin: a whole run would not have ended there.
-    let is_met = |step, kl| config.flow.kl_target > 0.0 && is_measured(step) && kl <= config.flow.kl_target;
-    let seconds = || earlier + start.elapsed().as_secs_f64();
-    let save = |state: &TrainingState| match checkpoints {
-        Some(checkpoints) => checkpoints.save(&config, &SavedRun { state: state.clone(), seconds: seconds() }),
-        None => Ok(()),
-    };
-    let points_per_step = config.flow.strata * config.flow.strata;
-    while state.step < config.steps && !is_met(state.step, kl) {
-        if interrupt.load(Ordering::Relaxed) {
-            break;
-        }
-        let points = draw(exact, config.flow.strata, config.flow.uniform, config.seed, state.step as u64);
-        let step = gradient.gradient(&state.weights, &points);
-        state.apply(&config, Some(step))?;
-        if is_measured(state.step) {
-            kl = validation.kl(&mut gradient, &state.weights);
-        }
-        progress(&Progress {
-            step: state.step,
-            steps: config.steps,
-            loss: state.loss,
-            divergence: None,
-            learning_rate: state.last_rate(&config),
-            samples_per_second: ((state.step - first_step) * points_per_step) as f64 / start.elapsed().as_secs_f64(),
-            seconds: seconds(),
-            skipped: state.skipped,
-        })?;
-        if checkpoints.is_some_and(|checkpoints| checkpoints.is_due(state.step)) {
-            save(&state)?;
-        }
-    }
-    save(&state)?;
+    let initial_kl = validation.kl(&mut gradient, &initial);
+    let mut training = FlowTraining { config: &config, exact, gradient, validation };
+    trainer.train(&mut training)?;
+    trainer.finish(None)?;
+    let &TrainingState { step: steps, skipped, ref parameters, .. } = &trainer.state;
+    let kl = training.validation.kl(&mut training.gradient, &parameters.weights);
     if !kl.is_finite() {
-        return Err(Error::Diverged { step: state.step, skipped: state.skipped });
+        return Err(Error::Diverged { step: steps, skipped });
     }
-    let flow = blank.with_flat_weights(&state.weights, &device);
+    let flow = blank.with_flat_weights(&parameters.weights, &device);
     let cells = if interrupt.load(Ordering::Relaxed) { INTERRUPTED_CELLS } else { config.flow.cells };
     let (map, repair) = tabulate(&flow, cells)?;
-    let table_kl = validation.table_kl(|x| map.inverse(x).1);
+    let table_kl = training.validation.table_kl(|x| map.inverse(x).1);
     let tail = Tail::Flow(headtail_render::tail::FlowTail::new(map, exact.light().clone()));
-    let (steps, skipped) = (state.step, state.skipped);
-    let summary = FlowSummary { steps, kl, table_kl, initial_kl, repair, seconds: seconds(), skipped };
+    let summary = FlowSummary { steps, kl, table_kl, initial_kl, repair, seconds: trainer.seconds(), skipped };
     Ok(FittedFlow { tail, flow, summary })
+}
+
+/// The training of a flow.
+struct FlowTraining<'a> {
+    config: &'a FitConfig,
+    exact: &'a Tail,
+    gradient: FlowGradient,
+    validation: Validation,
+}
+
+impl Trainable for FlowTraining<'_> {
+    fn gradient(&mut self, weights: &[f32], step: usize) -> Result<Option<StepGradient>> {
+        let FlowSettings { strata, uniform, .. } = self.config.flow;
+        let points = draw(self.exact, strata, uniform, self.config.seed, step as u64);
+        Ok(Some(self.gradient.gradient(weights, &points)))
+    }
+
+    /// Not where a resumed run happens to begin: a whole run would not have ended there.
+    fn is_done(&mut self, state: &TrainingState) -> bool {
+        let target = self.config.flow.kl_target;
+        let is_measured = state.step.is_multiple_of((self.config.steps / VALIDATIONS).max(1));
+        target > 0.0 && is_measured && self.validation.kl(&mut self.gradient, &state.parameters.weights) <= target
+    }
 }
 
 /// A point of X in each stratum of Y, `[strata^2, 2]`: distributed like the light, but for a share that is uniform over X.

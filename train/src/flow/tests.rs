@@ -1,10 +1,8 @@
-use std::sync::atomic::AtomicBool;
-
 use headtail_model::{FlowConfig, FlowForm};
 use headtail_render::{environment::built_in, tail::TailKind};
 
 use super::*;
-use crate::test_support::assert_same;
+use crate::test_support::{assert_same, train_until};
 use crate::{Backend, CheckpointFolder, GradientForm};
 
 const SHAPE: FlowConfig = FlowConfig {
@@ -33,12 +31,7 @@ fn quiet(
     checkpoints: Option<&CheckpointFolder>,
     stop_at: usize,
 ) -> Result<FittedFlow> {
-    let interrupt = AtomicBool::new(false);
-    let mut progress = |progress: &Progress| {
-        interrupt.store(progress.step == stop_at, Ordering::Relaxed);
-        Ok(())
-    };
-    fit_flow(config, exact, Run { progress: &mut progress, interrupt: &interrupt, checkpoints, warn: &mut |_| {} })
+    train_until(stop_at, checkpoints, |run| fit_flow(config, exact, run))
 }
 
 #[test]

@@ -5,6 +5,13 @@
 //! (encoder, first layers, in autoregressive mode the whole elevation network) has one column per condition. A group of
 //! conditions at a time goes through networks and splines and back; only the products of matrices are left to a library. The result is
 //! that of [`crate::in_graph`] to rounding.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `conditions.rs` | what is computed once per condition |
+//! | `samples.rs`, `splines.rs` | what is computed for every sample |
+//! | `perceptron.rs`, `matrix.rs` | layers and matrix products, forward and backward |
+//! | `flow.rs` | the likelihood of a flow tail |
 
 mod conditions;
 mod flow;

@@ -1,5 +1,7 @@
 //! Measured surfaces.
 
+use std::sync::Arc;
+
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{
@@ -13,12 +15,11 @@ use super::{
     RenderedSurface, Surface, Viewpoints,
     surface::{drawn, one_strip},
 };
-use crate::Measured;
 
 /// One measured material, or any of a family, each as often as the others.
 pub struct MeasuredSurface {
     viewpoints: Viewpoints,
-    materials: &'static Measured,
+    materials: Vec<Arc<NeuralBrdf>>,
     latents: Vec<[f32; LATENTS]>,
     /// Each material in a table of the renderer's.
     tables: Vec<(BrdfTable, u32)>,
@@ -26,10 +27,9 @@ pub struct MeasuredSurface {
 
 impl MeasuredSurface {
     /// Of materials seen from viewpoints; what tells them apart is part of the condition where there are many.
-    pub fn new(viewpoints: Viewpoints, materials: &'static Measured) -> Self {
-        let brdfs = materials.brdfs();
-        let latents = brdfs.iter().map(|brdf| brdf.latent()).collect();
-        let tables = brdfs.iter().map(|brdf| BrdfTable::default().with(brdf.clone())).collect();
+    pub fn new(viewpoints: Viewpoints, materials: Vec<Arc<NeuralBrdf>>) -> Self {
+        let latents = materials.iter().map(|brdf| brdf.latent()).collect();
+        let tables = materials.iter().map(|brdf| BrdfTable::default().with(brdf.clone())).collect();
         Self { viewpoints, materials, latents, tables }
     }
 
@@ -43,7 +43,7 @@ impl MeasuredSurface {
 
     /// The material of a condition.
     fn brdf(&self, condition: &[f32]) -> &NeuralBrdf {
-        &self.materials.brdfs()[self.index(condition)]
+        &self.materials[self.index(condition)]
     }
 }
 
@@ -54,7 +54,7 @@ fn directions(condition: &[f32]) -> [Vec3; 2] {
 
 impl Surface for MeasuredSurface {
     fn condition(&self) -> Condition {
-        if self.materials.is_family() { Condition::Family } else { Condition::Ggx }
+        if self.materials.len() > 1 { Condition::Family } else { Condition::Ggx }
     }
 
     fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
@@ -92,29 +92,27 @@ impl RenderedSurface for MeasuredSurface {
 
 #[cfg(test)]
 mod tests {
-    use headtail_render::{brdf::neural::write_networks, random::Purpose};
+    use headtail_render::{brdf::neural::write_networks, random::Purpose, scene::open_measured};
 
     use super::*;
-    use crate::{Material, test_support::grey_lobe};
+    use crate::test_support::grey_lobe;
 
     #[test]
     fn conditions_name_the_material_that_they_are_drawn_for() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("two.safetensors");
         write_networks(&file, &[("dull".into(), grey_lobe(0.5)), ("bright".into(), grey_lobe(3.0))]).unwrap();
-        let text = format!("nbrdf:{}#dull,bright", file.display());
-        let material: Material = text.parse().unwrap();
-        assert_eq!((material.to_string(), material.condition()), (text, Condition::Family));
-        let Material::Measured(materials) = material else { panic!("{material}") };
-        let surface = MeasuredSurface::new(Viewpoints::Sphere, materials);
+        let materials = open_measured(&file, &["dull".into(), "bright".into()]).unwrap();
+        let surface = MeasuredSurface::new(Viewpoints::Sphere, materials.clone());
+        assert_eq!(surface.condition(), Condition::Family);
         let mut stream = Stream::new(0, Purpose::Test, 0);
         let (mut condition, mut seen) = (vec![0.0; head::Condition::Family.length()], [0; 2]);
         for _ in 0..200 {
             surface.draw_condition(&mut stream, &mut condition);
             let [wo, n] = directions(&condition);
-            let which = usize::from(condition[head::Condition::Ggx.length()..] == materials.brdfs()[1].latent());
+            let which = usize::from(condition[head::Condition::Ggx.length()..] == materials[1].latent());
             seen[which] += 1;
-            let brdf = &materials.brdfs()[which];
+            let brdf = &materials[which];
             let Some(wi) = surface.samples(&condition, &[stream.uniform2()])[0] else { continue };
             assert_eq!(surface.lobes(&condition, &[wi]), brdf.luminances(n, wo, &[wi.into()]));
             let pdfs = surface.pdfs(&condition, &[wi]);
@@ -122,9 +120,7 @@ mod tests {
         }
         // 100 each, with a standard deviation of 7.
         assert!(seen.iter().all(|&count| count > 60), "{seen:?}");
-        let one: Material = format!("nbrdf:{}#dull", file.display()).parse().unwrap();
-        assert_eq!(one.condition(), Condition::Ggx);
-        let error = format!("nbrdf:{}#gone", file.display()).parse::<Material>().unwrap_err();
-        assert!(error.contains("'gone'"), "{error}");
+        let one = open_measured(&file, &["dull".into()]).unwrap();
+        assert_eq!(MeasuredSurface::new(Viewpoints::Sphere, one).condition(), Condition::Ggx);
     }
 }

@@ -2,6 +2,17 @@
 //!
 //! An exact tail takes uniform points of Y to directions in proportion to radiance, so the ideal intermediate density
 //! `q*(y|c)` is BRDF x cosine at the tail's direction: it is evaluated at points of Y, and nothing is tabulated.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `mod.rs` | the trait `Target` |
+//! | `surface.rs` | the trait `Surface`; diffuse surfaces |
+//! | `ggx.rs`, `measured.rs`, `textured.rs` | microfacet, measured and neural materials |
+//! | `viewpoints.rs` | the distribution of views and normals |
+//! | `product.rs`, `tail_map.rs` | a surface seen through a tail |
+//! | `patched.rs` | a surface seen through patches and a tail |
+//! | `tabulated.rs`, `naive.rs` | the paper's table in X; the product without a tail |
+//! | `batch.rs` | strata and BRDF samples with weights |
 
 mod batch;
 mod ggx;

@@ -19,7 +19,6 @@ use headtail_render::{
 };
 
 use super::{RenderedSurface, Surface, Viewpoints};
-use crate::Measured;
 
 /// Where a condition holds what the texture says, and there the handedness.
 const MATERIAL: usize = head::MAX_CONDITION - OF_MATERIAL;
@@ -28,18 +27,14 @@ const HAND: usize = head::MAX_CONDITION - 1;
 /// A neural material. Points that a camera sees on other surfaces count as diffuse: the head has to serve them, too.
 pub struct TexturedSurface {
     viewpoints: Viewpoints,
-    texture: &'static Arc<NeuralTexture>,
+    texture: Arc<NeuralTexture>,
     table: BrdfTable,
     index: u32,
 }
 
 impl TexturedSurface {
-    /// The material of `materials`, seen from viewpoints.
-    ///
-    /// # Panics
-    /// If these are measured materials.
-    pub fn new(viewpoints: Viewpoints, materials: &'static Measured) -> Self {
-        let texture = materials.texture().expect("the material is one over a surface");
+    /// A material seen from viewpoints.
+    pub fn new(viewpoints: Viewpoints, texture: Arc<NeuralTexture>) -> Self {
         let (table, index) = BrdfTable::default().with(texture.clone());
         Self { viewpoints, texture, table, index }
     }
@@ -124,15 +119,12 @@ mod tests {
     };
 
     use super::*;
-    use crate::Material;
 
     #[test]
     fn conditions_are_what_a_renderer_sees_of_the_scene() {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints/satin.safetensors");
         let text = format!("neural:{file},repeat=5");
-        let material: Material = text.parse().unwrap();
-        assert_eq!(material.condition(), Condition::Texture);
-        let Material::Measured(materials) = material else { panic!("{material}") };
+        let texture = Arc::new(NeuralTexture::read(file.as_ref()).unwrap());
         let scene = Scene::built_in("bedroom").unwrap();
         let bounds = scene.bounds();
         let scene = text.parse::<MaterialSpec>().unwrap().dress(scene, &bounds).unwrap();
@@ -140,8 +132,8 @@ mod tests {
         let mut stream = Stream::new(0, Purpose::Test, 0);
         let mut condition = [0.0; head::MAX_CONDITION];
         let (mut on_cloth, mut beside) = (0, 0);
-        let everywhere = TexturedSurface::new(Viewpoints::Sphere, materials);
-        let surface = TexturedSurface::new(viewpoints, materials);
+        let everywhere = TexturedSurface::new(Viewpoints::Sphere, texture.clone());
+        let surface = TexturedSurface::new(viewpoints, texture);
         for k in 0..400 {
             let from = if k % 2 == 0 { &surface } else { &everywhere };
             from.draw_condition(&mut stream, &mut condition);

@@ -8,7 +8,7 @@ use headtail_render::{
     random::{Purpose, Stream},
 };
 
-use crate::{Error, Result};
+use crate::Result;
 
 /// Sizes of the networks in the order of their weights.
 pub(super) const NETWORKS: [&[usize]; 3] = [&SHIFT_SIZES, &REFLECTANCE_SIZES, &MIXTURE_SIZES];
@@ -55,9 +55,8 @@ impl Layout {
     /// # Errors
     /// When a weight is not finite.
     pub fn material(&self, weights: &[f32], description: Description) -> Result<NeuralTexture> {
-        let render = |error: headtail_render::Error| Error::Render(error.into());
         let (texels, mut rest) = weights.split_at(FEATURES * self.texels());
-        let pyramid = Pyramid::new(self.side, texels.as_chunks().0.to_vec()).map_err(render)?;
+        let pyramid = Pyramid::new(self.side, texels.as_chunks().0.to_vec())?;
         let mut networks = Vec::new();
         for sizes in NETWORKS {
             let mut layers = Vec::new();
@@ -65,14 +64,14 @@ impl Layout {
                 let (weight, others) = rest.split_at(size[0] * size[1]);
                 let (bias, others) = others.split_at(size[1]);
                 let name = format!("linear{index}");
-                layers.push(Linear::new(&name, size[0], size[1], weight, bias.to_vec()).map_err(render)?);
+                layers.push(Linear::new(&name, size[0], size[1], weight, bias.to_vec())?);
                 rest = others;
             }
             networks.push(layers);
         }
         let [shift, reflectance, mixture] = networks.try_into().expect("there are three networks");
         let leaky_slope = description.leaky_slope;
-        NeuralTexture::new(pyramid, Networks { shift, reflectance, mixture, leaky_slope }, description).map_err(render)
+        Ok(NeuralTexture::new(pyramid, Networks { shift, reflectance, mixture, leaky_slope }, description)?)
     }
 
     /// Texels along an axis of the finest level.

@@ -7,7 +7,7 @@ use headtail_render::{
 };
 
 use super::{graph::predict, samples::answers, *};
-use crate::Backend;
+use crate::{Backend, StateFile, test_support::train_until};
 
 /// A surface that is diffuse and of one colour.
 struct Plain;
@@ -20,6 +20,16 @@ impl Source for Plain {
 
 fn small(steps: usize) -> Settings {
     Settings { side: 8, steps, batch: 512, paths: 1, seed: 3 }
+}
+
+/// A fit that is interrupted after `stop_at` steps.
+fn fit(
+    settings: &Settings,
+    source: &dyn Source,
+    file: Option<&StateFile<'_>>,
+    stop_at: usize,
+) -> Result<(NeuralTexture, TrainingState)> {
+    train_until(stop_at, file, |run| fit_material(settings, "test", source, run))
 }
 
 #[test]
@@ -73,42 +83,33 @@ fn the_fused_gradient_is_that_of_the_graph() {
 
 #[test]
 fn a_plain_surface_is_learned() {
-    let settings = small(150);
-    let mut fit = Fit::new(settings, &Plain, None).unwrap();
-    let losses: Vec<f32> = (0..150).map(|_| fit.advance()).collect();
-    assert!(losses[149] < 0.02 * losses[0], "{} {}", losses[0], losses[149]);
-    let material = fit.material("plain").unwrap();
+    let [(_, first), (material, last)] = [1, 150].map(|steps| fit(&small(steps), &Plain, None, usize::MAX).unwrap());
+    assert!(last.loss < first.loss.map(|loss| 0.02 * loss), "{:?} {:?}", first.loss, last.loss);
     // 1 % of an albedo of 0.5 is 46 dB.
     let Decibels { psnr, .. } = error_over(&Plain, &material, 1000, 2, 1);
     assert!(psnr > 30.0, "{psnr}");
 }
 
-fn advance(fit: &mut Fit<'_>, steps: usize) {
-    for _ in 0..steps {
-        assert!(fit.advance().is_finite());
-    }
-}
-
 #[test]
 fn a_fit_that_was_interrupted_ends_as_one_that_was_not() {
     let (settings, source) = (small(4), Layered::lacquer());
-    let mut whole = Fit::new(settings, &source, None).unwrap();
-    advance(&mut whole, 4);
-    let mut first = Fit::new(settings, &source, None).unwrap();
-    advance(&mut first, 2);
+    let (_, whole) = fit(&settings, &source, None, usize::MAX).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("state");
-    first.state.write(&path, &settings, "lacquer").unwrap();
-    let state = State::read(&path, &settings, "lacquer").unwrap();
-    assert_eq!(state, first.state);
-    let mut second = Fit::new(settings, &source, Some(state)).unwrap();
-    advance(&mut second, 2);
-    assert_eq!(second.state, whole.state);
-
-    let error = |settings: &Settings, name: &str| State::read(&path, settings, name).unwrap_err().to_string();
-    assert!(error(&small(5), "lacquer").contains("other settings") && error(&settings, "satin").contains("other"));
+    let file = |target: &str| StateFile { path: &path, every: 1, target: target.into(), done: &[] };
+    assert_eq!(fit(&settings, &source, Some(&file("lacquer")), 2).unwrap().1.step, 2);
+    let error = |settings: &Settings, target: &str| {
+        fit(settings, &source, Some(&file(target)), usize::MAX).err().unwrap().to_string()
+    };
+    assert!(error(&Settings { seed: 4, ..settings }, "lacquer").contains("another `seed`"));
+    assert!(error(&Settings { side: 16, ..settings }, "lacquer").contains("another `side`"));
+    assert!(error(&small(3), "lacquer").contains("another `steps`"));
+    assert!(error(&settings, "satin").contains("another target"));
+    let (_, end) = fit(&settings, &source, Some(&file("lacquer")), usize::MAX).unwrap();
+    assert_eq!((end.step, end.skipped, end.mean_loss), (4, 0, whole.mean_loss));
+    assert_eq!(end.parameters, whole.parameters);
     std::fs::write(&path, b"nothing").unwrap();
-    assert!(error(&settings, "lacquer").contains("is no state of a fit"));
+    assert!(error(&settings, "lacquer").contains("does not have the checksum"));
 }
 
 #[test]

@@ -4,17 +4,18 @@
 //! of `f_r cos`. The loss is the cross-entropy of the sampler under these, per view. Lobes and flows have their density in the graph. The
 //! reparameterised sampler has no inverse there: the renderer finds the point that each direction comes from, and the gradient of the
 //! density there follows from the implicit function theorem (`model.rs`).
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `points.rs` | views, and directions in proportion to what a material reflects |
+//! | `model.rs` | densities with gradients |
 
 mod model;
 mod points;
-mod state;
 #[cfg(test)]
 mod tests;
 
 pub use points::{RivalMaterial, RivalQuality};
-pub use state::RivalState;
-
-use std::sync::Arc;
 
 use headtail_model::burn::prelude::Device;
 use headtail_render::{
@@ -24,7 +25,7 @@ use headtail_render::{
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Backend, Error, FitConfig, Result, optimizer::Schedule};
+use crate::{Backend, FitConfig, Result, Run, StepGradient, TrainingState, config::within, trainer::Trainer};
 use points::Points;
 
 /// Views of a batch that one thread takes through the networks.
@@ -56,18 +57,12 @@ impl RivalSettings {
     /// Checks the ranges.
     ///
     /// # Errors
-    /// [`Error::Config`] that names the field.
+    /// [`crate::Error::Config`] that names the field.
     pub fn check(&self) -> Result<()> {
-        let wrong =
-            |field, value: usize, requirement| Err(Error::Config { field, value: value.to_string(), requirement });
-        match self {
-            Self { steps, .. } if !(1..=10_000_000).contains(steps) => wrong("steps", *steps, "in 1..=10000000"),
-            Self { views, .. } if !(1..=4096).contains(views) => wrong("views", *views, "in 1..=4096"),
-            Self { directions, views, .. } if *directions < 2 || views * directions > MOST_DIRECTIONS => {
-                wrong("directions", *directions, "at least 2, and at most 32768 over all views")
-            }
-            _ => Ok(()),
-        }
+        within("steps", self.steps, 1..=10_000_000, "in 1..=10000000")?;
+        within("views", self.views, 1..=4096, "in 1..=4096")?;
+        let most = MOST_DIRECTIONS / self.views;
+        within("directions", self.directions, 2..=most, "at least 2, and at most 32768 over all views")
     }
 
     fn optimizer(&self) -> FitConfig {
@@ -87,89 +82,58 @@ impl RivalSettings {
 /// Directions of a step: what a tile holds.
 const MOST_DIRECTIONS: usize = headtail_render::tile::MAX_POINTS;
 
-/// A training on its way.
-pub struct RivalFit<'a> {
-    settings: RivalSettings,
-    material: &'a RivalMaterial,
-    device: Device,
-    state: RivalState,
+/// Trains a sampler for a material, and returns it with the last state, whose mean loss is the
+/// cross-entropy in nats, over solid angle. A resumed run ends with the same bits; the state of an
+/// interrupted run has fewer steps.
+///
+/// # Errors
+/// When a setting is out of range, the weights have diverged, or for an error of `run`.
+pub fn fit_rival(settings: &RivalSettings, material: &RivalMaterial, run: Run<'_>) -> Result<(Rival, TrainingState)> {
+    settings.check()?;
+    let config = settings.optimizer();
+    let state = TrainingState::new(&config, model::initial_weights(settings.kind, settings.seed));
+    let trainer = Trainer::new(&config, settings, state, settings.views * settings.directions, run)?;
+    let device = Backend::Flex.device()?.autodiff();
+    let state = trainer
+        .run(&mut |weights: &[f32], step: usize| gradient(settings, material, &device, weights, step).map(Some))?;
+    Ok((model::native(settings.kind, &state.parameters.weights)?, state))
 }
 
-impl<'a> RivalFit<'a> {
-    /// A training before its first step, or where `state` was left.
-    ///
-    /// # Errors
-    /// When a setting is out of range, or the state is of another kind of sampler.
-    pub fn new(settings: RivalSettings, material: &'a RivalMaterial, state: Option<RivalState>) -> Result<Self> {
-        settings.check()?;
-        let initial = model::initial_weights(settings.kind, settings.seed);
-        let state = state.unwrap_or_else(|| RivalState::new(initial.clone()));
-        state.check(initial.len(), settings.steps)?;
-        Ok(Self { settings, material, device: Backend::Flex.device()?.autodiff(), state })
-    }
-
-    /// Steps that are done.
-    pub fn step(&self) -> usize {
-        self.state.step
-    }
-
-    /// What the next step depends on.
-    pub fn state(&self) -> &RivalState {
-        &self.state
-    }
-
-    /// Takes the next step and gives its loss: the cross-entropy in nats, over solid angle.
-    ///
-    /// # Errors
-    /// When the weights have diverged.
-    pub fn advance(&mut self) -> Result<f32> {
-        let RivalSettings { kind, views, directions, seed, .. } = self.settings;
-        let batch = Points::draw(self.material, views, directions, seed, self.state.step as u64);
-        let shards = batch.split(SHARD);
-        let rival = self.rival()?;
-        let threads = rayon::current_num_threads().min(shards.len()).max(1);
-        let (weights, device) = (&self.state.weights[..], &self.device);
-        // Threads of their own, not rayon's: a step of the backward pass holds its graph's lock.
-        let parts: Vec<(f32, Vec<f32>)> = std::thread::scope(|scope| {
-            let (rival, work) = (&rival, |shards: &[Points], rival: &Rival| -> Vec<_> {
-                shards.iter().map(|shard| model::gradient(kind, weights, rival, shard, device)).collect()
-            });
-            let handles: Vec<_> = shards
-                .chunks(shards.len().div_ceil(threads))
-                .map(|shards| scope.spawn(move || work(shards, rival)))
-                .collect();
-            let join = |handle: std::thread::ScopedJoinHandle<'_, Vec<_>>| {
-                handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-            };
-            handles.into_iter().flat_map(join).collect()
+/// Loss and gradient of a step.
+fn gradient(
+    settings: &RivalSettings,
+    material: &RivalMaterial,
+    device: &Device,
+    weights: &[f32],
+    step: usize,
+) -> Result<StepGradient> {
+    let &RivalSettings { kind, views, directions, seed, .. } = settings;
+    let batch = Points::draw(material, views, directions, seed, step as u64);
+    let shards = batch.split(SHARD);
+    let rival = model::native(kind, weights)?;
+    let threads = rayon::current_num_threads().min(shards.len()).max(1);
+    // Threads of their own, not rayon's: a step of the backward pass holds its graph's lock.
+    let parts: Vec<(f32, Vec<f32>)> = std::thread::scope(|scope| {
+        let (rival, work) = (&rival, |shards: &[Points], rival: &Rival| -> Vec<_> {
+            shards.iter().map(|shard| model::gradient(kind, weights, rival, shard, device)).collect()
         });
-        let mut gradient = vec![0.0; self.state.weights.len()];
-        let mut loss = 0.0;
-        for (part, shard) in parts.iter().zip(&shards) {
-            let share = shard.views() as f32 / views as f32;
-            loss += share * part.0;
-            gradient.iter_mut().zip(&part.1).for_each(|(sum, g)| *sum += share * g);
-        }
-        let config = self.settings.optimizer();
-        let state = &mut self.state;
-        state.optimizer.step(&config, Schedule::new(&config).rate(state.step), &mut state.weights, &gradient);
-        state.step += 1;
-        // Over some fifty steps.
-        state.loss = Some(state.loss.map_or(loss, |mean| mean + 0.02 * (loss - mean)));
-        Ok(loss)
+        let handles: Vec<_> = shards
+            .chunks(shards.len().div_ceil(threads))
+            .map(|shards| scope.spawn(move || work(shards, rival)))
+            .collect();
+        let join = |handle: std::thread::ScopedJoinHandle<'_, Vec<_>>| {
+            handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        };
+        handles.into_iter().flat_map(join).collect()
+    });
+    let mut d_weight = vec![0.0; weights.len()];
+    let mut loss = 0.0;
+    for (part, shard) in parts.iter().zip(&shards) {
+        let share = shard.views() as f32 / views as f32;
+        loss += share * part.0;
+        d_weight.iter_mut().zip(&part.1).for_each(|(sum, g)| *sum += share * g);
     }
-
-    /// The sampler as it is now.
-    ///
-    /// # Errors
-    /// When the weights have diverged.
-    pub fn rival(&self) -> Result<Rival> {
-        model::native(self.settings.kind, &self.state.weights)
-    }
-}
-
-fn render_error(error: headtail_render::Error) -> Error {
-    Error::Render(Arc::new(error))
+    Ok(StepGradient { loss, d_weight })
 }
 
 /// What a sampler knows of a point, in the tangent frame: features and the direction to the viewer.

@@ -19,7 +19,7 @@ use headtail_render::{
     },
 };
 
-use super::{View, points::Points, render_error};
+use super::{View, points::Points};
 use crate::Result;
 
 /// A network's layers: weights `[out, in]` and biases `[1, out]`.
@@ -52,12 +52,12 @@ pub fn native(kind: RivalKind, weights: &[f32]) -> Result<Rival> {
         for size in sizes.windows(2) {
             let (weight, others) = rest.split_at(size[0] * size[1]);
             let (bias, others) = others.split_at(size[1]);
-            layers.push(Linear::new(name, size[0], size[1], weight, bias.to_vec()).map_err(render_error)?);
+            layers.push(Linear::new(name, size[0], size[1], weight, bias.to_vec())?);
             rest = others;
         }
         networks.push(layers);
     }
-    Rival::new(kind, networks).map_err(render_error)
+    Ok(Rival::new(kind, networks)?)
 }
 
 fn tensors(kind: RivalKind, weights: &[f32], device: &Device) -> Vec<Layers> {

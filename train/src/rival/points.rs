@@ -17,8 +17,9 @@ use headtail_render::{
     simd::{LANES, Lanes},
     tile::{ShadingPoint, Tile},
 };
+use serde::Serialize;
 
-use super::{View, render_error};
+use super::View;
 use crate::{Error, Result};
 
 /// The least cosine of views.
@@ -43,14 +44,12 @@ impl RivalMaterial {
     /// The file cannot be read, or it is another kind of material.
     pub fn open(text: &str) -> Result<Vec<Self>> {
         let wrong = |reason: &str| Error::ConfigFile { name: format!("material '{text}'"), reason: reason.to_owned() };
-        match text.parse::<MaterialSpec>().map_err(render_error)? {
+        match text.parse::<MaterialSpec>()? {
             MaterialSpec::Measured { file, names } => {
-                let measured = open_measured(&file, &names).map_err(render_error)?;
+                let measured = open_measured(&file, &names)?;
                 Ok(measured.into_iter().map(Self::measured).collect())
             }
-            MaterialSpec::Neural(spec) => {
-                Ok(vec![Self::textured(Arc::new(NeuralTexture::read(&spec.file).map_err(render_error)?))])
-            }
+            MaterialSpec::Neural(spec) => Ok(vec![Self::textured(Arc::new(NeuralTexture::read(&spec.file)?))]),
             _ => Err(wrong("has no network: name nbrdf:FILE#NAME or neural:FILE")),
         }
     }
@@ -186,13 +185,13 @@ impl Points {
 }
 
 /// How well a sampler draws, over views that no step has asked for.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize)]
 pub struct RivalQuality {
-    /// The median over views of the relative variance of an estimate under a white sky, by the material's own sampling.
-    pub own_variance: f64,
-    /// The same by the sampler.
-    pub variance: f64,
-    /// The share of draws that are samples.
+    /// The median over views of the relative variance of an estimate under a white sky.
+    pub relative_variance: f64,
+    /// The same by the material's own sampling.
+    pub own_relative_variance: f64,
+    /// The fraction of draws that are samples.
     pub kept: f64,
 }
 
@@ -216,7 +215,8 @@ impl RivalQuality {
             list[list.len() / 2]
         };
         let kept = kept as f64 / (views * directions) as f64;
-        Self { own_variance: median(&mut own), variance: median(&mut others), kept }
+        let [relative_variance, own_relative_variance] = [median(&mut others), median(&mut own)];
+        Self { relative_variance, own_relative_variance, kept }
     }
 }
 

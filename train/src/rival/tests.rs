@@ -1,4 +1,4 @@
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
 
 use headtail_render::{
     brdf::neural_texture::NeuralTexture,
@@ -6,7 +6,7 @@ use headtail_render::{
 };
 
 use super::{points::Points, *};
-use crate::neural_texture::Layout;
+use crate::{StateFile, neural_texture::Layout, state_file::describe, test_support::train_until};
 
 /// A material of random weights, the less diffuse the larger they are.
 fn material(size: f32) -> RivalMaterial {
@@ -15,6 +15,16 @@ fn material(size: f32) -> RivalMaterial {
     let weights: Vec<f32> = layout.initial_weights(5).iter().map(|weight| size * weight).collect();
     let texture: NeuralTexture = layout.material(&weights, Description::new("test", 0.01)).unwrap();
     RivalMaterial::textured(Arc::new(texture))
+}
+
+/// The last state of a training that is interrupted after `stop_at` steps.
+fn train(
+    settings: &RivalSettings,
+    material: &RivalMaterial,
+    file: Option<&StateFile<'_>>,
+    stop_at: usize,
+) -> Result<TrainingState> {
+    Ok(train_until(stop_at, file, |run| fit_rival(settings, material, run))?.1)
 }
 
 /// Weights that are no longer the first ones.
@@ -31,7 +41,7 @@ fn the_renderer_has_the_densities_of_the_tensor_library() {
     for kind in [RivalKind::Lobes, RivalKind::Flow] {
         let weights = some_weights(kind, 0.3);
         let logs = model::log_densities(kind, &weights, &points, &device.clone().autodiff());
-        let native = native_densities(&material, &model::native(kind, &weights).unwrap(), &points);
+        let native = points.densities(&material, &model::native(kind, &weights).unwrap());
         for (k, (log, native)) in logs.iter().zip(native).enumerate() {
             let expected = log.exp() * points.wi[k][2];
             // The logarithm is a sum of some ten terms of the order of 1, rounded to 1e-7 each, and angles of 8 pi are rounded to 2e-6.
@@ -42,14 +52,9 @@ fn the_renderer_has_the_densities_of_the_tensor_library() {
     }
 }
 
-/// The renderer's pdfs of all directions.
-fn native_densities(material: &RivalMaterial, rival: &Rival, points: &Points) -> Vec<f32> {
-    points.densities(material, rival)
-}
-
 /// The cross entropy that weights have at points, in nats.
 fn entropy(kind: RivalKind, weights: &[f32], material: &RivalMaterial, points: &Points) -> f64 {
-    let densities = native_densities(material, &model::native(kind, weights).unwrap(), points);
+    let densities = points.densities(material, &model::native(kind, weights).unwrap());
     let logs = densities.iter().zip(&points.weights).filter(|(_, weight)| **weight > 0.0);
     -logs.map(|(q, weight)| f64::from(*weight) * f64::from(*q).ln()).sum::<f64>() / points.views() as f64
 }
@@ -86,13 +91,7 @@ fn training_lowers_the_cross_entropy_and_equal_seeds_give_equal_samplers() {
     let points = Points::draw(&material, 64, 64, 9, 0);
     for kind in RivalKind::ALL {
         let settings = RivalSettings { steps: 40, views: 32, directions: 16, ..RivalSettings::new(kind) };
-        let run = || {
-            let mut fit = RivalFit::new(settings, &material, None).unwrap();
-            for _ in 0..settings.steps {
-                fit.advance().unwrap();
-            }
-            fit.state.weights
-        };
+        let run = || train(&settings, &material, None, usize::MAX).unwrap().parameters.weights;
         let weights = run();
         let [before, after] = [&model::initial_weights(kind, settings.seed), &weights]
             .map(|weights| entropy(kind, weights, &material, &points));
@@ -101,41 +100,30 @@ fn training_lowers_the_cross_entropy_and_equal_seeds_give_equal_samplers() {
     }
 }
 
+fn state_file<'a>(path: &'a Path, done: &'a [TrainingState]) -> StateFile<'a> {
+    StateFile { path, every: 50, target: "two materials".into(), done }
+}
+
 #[test]
 fn a_training_that_was_interrupted_ends_as_one_that_was_not() {
     let materials = [material(2.0), material(3.0)];
     let settings = RivalSettings { steps: 6, views: 8, directions: 8, ..RivalSettings::new(RivalKind::Lobes) };
-    let advance = |fit: &mut RivalFit<'_>, steps: usize| {
-        for _ in 0..steps {
-            fit.advance().unwrap();
-        }
-    };
-    let whole = materials.each_ref().map(|material| {
-        let mut fit = RivalFit::new(settings, material, None).unwrap();
-        advance(&mut fit, 6);
-        fit.state
-    });
-    let mut begun = RivalFit::new(settings, &materials[1], None).unwrap();
-    advance(&mut begun, 2);
+    let whole = materials.each_ref().map(|material| train(&settings, material, None, usize::MAX).unwrap());
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("state");
-    RivalState::write_all(&path, &settings, &materials, &[&whole[0], &begun.state]).unwrap();
-    let mut read = RivalState::read_all(&path, &settings, &materials).unwrap();
-    assert_eq!(read[0], whole[0]);
-    let mut second = RivalFit::new(settings, &materials[1], read.pop()).unwrap();
-    advance(&mut second, 4);
-    assert_eq!(second.state, whole[1]);
+    let first = |settings: &RivalSettings| train(settings, &materials[0], Some(&state_file(&path, &[])), usize::MAX);
+    // The second material's training is interrupted; the file has both.
+    let done = [first(&settings).unwrap()];
+    let second = state_file(&path, &done);
+    assert_eq!(train(&settings, &materials[1], Some(&second), 2).unwrap().step, 2);
+    assert_eq!(first(&settings).unwrap().parameters, whole[0].parameters);
+    assert_eq!(describe(&path).unwrap()["trainings"][1]["step"], 2);
+    let end = train(&settings, &materials[1], Some(&second), usize::MAX).unwrap();
+    assert_eq!((end.step, end.mean_loss, end.parameters), (6, whole[1].mean_loss, whole[1].parameters.clone()));
 
-    let error = |settings: &RivalSettings, materials: &[RivalMaterial]| {
-        RivalState::read_all(&path, settings, materials).unwrap_err().to_string()
-    };
-    assert!(error(&RivalSettings { seed: 1, ..settings }, &materials).contains("other settings"));
-    assert!(error(&settings, &materials[1..]).contains("other settings"));
-    // A file of fewer weights than the settings' kind has.
-    let mut short = begun.state;
-    short.weights.pop();
-    let refused = RivalFit::new(settings, &materials[1], Some(short)).err().unwrap().to_string();
-    assert!(refused.contains("of this kind of sampler"), "{refused}");
+    let error = |settings: RivalSettings| first(&settings).err().unwrap().to_string();
+    assert!(error(RivalSettings { seed: 1, ..settings }).contains("another `seed`"));
+    assert!(error(RivalSettings { kind: RivalKind::Flow, ..settings }).contains("another `kind`"));
     std::fs::write(&path, b"nothing").unwrap();
-    assert!(error(&settings, &materials).contains("is no state of a fit"));
+    assert!(error(settings).contains("does not have the checksum"));
 }

@@ -92,8 +92,8 @@ fn pivot(list: &[Value], block: &Block) -> Result<String> {
         };
         std::iter::once(row.clone()).chain(columns.iter().map(value)).collect()
     };
-    let head: Vec<String> =
-        std::iter::once(format!("{value_key} by {row_key}")).chain(columns.iter().cloned()).collect();
+    let corner = format!("{value_key} by {row_key}").replace('_', " ");
+    let head: Vec<String> = std::iter::once(corner).chain(columns.iter().cloned()).collect();
     Ok(table(&head, &rows.iter().map(line).collect::<Vec<_>>()))
 }
 

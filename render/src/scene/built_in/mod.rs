@@ -1,4 +1,13 @@
 //! Scenes that are made by code: always there, and without a licence to follow.
+//!
+//! `temple`, `dishes`, `diorama`, `droid`, `bedroom` and `cloth` are stand-ins for the paper's scenes.
+//!
+//! | other file | concept |
+//! | --- | --- |
+//! | `arcade.rs` | a second interior |
+//! | `simple.rs` | `sphere` and `plane` |
+//! | `shapes.rs` | the shapes that scenes are made of |
+//! | `worn.rs` | roughness that varies over a surface |
 
 mod arcade;
 mod bedroom;

@@ -2,6 +2,14 @@
 //!
 //! The document is read by types of our own ([`json`]), which are as lenient as the specification, and as files. Each index is looked up with a
 //! check, and each size is checked before anything is allocated for it.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `json.rs` | the part of a document that is read |
+//! | `document.rs`, `uri.rs` | the file with its buffers; where bytes are |
+//! | `accessor.rs` | typed elements of buffers |
+//! | `nodes.rs`, `primitive.rs` | the node hierarchy and cameras; triangles in world space |
+//! | `materials.rs`, `masks.rs` | materials with textures; alpha masks |
 
 mod accessor;
 mod document;

@@ -1,4 +1,10 @@
 //! Measured materials as small networks (Sztrajman et al. 2021), with BRDF sampling of their own.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `network.rs` | evaluation over columns |
+//! | `file.rs` | files of measured materials |
+//! | `check.rs` | finite values, reciprocity and energy |
 
 mod check;
 mod file;

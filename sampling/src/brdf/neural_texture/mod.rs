@@ -6,6 +6,14 @@
 //! network gives the lobes that directions are drawn from ([`Mixture`]), with their exact density.
 //!
 //! Directions are in the surface's tangent frame: x along u, y along v, z along the normal.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `pyramid.rs` | textures of features, looked up trilinearly |
+//! | `network.rs` | small networks in SIMD lanes |
+//! | `mixture.rs` | the lobes that directions are drawn from |
+//! | `columns.rs` | evaluation over columns |
+//! | `file.rs` | the file format |
 
 mod columns;
 mod file;

@@ -1,0 +1,256 @@
+//! Sources of directions: their names, and the samplers that they build.
+//!
+//! A new sampler needs its own file and, here, a variant of [`Source`], a row of [`NAMED`] and an arm of [`Source::build`].
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use super::BuildContext;
+use crate::{
+    environment::Environment,
+    error::{Error, Result},
+    export::{ExportedSampler, Intermediate},
+    patches::{Detail, PatchSampler},
+    rival::{RivalKind, RivalSampler},
+    sampler::{BrdfSampler, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
+    tail::TailKind,
+};
+
+/// What directions are drawn from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// Chosen for the view: see [`SamplerSpec::resolved`](super::SamplerSpec::resolved).
+    Auto,
+    /// BRDF sampling.
+    Brdf,
+    /// BRDF sampling by the name that it has on Lambert surfaces.
+    Cosine,
+    /// Emitter sampling.
+    Emitter,
+    /// Emitter sampling with MIS compensation (Karlik et al. 2019), which leaves out dim light and needs a companion.
+    Compensated,
+    /// Patches of the map, beside BRDF sampling on glossy surfaces.
+    Patches(Detail),
+    /// The product, tabulated at every shading point.
+    Oracle,
+    /// A sampler in a file.
+    File(FileKind, PathBuf),
+    /// Another method's sampler, trained for a material.
+    Rival(RivalFamily, PathBuf),
+}
+
+/// The sampler beside a source in one-sample MIS.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Companion {
+    /// None: the source alone.
+    None,
+    /// BRDF sampling, with the mixture weight that the source has learned, otherwise 1/2.
+    Brdf,
+    /// Emitter sampling, for rivals.
+    Emitter,
+}
+
+/// What a form is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// To render with.
+    Use,
+    /// The method of Litalien et al. 2024.
+    Paper,
+    /// What other renderers do.
+    Baseline,
+    /// To learn from.
+    Study,
+}
+
+/// A source without a file, perhaps beside a companion, and its name.
+pub(super) struct Named {
+    pub name: &'static str,
+    pub source: Source,
+    pub companion: Companion,
+    /// What it is, in a clause, and what it is for.
+    pub what: (&'static str, Purpose),
+}
+
+const fn named(name: &'static str, source: Source, companion: Companion, what: (&'static str, Purpose)) -> Named {
+    Named { name, source, companion, what }
+}
+
+/// Every source without a file. One that is missing with a companion does not exist beside it.
+pub(super) static NAMED: [Named; 10] = [
+    named("auto", Source::Auto, Companion::None, ("chosen for the view by a short pilot rendering", Purpose::Use)),
+    named(
+        "patches",
+        Source::Patches(Detail::Leaves),
+        Companion::None,
+        ("the product of light, BRDF and cosine in closed form", Purpose::Use),
+    ),
+    named(
+        "patches:fine",
+        Source::Patches(Detail::Twigs),
+        Companion::None,
+        ("patches on a finer division of the map", Purpose::Use),
+    ),
+    named("mis", Source::Emitter, Companion::Brdf, ("emitter and BRDF sampling in one-sample MIS", Purpose::Baseline)),
+    named("mis-comp", Source::Compensated, Companion::Brdf, ("mis with MIS compensation", Purpose::Baseline)),
+    named("brdf", Source::Brdf, Companion::None, ("BRDF sampling", Purpose::Baseline)),
+    named("cosine", Source::Cosine, Companion::None, ("another name of brdf, for diffuse surfaces", Purpose::Baseline)),
+    named("emitter", Source::Emitter, Companion::None, ("emitter sampling", Purpose::Baseline)),
+    named(
+        "oracle",
+        Source::Oracle,
+        Companion::None,
+        ("a fine table of light x BRDF x cosine at every point; slow, and no bound", Purpose::Study),
+    ),
+    named("oracle+mis", Source::Oracle, Companion::Brdf, ("the same beside BRDF sampling", Purpose::Study)),
+];
+
+/// What a sampler's file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// A trained head.
+    Head,
+    /// A trained head over patches, in a mixture with BRDF sampling on glossy surfaces.
+    HeadOverPatches,
+    /// A table baked from a head.
+    Baked,
+    /// A table baked from the target itself.
+    Direct,
+}
+
+impl FileKind {
+    pub(super) const ALL: [Self; 4] = [Self::Head, Self::HeadOverPatches, Self::Baked, Self::Direct];
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Head => "head",
+            Self::HeadOverPatches => "head+patches",
+            Self::Baked => "baked",
+            Self::Direct => "direct",
+        }
+    }
+
+    /// Returns the kind of an exported sampler.
+    pub fn of(exported: &ExportedSampler) -> Self {
+        match exported.intermediate {
+            Intermediate::Head(_) if exported.patches.is_some() => Self::HeadOverPatches,
+            Intermediate::Head(_) => Self::Head,
+            Intermediate::Bake(_) => Self::Baked,
+            Intermediate::DirectBake(_) => Self::Direct,
+        }
+    }
+
+    /// Reads a file, which must be of this kind.
+    pub(super) fn read(self, file: &Path) -> Result<ExportedSampler> {
+        let exported = ExportedSampler::read(file)?;
+        let held = Self::of(&exported);
+        if held == self {
+            return Ok(exported);
+        }
+        let holds = match held {
+            Self::Head if self == Self::Baked => "a head; bake it first, or render it as head:FILE",
+            Self::Head => "a head; render it as head:FILE",
+            Self::HeadOverPatches => "a head over patches; render it as head+patches:FILE",
+            Self::Baked => "the bake of a head; render it as baked:FILE",
+            Self::Direct => "a direct bake; render it as direct:FILE",
+        };
+        Err(Error::invalid(file, "intermediate.kind", format!("the file holds {holds}")))
+    }
+}
+
+/// Which method a rival belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RivalFamily {
+    /// NeuSample's lobes or flow, as the file has them.
+    NeuSample,
+    /// The reparameterised sampler.
+    Reparam,
+}
+
+impl RivalFamily {
+    pub(super) const ALL: [Self; 2] = [Self::NeuSample, Self::Reparam];
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::NeuSample => "neusample",
+            Self::Reparam => "reparam",
+        }
+    }
+
+    fn kinds(self) -> &'static [RivalKind] {
+        match self {
+            Self::NeuSample => &[RivalKind::Lobes, RivalKind::Flow],
+            Self::Reparam => &[RivalKind::Reparam],
+        }
+    }
+}
+
+impl Source {
+    pub(super) fn file(&self) -> Option<&Path> {
+        match self {
+            Self::File(_, file) | Self::Rival(_, file) => Some(file),
+            _ => None,
+        }
+    }
+
+    /// Why a source does not exist beside a companion, if it does not.
+    pub(super) fn fault_beside(&self, companion: Companion) -> Option<&'static str> {
+        match (self, companion) {
+            (Self::File(FileKind::HeadOverPatches, _), Companion::Brdf) => {
+                Some("'head+patches' is beside BRDF sampling already")
+            }
+            (Self::File(..), Companion::None | Companion::Brdf) => None,
+            (Self::Rival(..), Companion::None | Companion::Emitter) => None,
+            (Self::Rival(..), Companion::Brdf) => Some("has no form beside BRDF sampling"),
+            (_, Companion::Emitter) => Some("only neusample and reparam are placed beside emitter sampling"),
+            (source, companion) => {
+                let exists = NAMED.iter().any(|named| named.source == *source && named.companion == companion);
+                (!exists).then_some("has no form with this companion")
+            }
+        }
+    }
+
+    /// Whether it takes visibility.
+    pub(super) fn takes_visibility(&self) -> bool {
+        matches!(self, Self::Patches(_) | Self::File(FileKind::HeadOverPatches, _))
+    }
+
+    /// Builds the sampler for a map, beside its companion.
+    pub(super) fn build(
+        &self,
+        companion: Companion,
+        environment: &Arc<Environment>,
+        context: BuildContext<'_>,
+    ) -> Result<Arc<dyn Sampler>> {
+        let light = || EnvironmentLight::new(environment.clone(), TailKind::Hierarchical);
+        let is_mixed = companion == Companion::Brdf;
+        let source: Arc<dyn Sampler> = match self {
+            Self::Brdf | Self::Cosine => Arc::new(BrdfSampler),
+            Self::Emitter => Arc::new(EmitterSampler::new(light()?)),
+            Self::Compensated => Arc::new(EmitterSampler::compensated(&light()?)?),
+            Self::Oracle => {
+                let light = light()?;
+                Arc::new(ProductSampler::new(light.clone(), Oracle::new(light.tail())))
+            }
+            Self::Auto => return Self::Patches(Detail::Leaves).build(companion, environment, context),
+            Self::Patches(detail) => Arc::new(OneSampleMis::new(PatchSampler::new(light()?, *detail)?, BrdfSampler)),
+            Self::File(kind, file) => {
+                let is_mixed = is_mixed || *kind == FileKind::HeadOverPatches;
+                let built = kind.read(file)?.sampler(environment, is_mixed);
+                return built.map_err(|error| error.in_file(file));
+            }
+            Self::Rival(family, file) => {
+                let rival = RivalSampler::open(file, family.kinds())?;
+                let checked = context.scene.map_or(Ok(()), |scene| rival.check(scene.brdfs()));
+                checked.map_err(|error| error.in_file(file))?;
+                return Ok(match companion {
+                    Companion::Emitter => Arc::new(OneSampleMis::new(EmitterSampler::new(light()?), rival)),
+                    _ => Arc::new(rival),
+                });
+            }
+        };
+        Ok(if is_mixed { Arc::new(OneSampleMis::new(source, BrdfSampler)) } else { source })
+    }
+}

@@ -1,0 +1,202 @@
+//! The training loop of heads, flow tails, neural materials and rivals.
+
+use std::{
+    sync::atomic::{AtomicBool, Ordering},
+    time::Instant,
+};
+
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::{
+    Divergence, Error, FitConfig, Result, StepGradient,
+    state::{TrainingState, as_json},
+};
+
+/// What is known after a step.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Progress {
+    /// Steps done.
+    pub step: usize,
+    /// Steps in all.
+    #[serde(skip)]
+    pub steps: usize,
+    /// The step's loss on its batch.
+    pub loss: f32,
+    /// Decaying mean of the losses, over about 50 steps.
+    #[serde(skip)]
+    pub mean_loss: Option<f32>,
+    /// Validation, if this step had one.
+    #[serde(flatten)]
+    pub divergence: Option<Divergence>,
+    /// The step's learning rate.
+    pub learning_rate: f64,
+    /// Training points per second since the process began, validation included.
+    pub samples_per_second: f64,
+    /// Wall-clock seconds of training, over all processes of a resumed run.
+    pub seconds: f64,
+    /// Steps left out because loss or gradient was not finite.
+    pub skipped: usize,
+}
+
+/// What surrounds a training run.
+pub struct Run<'a> {
+    /// Called after every step and at the end, but for flow tails also at the start; an error of
+    /// its own ends the run.
+    pub progress: &'a mut dyn FnMut(&Progress) -> Result<()>,
+    /// Ends the run after the current step.
+    pub interrupt: &'a AtomicBool,
+    /// Where to save the run and to go on from: a [`crate::CheckpointFolder`] or a
+    /// [`crate::StateFile`].
+    pub checkpoints: Option<&'a dyn Checkpoints>,
+    /// Told of checkpoints that cannot be used.
+    pub warn: &'a mut dyn FnMut(&Error),
+}
+
+/// Saved states of a run.
+pub trait Checkpoints {
+    /// Steps between two savings; 0 saves at the end and at an interruption only.
+    fn every(&self) -> usize;
+
+    /// Returns the state to go on from: `None` where nothing is saved yet. `settings` are those of
+    /// the run, `blank` is its state before the first step; `warn` is told of damaged checkpoints.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] if a checkpoint belongs to another run or version, or cannot be read.
+    fn open(
+        &self,
+        settings: &Value,
+        blank: &TrainingState,
+        warn: &mut dyn FnMut(&Error),
+    ) -> Result<Option<TrainingState>>;
+
+    /// Saves a state.
+    ///
+    /// # Errors
+    /// If the system refuses to write.
+    fn save(&self, settings: &Value, state: &TrainingState) -> Result<()>;
+}
+
+/// What a [`Trainer`] trains.
+pub(crate) trait Trainable {
+    /// Loss and gradient of `step`, a function of the settings and these two; `None` if the batch
+    /// has no light. A result that is not finite is the caller's to leave out.
+    fn gradient(&mut self, weights: &[f32], step: usize) -> Result<Option<StepGradient>>;
+
+    /// Whether training ends before all steps are done.
+    fn is_done(&mut self, _state: &TrainingState) -> bool {
+        false
+    }
+
+    /// The divergence of the state after a step, where it is measured.
+    fn divergence(&mut self, _state: &TrainingState) -> Option<Divergence> {
+        None
+    }
+}
+
+impl<F: FnMut(&[f32], usize) -> Result<Option<StepGradient>>> Trainable for F {
+    fn gradient(&mut self, weights: &[f32], step: usize) -> Result<Option<StepGradient>> {
+        self(weights, step)
+    }
+}
+
+/// A run on its way.
+pub(crate) struct Trainer<'a> {
+    pub state: TrainingState,
+    config: FitConfig,
+    settings: Value,
+    samples_per_step: usize,
+    run: Run<'a>,
+    first_step: usize,
+    earlier_seconds: f64,
+    start: Instant,
+}
+
+impl<'a> Trainer<'a> {
+    /// A run from `blank`, its state before the first step, or from its checkpoint. `config` sets
+    /// the optimiser and the number of steps; a checkpoint must agree on `settings`.
+    pub fn new(
+        config: &FitConfig,
+        settings: &impl Serialize,
+        blank: TrainingState,
+        samples_per_step: usize,
+        run: Run<'a>,
+    ) -> Result<Self> {
+        let settings = as_json(settings);
+        let saved = match run.checkpoints {
+            Some(checkpoints) => checkpoints.open(&settings, &blank, run.warn)?,
+            None => None,
+        };
+        let state = saved.unwrap_or(blank);
+        let (config, first_step, earlier_seconds) = (config.clone(), state.step, state.seconds);
+        let start = Instant::now();
+        Ok(Self { state, config, settings, samples_per_step, run, first_step, earlier_seconds, start })
+    }
+
+    /// A whole run without validation: its last state.
+    pub fn run(mut self, training: &mut dyn Trainable) -> Result<TrainingState> {
+        self.report(None)?;
+        self.train(training)?;
+        self.finish(None)?;
+        Ok(self.state)
+    }
+
+    /// Takes steps until all are done or [`Trainable::is_done`], and returns whether an
+    /// interruption came first. The last step is neither reported nor saved: see [`Self::finish`].
+    pub fn train(&mut self, training: &mut dyn Trainable) -> Result<bool> {
+        while self.state.step < self.config.steps && !training.is_done(&self.state) {
+            if self.run.interrupt.load(Ordering::Relaxed) {
+                return Ok(true);
+            }
+            let gradient = training.gradient(&self.state.parameters.weights, self.state.step)?;
+            self.state.apply(&self.config, gradient)?;
+            if self.state.step == self.config.steps {
+                break;
+            }
+            let divergence = training.divergence(&self.state);
+            // Before the checkpoint: a run that goes on from it has been told of everything up to it.
+            self.report(divergence)?;
+            if let Some(divergence) = divergence {
+                self.state.judge(&self.config, divergence);
+            }
+            if self.run.checkpoints.is_some_and(|checkpoints| self.state.step.is_multiple_of(checkpoints.every())) {
+                self.save()?;
+            }
+        }
+        Ok(false)
+    }
+
+    /// Reports the end of the run and saves it.
+    pub fn finish(&mut self, divergence: Option<Divergence>) -> Result<()> {
+        self.report(divergence)?;
+        // Of a run that was done already, everything is saved.
+        if self.first_step == 0 || self.state.step > self.first_step { self.save() } else { Ok(()) }
+    }
+
+    /// Reports the state.
+    pub fn report(&mut self, divergence: Option<Divergence>) -> Result<()> {
+        let (state, taken) = (&self.state, self.state.step - self.first_step);
+        let progress = Progress {
+            step: state.step,
+            steps: self.config.steps,
+            loss: state.loss.unwrap_or(f32::NAN),
+            mean_loss: state.mean_loss,
+            divergence,
+            learning_rate: state.learning_rate(&self.config, state.step.saturating_sub(1)),
+            samples_per_second: (taken * self.samples_per_step) as f64 / self.start.elapsed().as_secs_f64(),
+            seconds: self.seconds(),
+            skipped: state.skipped,
+        };
+        (self.run.progress)(&progress)
+    }
+
+    /// Wall-clock seconds of the run, over all its processes.
+    pub fn seconds(&self) -> f64 {
+        self.earlier_seconds + self.start.elapsed().as_secs_f64()
+    }
+
+    fn save(&mut self) -> Result<()> {
+        self.state.seconds = self.seconds();
+        self.run.checkpoints.map_or(Ok(()), |checkpoints| checkpoints.save(&self.settings, &self.state))
+    }
+}
