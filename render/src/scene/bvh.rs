@@ -14,6 +14,7 @@ use super::{
 };
 
 /// A bounding volume hierarchy of triangles.
+#[derive(Default)]
 pub struct Bvh(WideBvh);
 
 impl Bvh {

@@ -13,6 +13,7 @@ impl Scene {
         for mesh in &self.meshes {
             add_floats(&mut hasher, mesh.positions.iter().map(Vec3::to_array));
             add(&mut hasher, &mesh.triangles.iter().flatten().flat_map(|i| i.to_le_bytes()).collect::<Vec<_>>());
+            add_places(&mut hasher, mesh);
             add_mask(&mut hasher, mesh);
         }
         hasher.finalize().to_hex().to_string()
@@ -38,6 +39,7 @@ impl Scene {
             if let Some(own) = &mesh.emission_texcoords {
                 add_floats(&mut hasher, own.iter().map(Vec2::to_array));
             }
+            add_places(&mut hasher, mesh);
             add_mask(&mut hasher, mesh);
             add(&mut hasher, &[(mesh.material as u64).to_le_bytes(), own.to_le_bytes()].concat());
         }
@@ -56,6 +58,14 @@ fn add(hasher: &mut Hasher, list: &[u8]) {
 
 fn add_floats<const N: usize>(hasher: &mut Hasher, vectors: impl Iterator<Item = [f32; N]>) {
     add(hasher, &vectors.flatten().flat_map(f32::to_le_bytes).collect::<Vec<_>>());
+}
+
+/// Adds where copies of a mesh stand; nothing for meshes in world space.
+fn add_places(hasher: &mut Hasher, mesh: &Mesh) {
+    if !mesh.places.is_empty() {
+        add(hasher, b"places");
+        add_floats(hasher, mesh.places.iter().map(glam::Affine3A::to_cols_array));
+    }
 }
 
 /// Adds the alpha mask of a mesh and what it is evaluated on; nothing for opaque meshes.

@@ -9,9 +9,9 @@ mod tests;
 
 use std::sync::Arc;
 
-use glam::{Vec2, Vec3, Vec3A};
+use glam::{Vec2, Vec3A};
 
-use super::{Bvh, Hit, Mesh, OFFSET, Ray, Scene, texture::AlphaTexture};
+use super::{Hit, Mesh, OFFSET, Ray, Scene, texture::AlphaTexture};
 
 /// The most masked surfaces that one ray meets. The last one counts as opaque whatever its alpha:
 /// this bounds the time per ray, and few rays pass 255 layers.
@@ -61,9 +61,9 @@ impl Mesh {
     }
 
     /// Whether a hit of the mesh's triangle `triangle` is opaque.
-    fn is_opaque_at(&self, triangle: u32, hit: &Hit) -> bool {
+    fn is_opaque_at(&self, triangle: usize, hit: &Hit) -> bool {
         let Some(mask) = &self.mask else { return true };
-        let vertices = self.triangles[triangle as usize].map(|i| i as usize);
+        let vertices = self.triangles[triangle].map(|i| i as usize);
         let texel = match &mask.texture {
             Some(texture) if !self.texcoords.is_empty() => {
                 let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
@@ -79,20 +79,6 @@ impl Mesh {
             a + hit.u * (b - a) + hit.v * (c - a)
         };
         mask.alpha(texel, vertex) >= mask.cutoff
-    }
-}
-
-/// The masked triangles of a scene.
-pub(super) struct MaskedFaces {
-    bvh: Bvh,
-    /// Index of the first masked face in the scene's list, where opaque faces come first.
-    first: usize,
-}
-
-impl MaskedFaces {
-    /// Builds the hierarchy of masked triangles, which are the scene's faces from `first` on.
-    pub fn build(triangles: &[[Vec3; 3]], first: usize) -> Self {
-        Self { bvh: Bvh::build(triangles), first }
     }
 }
 
@@ -130,39 +116,33 @@ impl RaySegment {
 
 impl Scene {
     /// Replaces hits of opaque faces by nearer hits of masked ones; both slices have equal length.
-    pub(super) fn add_masked_hits(&self, masked: &MaskedFaces, rays: &[Ray], hits: &mut [Option<Hit>]) {
+    pub(super) fn add_masked_hits(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         let limits = hits.iter().map(|hit| hit.map_or(f32::INFINITY, |hit| hit.t));
         let segments = limits.enumerate().map(|(ray, limit)| RaySegment::new(ray, limit)).collect();
-        self.trace_masked(masked, rays, segments, |ray, hit| hits[ray] = Some(hit));
+        self.trace_masked(rays, segments, |ray, hit| hits[ray] = Some(hit));
     }
 
     /// Marks the rays that masked faces occlude; both slices have equal length.
-    pub(super) fn add_masked_occlusion(&self, masked: &MaskedFaces, rays: &[Ray], occluded: &mut [bool]) {
+    pub(super) fn add_masked_occlusion(&self, rays: &[Ray], occluded: &mut [bool]) {
         let open = (0..rays.len()).filter(|&ray| !occluded[ray]);
         let segments = open.map(|ray| RaySegment::new(ray, f32::INFINITY)).collect();
-        self.trace_masked(masked, rays, segments, |ray, _| occluded[ray] = true);
+        self.trace_masked(rays, segments, |ray, _| occluded[ray] = true);
     }
 
     /// Finds the first opaque hit of a masked face on each segment; calls `found` with the index of
     /// its ray and the hit.
-    fn trace_masked(
-        &self,
-        masked: &MaskedFaces,
-        rays: &[Ray],
-        mut segments: Vec<RaySegment>,
-        mut found: impl FnMut(usize, Hit),
-    ) {
+    fn trace_masked(&self, rays: &[Ray], mut segments: Vec<RaySegment>, mut found: impl FnMut(usize, Hit)) {
         let (mut shortened, mut hits) = (Vec::new(), Vec::new());
         for layer in 1..=MOST_LAYERS {
             shortened.clear();
             shortened.extend(segments.iter().map(|segment| segment.of(&rays[segment.ray])));
             hits.clear();
             hits.resize(segments.len(), None);
-            masked.bvh.closest_batch(&shortened, &mut hits);
+            self.masked.closest_batch(&shortened, &mut hits);
             let mut nearest = hits.iter();
             segments.retain_mut(|segment| {
                 let Some(hit) = nearest.next().copied().flatten() else { return false };
-                let hit = Hit { triangle: masked.first + hit.triangle, t: segment.start + hit.t, ..hit };
+                let hit = Hit { triangle: self.opaque.count() + hit.triangle, t: segment.start + hit.t, ..hit };
                 if hit.t >= segment.limit {
                     return false;
                 }
@@ -180,14 +160,13 @@ impl Scene {
     }
 
     fn is_opaque_at(&self, hit: &Hit) -> bool {
-        let face = self.faces[hit.triangle];
-        self.meshes[face.mesh as usize].is_opaque_at(face.triangle, hit)
+        let face = self.face(hit.triangle);
+        face.mesh.is_opaque_at(face.triangle, hit)
     }
 
     /// The largest coordinate, in metres, of a ray's origin, its hit and the triangle hit.
     fn reach(&self, ray: &Ray, hit: &Hit) -> f32 {
-        let face = self.faces[hit.triangle];
-        let corners = self.meshes[face.mesh as usize].corners(face.triangle as usize).map(Vec3A::from);
+        let corners = self.face(hit.triangle).corners().map(Vec3A::from);
         let points = corners.into_iter().chain([ray.origin, ray.at(hit.t)]);
         points.fold(Vec3A::ZERO, |reach, p| reach.max(p.abs())).max_element()
     }

@@ -1,6 +1,6 @@
-//! Triangle meshes of one material, in world space.
+//! Triangle meshes of one material.
 
-use glam::{Affine3A, Mat3, Vec2, Vec3};
+use glam::{Affine3A, Mat3, Vec2, Vec3, Vec4};
 
 use super::{mask::Mask, normal_map::TangentSpace};
 use crate::error::{Error, Result};
@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 /// The largest coordinate, in metres: areas and squared lengths of everything smaller stay finite in f32.
 pub const MAX_COORDINATE: f32 = 1e9;
 
-/// Triangles of one material, in world space.
+/// Triangles of one material, in world space or as copies in several places.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// `[vertices]` positions in metres.
@@ -33,6 +33,8 @@ pub struct Mesh {
     pub(super) triangles: Vec<[u32; 3]>,
     /// Index into the scene's materials.
     pub(super) material: usize,
+    /// Where copies of it stand: transforms to world space, which can be inverted. If empty, the mesh is in world space.
+    pub(super) places: Vec<Affine3A>,
     /// What the file calls it; empty where it has no name.
     pub(super) name: String,
 }
@@ -155,6 +157,10 @@ impl Mesh {
 
     /// The mesh moved by `transform`: normals by the inverse transpose, windings turned where it mirrors.
     pub fn transformed(mut self, transform: &Affine3A) -> Self {
+        if !self.places.is_empty() {
+            self.places.iter_mut().for_each(|place| *place = *transform * *place);
+            return self;
+        }
         let normals = normal_matrix(transform);
         for p in &mut self.positions {
             *p = transform.transform_point3(*p);
@@ -164,8 +170,7 @@ impl Mesh {
         }
         let mirrors = transform.matrix3.determinant() < 0.0;
         for t in self.tangent_space.iter_mut().flat_map(|space| &mut space.tangents) {
-            let along = transform.transform_vector3(t.truncate()).normalize_or_zero();
-            *t = along.extend(if mirrors { -t.w } else { t.w });
+            *t = moved_tangent(*t, transform);
         }
         if mirrors {
             for triangle in &mut self.triangles {
@@ -173,6 +178,12 @@ impl Mesh {
             }
         }
         self
+    }
+
+    /// The positions of vertices in world space, of all copies.
+    pub(super) fn world_positions(&self) -> impl Iterator<Item = Vec3> + '_ {
+        let places = if self.places.is_empty() { &[Affine3A::IDENTITY] } else { self.places.as_slice() };
+        places.iter().flat_map(|place| self.positions.iter().map(|&p| place.transform_point3(p)))
     }
 
     /// Adds the triangles of `other`, which has the same attributes and neither colours, a mask, a normal map nor emission.
@@ -203,12 +214,18 @@ fn check_texcoords(texcoords: &[Vec2], vertices: usize) -> Result<()> {
 /// transpose times the determinant and exists for singular transforms too, with the determinant's sign taken out.
 ///
 /// The matrix is brought to unit scale first, so that its products neither overflow nor vanish.
-fn normal_matrix(transform: &Affine3A) -> Mat3 {
+pub(super) fn normal_matrix(transform: &Affine3A) -> Mat3 {
     let m = Mat3::from(transform.matrix3);
     let scale = m.to_cols_array().into_iter().fold(0.0_f32, |largest, x| largest.max(x.abs()));
     let m = if scale > 0.0 { m * (1.0 / scale) } else { m };
     let cofactor = Mat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
     if m.determinant() < 0.0 { cofactor * -1.0 } else { cofactor }
+}
+
+/// A tangent moved by `transform`, whose handedness turns where that mirrors.
+pub(super) fn moved_tangent(tangent: Vec4, transform: &Affine3A) -> Vec4 {
+    let along = transform.transform_vector3(tangent.truncate()).normalize_or_zero();
+    along.extend(if transform.matrix3.determinant() < 0.0 { -tangent.w } else { tangent.w })
 }
 
 #[cfg(test)]

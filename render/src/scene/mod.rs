@@ -10,8 +10,10 @@
 //! | `measured.rs`, `neural.rs` | measured and neural materials in scenes |
 //! | `texture.rs`, `normal_map.rs` | textures; shading normals from a texture |
 //! | `camera.rs`, `ray.rs` | cameras; rays, hits and bounds |
+//! | `faces.rs` | the triangles that rays can hit |
 //! | `bvh.rs` | building the bounding volume hierarchy |
 //! | `wide.rs`, `wide/` | the hierarchy with eight children to a node, and its traversal |
+//! | `copies.rs` | meshes that stand in many places, by reference |
 //! | `mask.rs` | alpha masks |
 //! | `context.rs`, `hash.rs` | what samplers need of a scene; its content as a hash |
 
@@ -19,6 +21,8 @@ mod built_in;
 mod bvh;
 mod camera;
 mod context;
+mod copies;
+mod faces;
 mod fspy;
 mod gltf;
 mod ground;
@@ -51,7 +55,7 @@ pub use texture::{Texture, Wrap};
 
 use glam::{Vec2, Vec3, Vec3A};
 
-use self::mask::MaskedFaces;
+use self::faces::Faces;
 use crate::{
     brdf::{BrdfTable, tabulate_lobe_albedo},
     error::{Error, Result},
@@ -70,15 +74,6 @@ const OFFSET: f32 = 1e-6;
 /// The least cosine between the shading normal and the viewer.
 const MIN_COSINE: f32 = 1e-2;
 
-/// Which mesh, and which of its triangles, a triangle of the hierarchy is.
-#[derive(Clone, Copy, Debug)]
-struct Face {
-    mesh: u32,
-    triangle: u32,
-    /// Unit normal on the side from which the corners are counter-clockwise.
-    normal: Vec3,
-}
-
 /// Triangles with materials under a bounding volume hierarchy, seen by a camera.
 pub struct Scene {
     name: String,
@@ -91,11 +86,9 @@ pub struct Scene {
     cameras: Vec<(String, Camera)>,
     /// What the file has that is not shown, and what was converted.
     remarks: Vec<Remark>,
-    /// Opaque faces, then masked ones.
-    faces: Vec<Face>,
-    /// The opaque faces.
-    bvh: Bvh,
-    masked: Option<MaskedFaces>,
+    opaque: Faces,
+    /// Numbered after the opaque ones.
+    masked: Faces,
     bounds: Bounds,
 }
 
@@ -125,9 +118,8 @@ impl Scene {
             camera,
             cameras: Vec::new(),
             remarks: Vec::new(),
-            faces: Vec::new(),
-            bvh: Bvh::build(&[]),
-            masked: None,
+            opaque: Faces::default(),
+            masked: Faces::default(),
             bounds: Bounds::EMPTY,
         };
         let triangles: usize = scene.meshes.iter().map(|mesh| mesh.triangles.len()).sum();
@@ -176,25 +168,11 @@ impl Scene {
 
     /// Makes the hierarchies fit the meshes.
     fn rebuild(&mut self) {
-        self.bounds = Bounds::EMPTY;
-        // Opaque ones, then masked ones.
-        let mut faces = [Vec::new(), Vec::new()];
-        let mut triangles = [Vec::new(), Vec::new()];
-        for (m, mesh) in self.meshes.iter().enumerate() {
-            let kind = usize::from(mesh.mask.is_some());
-            for t in (0..mesh.triangles.len()).filter(|&t| !mesh.is_degenerate(t)) {
-                let corners = mesh.corners(t);
-                corners.iter().for_each(|&corner| self.bounds.extend(corner));
-                triangles[kind].push(corners);
-                let [a, b, c] = corners.map(Vec3A::from);
-                let normal = (b - a).cross(c - a).normalize().into();
-                faces[kind].push(Face { mesh: m as u32, triangle: t as u32, normal });
-            }
-        }
-        let [opaque, masked] = triangles;
-        self.bvh = Bvh::build(&opaque);
-        self.masked = (!masked.is_empty()).then(|| MaskedFaces::build(&masked, opaque.len()));
-        self.faces = faces.into_iter().flatten().collect();
+        self.opaque = Faces::build(&self.meshes, false);
+        self.masked = Faces::build(&self.meshes, true);
+        let mut bounds = Bounds::EMPTY;
+        self.triangles().flatten().for_each(|corner| bounds.extend(corner));
+        self.bounds = bounds;
     }
 
     /// The same geometry, with its alpha masks, all of it of one material.
@@ -229,12 +207,12 @@ impl Scene {
 
     /// How many triangles rays can hit, masked ones included.
     pub fn triangle_count(&self) -> usize {
-        self.faces.len()
+        self.opaque.count() + self.masked.count()
     }
 
     /// The corners (metres) of the triangles that rays can hit: opaque ones, then those with alpha masks.
     pub fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
-        self.faces.iter().map(|face| self.meshes[face.mesh as usize].corners(face.triangle as usize))
+        (0..self.triangle_count()).map(|number| self.face(number).corners())
     }
 
     /// What its file has that is not shown, and what was converted.
@@ -332,10 +310,9 @@ impl Scene {
 
     /// The radiance that a surface emits where it was hit.
     fn emission(&self, hit: &Hit) -> Vec3A {
-        let face = self.faces[hit.triangle];
-        let mesh = &self.meshes[face.mesh as usize];
+        let face = self.face(hit.triangle);
+        let (mesh, vertices) = (face.mesh, face.vertices());
         let texcoords = mesh.emission_texcoords.as_ref().unwrap_or(&mesh.texcoords);
-        let vertices = mesh.triangles[face.triangle as usize].map(|i| i as usize);
         let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
         let emission_uv = (!texcoords.is_empty()).then(|| (0..3).map(|k| weights[k] * texcoords[vertices[k]]).sum());
         self.materials[mesh.material].emission(&SurfacePoint { emission_uv, ..SurfacePoint::default() })
@@ -343,9 +320,9 @@ impl Scene {
 
     /// The nearest hits of many rays; both slices have equal length.
     pub(crate) fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        self.bvh.closest_batch(rays, hits);
-        if let Some(masked) = &self.masked {
-            self.add_masked_hits(masked, rays, hits);
+        self.opaque.closest_batch(rays, hits);
+        if self.masked.count() > 0 {
+            self.add_masked_hits(rays, hits);
         }
     }
 
@@ -356,27 +333,27 @@ impl Scene {
 
     /// The number of the mesh that was hit.
     pub(crate) fn mesh_of(&self, hit: &Hit) -> usize {
-        self.faces[hit.triangle].mesh as usize
+        self.face(hit.triangle).number
     }
 
     /// The surface that a ray hits, one of many that are `spread` radians apart.
     pub(crate) fn surface(&self, ray: &Ray, hit: &Hit, spread: f32) -> ShadingPoint {
-        let face = self.faces[hit.triangle];
-        let mesh = &self.meshes[face.mesh as usize];
-        let triangle = face.triangle as usize;
-        let vertices = mesh.triangles[triangle].map(|i| i as usize);
+        let face = self.face(hit.triangle);
+        let (mesh, vertices) = (face.mesh, face.vertices());
         let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
 
         let wo = -ray.direction;
-        let wound = Vec3A::from(face.normal);
+        let wound = face.wound;
         let ng = if wound.dot(wo) < 0.0 { -wound } else { wound };
         // From the corners, not from the ray: its error does not grow with the distance. It is that of the corners, also where the point itself
         // is near the origin.
-        let [a, b, c] = mesh.corners(triangle).map(Vec3A::from);
+        let corners = face.corners();
+        let [a, b, c] = corners.map(Vec3A::from);
         let reach = a.abs().max(b.abs()).max(c.abs()).max_element();
-        let p = weights[0] * a + weights[1] * b + weights[2] * c + (OFFSET * reach) * ng;
-        let interpolated = (!mesh.normals.is_empty())
-            .then(|| (0..3).map(|k| weights[k] * Vec3A::from(mesh.normals[vertices[k]])).sum());
+        // Corners of copies, and rays that are moved to them, have twice the error.
+        let offset = if face.is_copied() { 2.0 * OFFSET } else { OFFSET };
+        let p = weights[0] * a + weights[1] * b + weights[2] * c + (offset * reach) * ng;
+        let interpolated = face.smooth_normal(weights);
         let uv = |texcoords: &[Vec2]| {
             (!texcoords.is_empty()).then(|| (0..3).map(|k| weights[k] * texcoords[vertices[k]]).sum::<Vec2>())
         };
@@ -387,11 +364,7 @@ impl Scene {
         let bent = match (material.normal_map(), &mesh.tangent_space, interpolated.unwrap_or(wound).try_normalize()) {
             (Some(map), Some(space), Some(outside)) => {
                 let uv = vertices.map(|i| space.texcoords[i]);
-                let tangent = if space.tangents.is_empty() {
-                    TangentSpace::of_triangle(mesh.corners(triangle), uv, outside)
-                } else {
-                    (0..3).map(|k| weights[k] * space.tangents[vertices[k]]).sum()
-                };
+                let tangent = face.tangent(space, uv, weights, outside);
                 let bent = map.bend(outside, tangent, (0..3).map(|k| weights[k] * uv[k]).sum());
                 // The map speaks of the outside; from within, the whole normal is turned.
                 let bent = if outside.dot(ng) < 0.0 { -bent } else { bent };
@@ -403,7 +376,7 @@ impl Scene {
         let view = match material {
             Material::Neural(_) if color_uv.is_some() => {
                 let uv = vertices.map(|i| mesh.texcoords[i]);
-                TangentView::new(mesh.corners(triangle), uv, ns, wo, spread * hit.t)
+                TangentView::new(corners, uv, ns, wo, spread * hit.t)
             }
             _ => TangentView::default(),
         };
@@ -430,9 +403,9 @@ impl Scene {
 
     /// Whether the environment is seen along rays; both slices have equal length.
     pub fn visible_batch(&self, rays: &[Ray], out: &mut [bool]) {
-        self.bvh.occluded_batch(rays, out);
-        if let Some(masked) = &self.masked {
-            self.add_masked_occlusion(masked, rays, out);
+        self.opaque.occluded_batch(rays, out);
+        if self.masked.count() > 0 {
+            self.add_masked_occlusion(rays, out);
         }
         out.iter_mut().for_each(|out| *out = !*out);
     }

@@ -23,7 +23,7 @@ impl Scene {
     pub fn moved(&self, motion: &Affine3A) -> Result<Self> {
         let meshes: Vec<Mesh> = self.meshes.iter().map(|mesh| mesh.clone().transformed(motion)).collect();
         let is_far = |p: &Vec3| !p.abs().cmple(Vec3::splat(MAX_COORDINATE)).all();
-        if meshes.iter().flat_map(|mesh| &mesh.positions).any(is_far) {
+        if meshes.iter().flat_map(Mesh::world_positions).any(|p| is_far(&p)) {
             return Err(Error::argument("placement", format!("takes the scene beyond {MAX_COORDINATE:e} m")));
         }
         self.with_meshes(meshes, None)
@@ -145,8 +145,8 @@ mod tests {
         for normal in [Vec3A::Y, Vec3A::NEG_Y, Vec3A::new(0.3, -0.2, 0.9)] {
             let scene = Scene::square(Vec3A::new(1.0, 2.0, 3.0), normal, 4.0).unwrap();
             let n = normal.normalize();
-            for face in &scene.faces {
-                assert!(Vec3A::from(face.normal).dot(n) > 1.0 - 1e-5);
+            for number in 0..scene.triangle_count() {
+                assert!(scene.face(number).wound.dot(n) > 1.0 - 1e-5);
             }
         }
         assert!(Scene::square(Vec3A::ZERO, Vec3A::ZERO, 1.0).is_err());

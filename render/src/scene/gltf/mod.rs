@@ -8,11 +8,13 @@
 //! | `json.rs` | the part of a document that is read |
 //! | `document.rs`, `uri.rs` | the file with its buffers; where bytes are |
 //! | `accessor.rs` | typed elements of buffers |
-//! | `nodes.rs`, `primitive.rs` | the node hierarchy and cameras; triangles in world space |
+//! | `nodes.rs`, `instances.rs` | the node hierarchy and cameras; meshes in their places |
+//! | `primitive.rs` | the triangles of a mesh |
 //! | `materials.rs`, `masks.rs` | materials with textures; alpha masks |
 
 mod accessor;
 mod document;
+mod instances;
 mod json;
 mod masks;
 mod materials;
@@ -23,10 +25,7 @@ mod uri;
 #[cfg(test)]
 mod tests;
 
-use std::{
-    collections::{BTreeSet, HashMap},
-    path::Path,
-};
+use std::{collections::BTreeSet, path::Path};
 
 use glam::{DAffine3, DVec3};
 
@@ -42,6 +41,10 @@ use nodes::Placed;
 /// A scene whose middle is farther from the origin than this many times its size is moved there: positions of 32 bits would not tell apart
 /// what is a ten-thousandth of its size.
 const FAR: f64 = 1e3;
+
+/// Scenes of more triangles share meshes between nodes: a copied triangle takes about 250 bytes. Below, copies
+/// in world space are faster to trace.
+const MOST_COPIED: usize = 1 << 21;
 
 /// What is read of a glTF file.
 #[derive(Clone, Debug)]
@@ -82,25 +85,14 @@ impl Scene {
     /// When the file or one that it names cannot be read, or a field does not hold what glTF asks of it. External files
     /// must lie in the folder of `path` or below.
     pub fn load_with(path: &Path, options: &LoadOptions<'_>) -> Result<Self> {
+        Self::load_within(path, options, MOST_COPIED)
+    }
+
+    /// [`Self::load_with`]; meshes are shared between their nodes where there would be more than `most_copied` triangles.
+    pub(super) fn load_within(path: &Path, options: &LoadOptions<'_>, most_copied: usize) -> Result<Self> {
         let document = Document::open(path)?;
         let Placed { meshes: instances, cameras } = nodes::placed(&document, options.scene)?;
-        let mut meshes: Vec<(Mesh, DAffine3)> = Vec::new();
-        let mut read: HashMap<usize, Vec<Mesh>> = HashMap::new();
-        for instance in instances {
-            let own = match (read.get(&instance.mesh), &instance.weights) {
-                (Some(own), None) => {
-                    let count = own.iter().map(|mesh| mesh.positions.len() + 3 * mesh.triangles.len()).sum::<usize>();
-                    document.reserve_elements(count as u64, &format!("meshes[{}]", instance.mesh))?;
-                    own.clone()
-                }
-                (_, weights) => primitive::read_mesh(&document, instance.mesh, weights.as_deref())?,
-            };
-            if instance.weights.is_none() {
-                read.entry(instance.mesh).or_insert_with(|| own.clone());
-            }
-            let named = own.into_iter().map(|mesh| Mesh { name: instance.name.clone(), ..mesh });
-            meshes.extend(named.map(|mesh| (mesh, instance.to_world)));
-        }
+        let meshes = instances::read(&document, instances, most_copied)?;
         if meshes.iter().all(|(mesh, _)| mesh.triangles.is_empty()) {
             return Err(document.invalid("scenes", "the scene to show has no triangles"));
         }
@@ -109,13 +101,9 @@ impl Scene {
             let [x, y, z] = origin.to_array();
             document.remark(Remark::Note(format!("moved the scene by {}, {}, {} to the origin", -x, -y, -z)));
         }
-        let meshes: Vec<Mesh> = meshes
+        let meshes = meshes
             .into_iter()
-            .map(|(mesh, to_world)| {
-                let name = mesh.name.clone();
-                let field = format!("mesh '{}', placed by its node", name.escape_debug());
-                primitive::place(&document, mesh, &to_world, origin, &field).map(|mesh| Mesh { name, ..mesh })
-            })
+            .map(|(mesh, places)| instances::place(&document, mesh, &places, origin))
             .collect::<Result<_>>()?;
         let (meshes, materials) = with_materials(&document, meshes, options.materials)?;
         let cameras = cameras
@@ -149,10 +137,10 @@ fn with_materials(document: &Document, meshes: Vec<Mesh>, materials: bool) -> Re
 }
 
 /// Where the origin of the scene is to be: in the middle of what is far away, to whole metres.
-fn origin(meshes: &[(Mesh, DAffine3)]) -> DVec3 {
+fn origin(meshes: &[(Mesh, Vec<DAffine3>)]) -> DVec3 {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for (mesh, to_world) in meshes {
-        for position in &mesh.positions {
+    for (mesh, places) in meshes {
+        for (to_world, position) in places.iter().flat_map(|place| mesh.positions.iter().map(move |p| (place, p))) {
             let p = to_world.transform_point3(position.as_dvec3());
             (min, max) = (min.min(p), max.max(p));
         }

@@ -1,6 +1,6 @@
-//! From the primitives of a mesh to triangles in world space.
+//! From the primitives of a mesh to its triangles.
 
-use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 
 use super::{
     accessor::{has_components, read_indices, read_vectors},
@@ -28,32 +28,6 @@ pub fn read_mesh(document: &Document, index: usize, weights: Option<&[f32]>) -> 
         meshes.extend(read_primitive(document, primitive, weights, &field)?);
     }
     Ok(meshes)
-}
-
-/// A mesh moved to the world, whose origin is at `origin` of the file's.
-pub fn place(document: &Document, mesh: Mesh, to_world: &DAffine3, origin: DVec3, field: &str) -> Result<Mesh> {
-    let shifted = DAffine3::from_translation(-origin) * *to_world;
-    let exact = (origin != DVec3::ZERO).then(|| {
-        let moved = mesh.positions.iter().map(|p| shifted.transform_point3(p.as_dvec3()).as_vec3());
-        moved.collect::<Vec<_>>()
-    });
-    let Mesh {
-        positions,
-        normals,
-        texcoords,
-        roughness_texcoords,
-        tangent_space,
-        triangles,
-        material,
-        colors,
-        alphas,
-        emission_texcoords,
-        ..
-    } = mesh.transformed(&shifted.as_affine3a());
-    // Checked a second time: the transform may have made them infinite.
-    Mesh::new(exact.unwrap_or(positions), normals, texcoords, triangles, material)
-        .map(|mesh| Mesh { roughness_texcoords, emission_texcoords, tangent_space, colors, alphas, ..mesh })
-        .map_err(|error| in_field(document, field, error))
 }
 
 /// A primitive in the coordinates of its mesh.

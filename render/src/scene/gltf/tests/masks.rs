@@ -22,7 +22,7 @@ fn png(alphas: [u8; 4]) -> Vec<u8> {
 }
 
 /// A unit square in the xy plane with a mask; texture coordinates are positions.
-fn square(alphas: [u8; 4]) -> (Value, Vec<u8>) {
+pub(super) fn square(alphas: [u8; 4]) -> (Value, Vec<u8>) {
     let (mut json, mut bin) = triangle();
     let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0];
     let positions = add_floats(&mut json, &mut bin, "VEC3", &corners);

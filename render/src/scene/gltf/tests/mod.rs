@@ -1,6 +1,7 @@
 //! Files made here: a good one in many forms, and every way to break it.
 
 mod images;
+mod instances;
 mod masks;
 mod unusual;
 

@@ -7,9 +7,17 @@
 //!
 //! The scene is a field of balls under the built-in map `studio`; balls and their tessellation grow with the number of triangles.
 //! Each line is the best of three renderings. `Mrays/s` counts camera and shadow rays; memory is what the process has gained by
-//! building the scene.
+//! building the scene. The forest is a glTF file that places one tree by `EXT_mesh_gpu_instancing`; `--forest FILE` keeps its largest.
 
-use std::{fs, sync::Arc, sync::atomic::AtomicBool, time::Instant};
+mod forest;
+
+use std::{
+    fs,
+    path::Path,
+    process::Command,
+    sync::{Arc, atomic::AtomicBool},
+    time::Instant,
+};
 
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
@@ -29,6 +37,15 @@ fn main() {
         let mut arguments = std::env::args();
         arguments.by_ref().find(|argument| argument == name).and_then(|_| arguments.next()).unwrap_or(default.into())
     };
+    let loaded = argument("--load", "");
+    if !loaded.is_empty() {
+        let before = resident();
+        let scene = Scene::load(loaded.as_ref()).expect("a scene");
+        let memory = resident() - before;
+        drop(scene);
+        println!("{memory}");
+        return;
+    }
     let sampler: SamplerSpec = argument("--sampler", "mis").parse().expect("a sampler");
     let most: usize = argument("--most", "1000000").parse().expect("a number of triangles");
     let environment = Arc::new(built_in("studio").expect("a built-in map"));
@@ -45,13 +62,19 @@ fn main() {
         let (before, start) = (resident(), Instant::now());
         let (scene, balls) = field(wanted);
         let (built, memory) = (start.elapsed().as_secs_f64(), resident() - before);
-        let rendering = measure(&scene, width, spp);
-        println!(
-            "{:>10} {balls:>9} {built:>9.3} {memory:>9.1} {:>9.3} {:>9.2}",
-            scene.triangle_count(),
-            rendering.seconds,
-            rate(&rendering)
-        );
+        report(&scene, balls, [built, memory], &measure(&scene, width, spp));
+    }
+
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let kept = argument("--forest", "");
+    let path = if kept.is_empty() { folder.path().join("forest.glb") } else { kept.into() };
+    println!("\n{:>10} {:>9} {:>9} {:>9} {:>9} {:>9}", "forest of", "trees", "build s", "MB", "render s", "Mrays/s");
+    for trees in [10, 100, 1_000, 10_000].into_iter().filter(|trees| trees * forest::TRIANGLES <= 100 * most) {
+        forest::write(&path, trees);
+        let start = Instant::now();
+        let scene = Scene::load(&path).expect("a scene");
+        let (built, memory) = (start.elapsed().as_secs_f64(), footprint(&path));
+        report(&scene, trees, [built, memory], &measure(&scene, width, spp));
     }
 
     let (scene, _) = field(triangles);
@@ -69,9 +92,19 @@ fn main() {
     }
 }
 
+/// Prints a scene of so many objects, its seconds and megabytes, and how fast it is rendered.
+fn report(scene: &Scene, objects: usize, [built, memory]: [f64; 2], rendering: &Rendering) {
+    println!(
+        "{:>10} {objects:>9} {built:>9.3} {memory:>9.1} {:>9.3} {:>9.2}",
+        scene.triangle_count(),
+        rendering.seconds,
+        rate(rendering)
+    );
+}
+
 /// The fastest of three renderings.
 fn best(scene: &Scene, environment: &Environment, estimator: &dyn Estimator, width: usize, spp: u32) -> Rendering {
-    let camera = Camera::new(Vec3A::new(0.0, 5.0, 11.0), Vec3A::new(0.0, 0.0, 0.5), 40.0).expect("a direction");
+    let camera = scene.camera();
     let view = View { scene, camera: &camera, environment, width, height: width * 3 / 4, unshadowed: false, depth: 1 };
     let points = |seed| Points::new(PointSet::Sobol, seed);
     let once = |seed| render(view, estimator, Budget::Spp(spp), points(seed), &AtomicBool::new(false), &|_| {});
@@ -99,7 +132,8 @@ fn field(triangles: usize) -> (Scene, usize) {
     let corners = [[-30.0, 30.0], [30.0, 30.0], [30.0, -30.0], [-30.0, -30.0]].map(|[x, z]| Vec3::new(x, 0.0, z));
     meshes.push(Mesh::new(corners.into(), vec![], vec![], vec![[0, 1, 2], [0, 2, 3]], 0).expect("two triangles"));
     let material = Material::diffuse(Vec3A::splat(0.6));
-    (Scene::new("field", meshes, vec![material], None).expect("one material"), across * across)
+    let camera = Camera::new(Vec3A::new(0.0, 5.0, 11.0), Vec3A::new(0.0, 0.0, 0.5), 40.0).expect("a direction");
+    (Scene::new("field", meshes, vec![material], Some(camera)).expect("one material"), across * across)
 }
 
 /// A ball of `segments` pieces around and half as many rings, with smooth normals.
@@ -121,6 +155,13 @@ fn ball(center: Vec3, radius: f32, segments: usize) -> Mesh {
     });
     let positions = normals.iter().map(|n| center + radius * *n).collect();
     Mesh::new(positions, normals.clone(), vec![], triangles.collect(), 0).expect("a ball's own indices")
+}
+
+/// What a process of its own gains by loading a scene, in MB: this one uses memory of former scenes again.
+fn footprint(path: &Path) -> f64 {
+    let program = std::env::current_exe().expect("a program");
+    let output = Command::new(program).arg("--load").arg(path).output().expect("a process");
+    String::from_utf8_lossy(&output.stdout).trim().parse().expect("a number")
 }
 
 /// Memory of this process in MB; 0 where the system does not say.

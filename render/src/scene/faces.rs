@@ -1,0 +1,146 @@
+//! The triangles that rays can hit, with their hierarchies.
+
+use glam::{Affine3A, Vec2, Vec3, Vec3A, Vec4};
+
+use super::{
+    Bvh, Hit, Mesh, Ray, Scene, TangentSpace,
+    copies::Copies,
+    mesh::{moved_tangent, normal_matrix},
+};
+
+/// Which mesh, and which of its triangles, a triangle of the hierarchy is.
+#[derive(Clone, Copy, Debug)]
+struct Placed {
+    mesh: u32,
+    triangle: u32,
+    /// Unit normal on the side from which the corners are counter-clockwise.
+    normal: Vec3,
+}
+
+/// The opaque triangles of a scene, or the masked ones: those of meshes in world space, then those of copies.
+#[derive(Default)]
+pub(super) struct Faces {
+    placed: Vec<Placed>,
+    bvh: Bvh,
+    copies: Copies,
+}
+
+impl Faces {
+    /// The triangles with an area of those meshes that have a mask, or of the others.
+    pub fn build(meshes: &[Mesh], masked: bool) -> Self {
+        let meshes = || meshes.iter().enumerate().filter(move |(_, mesh)| mesh.mask.is_some() == masked);
+        let (mut placed, mut triangles) = (Vec::new(), Vec::new());
+        for (m, mesh) in meshes().filter(|(_, mesh)| mesh.places.is_empty()) {
+            for t in (0..mesh.triangles.len()).filter(|&t| !mesh.is_degenerate(t)) {
+                let corners = mesh.corners(t);
+                triangles.push(corners);
+                let [a, b, c] = corners.map(Vec3A::from);
+                let normal = (b - a).cross(c - a).normalize().into();
+                placed.push(Placed { mesh: m as u32, triangle: t as u32, normal });
+            }
+        }
+        let copies = Copies::build(meshes().filter(|(_, mesh)| !mesh.places.is_empty()));
+        Self { placed, bvh: Bvh::build(&triangles), copies }
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.placed.len() + self.copies.face_count()
+    }
+
+    /// The nearest hits of many rays; both slices have equal length.
+    pub fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        self.bvh.closest_batch(rays, hits);
+        self.copies.add_hits(rays, hits, self.placed.len());
+    }
+
+    /// Whether rays hit anything; both slices have equal length.
+    pub fn occluded_batch(&self, rays: &[Ray], occluded: &mut [bool]) {
+        self.bvh.occluded_batch(rays, occluded);
+        self.copies.add_occlusion(rays, occluded);
+    }
+
+    /// A face of the scene that has those meshes.
+    fn face<'a>(&'a self, meshes: &'a [Mesh], number: usize) -> Face<'a> {
+        if let Some(&Placed { mesh, triangle, normal }) = self.placed.get(number) {
+            let own = &meshes[mesh as usize];
+            return Face {
+                number: mesh as usize,
+                mesh: own,
+                triangle: triangle as usize,
+                wound: normal.into(),
+                to_world: None,
+            };
+        }
+        let (number, triangle, copy) = self.copies.face(number - self.placed.len());
+        let mesh = &meshes[number];
+        let [a, b, c] = mesh.corners(triangle).map(Vec3A::from);
+        let wound = (normal_matrix(&copy.to_world) * (b - a).cross(c - a).normalize()).normalize();
+        Face { number, mesh, triangle, wound, to_world: Some(&copy.to_world) }
+    }
+}
+
+/// A triangle that rays can hit, in world space.
+pub(super) struct Face<'a> {
+    /// Index of its mesh.
+    pub number: usize,
+    pub mesh: &'a Mesh,
+    /// Index of the triangle in its mesh.
+    pub triangle: usize,
+    /// Unit normal on the side from which the corners are counter-clockwise, before a copy mirrors them.
+    pub wound: Vec3A,
+    /// Where a copy stands; nothing for meshes in world space.
+    to_world: Option<&'a Affine3A>,
+}
+
+impl Face<'_> {
+    pub fn vertices(&self) -> [usize; 3] {
+        self.mesh.triangles[self.triangle].map(|i| i as usize)
+    }
+
+    /// Positions in metres.
+    pub fn corners(&self) -> [Vec3; 3] {
+        let corners = self.mesh.corners(self.triangle);
+        self.to_world.map_or(corners, |to_world| corners.map(|corner| to_world.transform_point3(corner)))
+    }
+
+    /// Whether it belongs to a copy.
+    pub fn is_copied(&self) -> bool {
+        self.to_world.is_some()
+    }
+
+    /// The shading normal where the corners have some weights, of any length; nothing for flat shading.
+    pub fn smooth_normal(&self, weights: [f32; 3]) -> Option<Vec3A> {
+        let normals = &self.mesh.normals;
+        let vertices = self.vertices();
+        let normal = |k: usize| {
+            let own = Vec3A::from(normals[vertices[k]]);
+            // As in a mesh in world space: of unit length before they are interpolated.
+            self.to_world.map_or(own, |to_world| (normal_matrix(to_world) * own).normalize_or_zero())
+        };
+        (!normals.is_empty()).then(|| (0..3).map(|k| weights[k] * normal(k)).sum())
+    }
+
+    /// The tangent for a normal map, with the handedness of the bitangent in `w`.
+    pub fn tangent(&self, space: &TangentSpace, uv: [Vec2; 3], weights: [f32; 3], normal: Vec3A) -> Vec4 {
+        if space.tangents.is_empty() {
+            return TangentSpace::of_triangle(self.corners(), uv, normal);
+        }
+        let vertices = self.vertices();
+        let tangent = |k: usize| {
+            let own = space.tangents[vertices[k]];
+            self.to_world.map_or(own, |to_world| moved_tangent(own, to_world))
+        };
+        (0..3).map(|k| weights[k] * tangent(k)).sum()
+    }
+}
+
+impl Scene {
+    /// The face of a number: opaque ones come first.
+    pub(super) fn face(&self, number: usize) -> Face<'_> {
+        match number.checked_sub(self.opaque.count()) {
+            None => self.opaque.face(&self.meshes, number),
+            Some(number) => self.masked.face(&self.meshes, number),
+        }
+    }
+}
