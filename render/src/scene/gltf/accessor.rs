@@ -129,7 +129,13 @@ pub fn has_components<const N: usize>(document: &Document, accessor: Whole) -> b
 }
 
 fn kind<const N: usize>() -> &'static str {
-    ["", "SCALAR", "VEC2", "VEC3", "VEC4"][N]
+    match N {
+        1 => "SCALAR",
+        2 => "VEC2",
+        3 => "VEC3",
+        4 => "VEC4",
+        _ => "MAT4",
+    }
 }
 
 /// Reads an accessor of vectors of `N` components as floats; integers are normalised where the accessor says so.

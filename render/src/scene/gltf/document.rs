@@ -1,7 +1,7 @@
 //! The parsed file with its buffers.
 
 use std::{
-    cell::{Cell, RefCell},
+    cell::{Cell, OnceCell, RefCell},
     io::Read,
     path::{Path, PathBuf},
 };
@@ -60,7 +60,10 @@ const LEFT_OUT: [&str; 13] = [
 pub struct Document {
     path: PathBuf,
     root: Root,
-    buffers: Vec<Vec<u8>>,
+    /// Read when they are first needed.
+    buffers: Vec<OnceCell<Vec<u8>>>,
+    /// The binary chunk, until its buffer takes it.
+    blob: RefCell<Option<Vec<u8>>>,
     bytes_left: Cell<u64>,
     elements_left: Cell<u64>,
     remarks: RefCell<Vec<Remark>>,
@@ -71,7 +74,7 @@ impl Document {
     pub fn open(path: &Path) -> Result<Self> {
         let bytes_left = Cell::new(MAX_BYTES);
         let bytes = read_file(path, &bytes_left).map_err(|error| Error::io(path, error))?;
-        let (json, mut blob) = split(path, &bytes)?;
+        let (json, blob) = split(path, &bytes)?;
         if json.iter().filter(|&&byte| byte == b'{').count() > MAX_OBJECTS {
             return Err(Error::invalid(path, "JSON", format!("has more than {MAX_OBJECTS} objects")));
         }
@@ -79,19 +82,17 @@ impl Document {
         let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
         let root: Root = serde_json::from_slice(json)
             .map_err(|error| Error::invalid(path, "JSON", format!("is not a glTF document: {error}")))?;
-        let mut document = Self {
+        let buffers = root.buffers.iter().map(|_| OnceCell::new()).collect();
+        let document = Self {
             path: path.to_owned(),
             root,
-            buffers: Vec::new(),
+            buffers,
+            blob: RefCell::new(blob),
             bytes_left,
             elements_left: Cell::new(MAX_ELEMENTS),
             remarks: RefCell::default(),
         };
         document.check_header()?;
-        for index in 0..document.root.buffers.len() {
-            let buffer = document.read_buffer(index, &mut blob)?;
-            document.buffers.push(buffer);
-        }
         Ok(document)
     }
 
@@ -132,7 +133,12 @@ impl Document {
     pub fn view(&self, index: Whole, field: &str) -> Result<(&[u8], Option<usize>)> {
         let view = self.get(&self.root.buffer_views, index, &format!("{field}.bufferView"))?;
         let index = index.0;
-        let buffer = self.get(&self.buffers, view.buffer, &format!("bufferViews[{index}].buffer"))?;
+        let cell = self.get(&self.buffers, view.buffer, &format!("bufferViews[{index}].buffer"))?;
+        if cell.get().is_none() {
+            // Nothing else sets it in between.
+            let _ = cell.set(self.read_buffer(view.buffer.index())?);
+        }
+        let buffer = cell.get().map_or(&[][..], Vec::as_slice);
         let (offset, length) = (view.byte_offset.0, view.byte_length.0);
         let range =
             offset.checked_add(length).and_then(|end| Some(usize::try_from(offset).ok()?..usize::try_from(end).ok()?));
@@ -186,14 +192,16 @@ impl Document {
         }
     }
 
-    /// The bytes of a buffer: `blob` for the first one without URI.
-    fn read_buffer(&self, index: usize, blob: &mut Option<Vec<u8>>) -> Result<Vec<u8>> {
+    /// The bytes of a buffer: those of the binary chunk for the first one without a URI.
+    fn read_buffer(&self, index: usize) -> Result<Vec<u8>> {
         let buffer = &self.root.buffers[index];
         let field = format!("buffers[{index}]");
         let bytes = match &buffer.uri {
             Some(uri) => self.resolve(uri, &format!("{field}.uri"))?,
-            None => blob
+            None => self
+                .blob
                 .take()
+                .filter(|_| self.root.buffers.iter().position(|buffer| buffer.uri.is_none()) == Some(index))
                 .ok_or_else(|| self.invalid(format!("{field}.uri"), "is missing, and there is no binary chunk"))?,
         };
         if (bytes.len() as u64) < buffer.byte_length.0 {

@@ -14,21 +14,23 @@ use crate::{
 /// where there would be more than `most_copied` triangles.
 pub fn read(document: &Document, instances: Vec<Instance>, most_copied: usize) -> Result<Vec<(Mesh, Vec<DAffine3>)>> {
     let mut shared: HashMap<usize, Shared> = HashMap::new();
-    for instance in instances.iter().filter(|instance| instance.weights.is_none()) {
+    for instance in instances.iter().filter(|instance| instance.is_plain()) {
         if let Some(shared) = shared.get_mut(&instance.mesh) {
             shared.uses += 1;
         } else {
-            let meshes = read_mesh(document, instance.mesh, None)?;
+            let meshes = read_mesh(document, instance.mesh, None, &[])?;
             shared.insert(instance.mesh, Shared { meshes, uses: 1, first: None, is_copied: false });
         }
     }
     let triangles = shared.values().map(|shared| shared.uses.saturating_mul(shared.triangles()));
     let is_large = triangles.fold(0_usize, usize::saturating_add) > most_copied;
     let mut placed: Vec<(Mesh, Vec<DAffine3>)> = Vec::new();
-    for Instance { mesh, to_world, name, weights } in instances {
+    for instance in instances {
+        let is_plain = instance.is_plain();
+        let Instance { mesh, to_world, name, weights, joints } = instance;
         let named = |own: &Mesh| Mesh { name: name.clone(), ..own.clone() };
-        let Some(shared) = shared.get_mut(&mesh).filter(|_| weights.is_none()) else {
-            let own = read_mesh(document, mesh, weights.as_deref())?;
+        let Some(shared) = shared.get_mut(&mesh).filter(|_| is_plain) else {
+            let own = read_mesh(document, mesh, weights.as_deref(), &joints)?;
             placed.extend(own.iter().map(|own| (named(own), vec![to_world])));
             continue;
         };
@@ -48,7 +50,7 @@ pub fn read(document: &Document, instances: Vec<Instance>, most_copied: usize) -
     Ok(placed)
 }
 
-/// A mesh of the file, as it is without a node's own weights.
+/// A mesh of the file, as it is without a node's own weights or a skin.
 struct Shared {
     /// One for each primitive.
     meshes: Vec<Mesh>,

@@ -5,6 +5,7 @@
 use std::collections::HashMap;
 
 use serde::{Deserialize, Deserializer, de};
+use serde_json::Value;
 
 /// A whole number, which programs without integers write as `1.0` or `1e3`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -61,6 +62,7 @@ pub struct Root {
     pub samplers: Vec<Sampler>,
     pub scene: Option<Whole>,
     pub scenes: Vec<Scene>,
+    pub skins: Skins,
     pub textures: Vec<Texture>,
 }
 
@@ -305,6 +307,26 @@ pub struct Sampler {
 pub struct Scene {
     pub name: Option<String>,
     pub nodes: Vec<Whole>,
+}
+
+/// Looked at when a node of the scene has one; none if they are not a list.
+#[derive(Default)]
+pub struct Skins(pub Vec<Value>);
+
+impl<'de> Deserialize<'de> for Skins {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        match Value::deserialize(deserializer)? {
+            Value::Array(skins) => Ok(Self(skins)),
+            _ => Ok(Self::default()),
+        }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Skin {
+    pub joints: Vec<Whole>,
+    pub inverse_bind_matrices: Option<Whole>,
 }
 
 #[derive(Default, Deserialize)]

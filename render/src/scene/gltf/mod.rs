@@ -9,7 +9,7 @@
 //! | `document.rs`, `uri.rs` | the file with its buffers; where bytes are |
 //! | `accessor.rs` | typed elements of buffers |
 //! | `nodes.rs`, `instances.rs` | the node hierarchy and cameras; meshes in their places |
-//! | `primitive.rs` | the triangles of a mesh |
+//! | `primitive.rs`, `skins.rs` | the triangles of a mesh; vertices moved by joints |
 //! | `materials.rs`, `masks.rs` | materials with textures; alpha masks |
 
 mod accessor;
@@ -20,6 +20,7 @@ mod masks;
 mod materials;
 mod nodes;
 mod primitive;
+mod skins;
 mod uri;
 
 #[cfg(test)]
@@ -77,7 +78,7 @@ impl Scene {
     /// Loads a scene of a glTF 2.0 file.
     ///
     /// Read are the node hierarchy with instances, triangles with normals, texture coordinates and vertex colours, morph targets at their
-    /// weights, cameras, and metallic-roughness materials with their textures of base colour, metalness with roughness, normals and emission,
+    /// weights, skins in the pose of the nodes, cameras, and metallic-roughness materials with their textures of base colour, metalness with roughness, normals and emission,
     /// and their alpha masks.
     /// [`Self::remarks`] names what a file has besides and is left out. A scene far from the origin is moved there.
     ///

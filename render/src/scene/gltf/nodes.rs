@@ -9,8 +9,9 @@ use super::{
     document::Document,
     in_field,
     json::{Instancing, Node, Whole},
+    skins::read_joints,
 };
-use crate::{error::Result, scene::Camera};
+use crate::{error::Result, remark::Remark, scene::Camera};
 
 /// A mesh and its transform to world space.
 pub struct Instance {
@@ -22,6 +23,19 @@ pub struct Instance {
     pub name: String,
     /// Weights of the morph targets, where the node has its own.
     pub weights: Option<Vec<f32>>,
+    /// The transforms of joints that take the place of `to_world`; empty without a skin.
+    pub joints: Vec<DAffine3>,
+}
+
+impl Instance {
+    fn at_origin(mesh: usize) -> Self {
+        Self { mesh, to_world: DAffine3::IDENTITY, name: String::new(), weights: None, joints: Vec::new() }
+    }
+
+    /// Whether it shows the mesh as other instances do.
+    pub fn is_plain(&self) -> bool {
+        self.weights.is_none() && self.joints.is_empty()
+    }
 }
 
 /// A camera of the file and where it is.
@@ -47,7 +61,13 @@ pub fn placed(document: &Document, scene: Option<&str>) -> Result<Placed> {
     let root = document.root();
     let (roots, from) = roots(document, scene)?;
     let mut placed = Placed::default();
-    let mut visited = vec![false; root.nodes.len()];
+    if root.nodes.is_empty() && !root.meshes.is_empty() {
+        document.remark(Remark::Note("shows all meshes, because the file has no nodes".into()));
+        placed.meshes = (0..root.meshes.len()).map(Instance::at_origin).collect();
+        return Ok(placed);
+    }
+    let mut globals: Vec<Option<DAffine3>> = vec![None; root.nodes.len()];
+    let mut skinned = Vec::new();
     // A stack, not a recursion: the depth is up to the file.
     let mut open: Vec<(Whole, DAffine3, String)> = Vec::new();
     open.extend(roots.into_iter().rev().map(|node| (node, DAffine3::IDENTITY, from.clone())));
@@ -55,7 +75,7 @@ pub fn placed(document: &Document, scene: Option<&str>) -> Result<Placed> {
         let node = document.get(&root.nodes, index, &from)?;
         let index = index.index();
         // The hierarchy must be a forest; this refuses cycles, and sharing, which could double with each level.
-        if std::mem::replace(&mut visited[index], true) {
+        if globals[index].is_some() {
             return Err(document.invalid(from, format!("node {index} is reached a second time: nodes form no tree")));
         }
         let field = format!("nodes[{index}]");
@@ -63,11 +83,14 @@ pub fn placed(document: &Document, scene: Option<&str>) -> Result<Placed> {
         if !to_world.is_finite() {
             return Err(document.invalid(field, "the product of the transforms down to it is not finite"));
         }
+        globals[index] = Some(to_world);
         if node.extensions.light.is_some() {
             document.warn("ignored punctual lights: only the environment lights the scene");
         }
         if let Some(mesh) = node.mesh {
+            let first = placed.meshes.len();
             place_mesh(document, node, mesh, to_world, &field, &mut placed.meshes)?;
+            skinned.extend(node.skin.map(|skin| (first..placed.meshes.len(), skin, field.clone())));
         }
         if let Some(camera) = node.camera {
             let own = document.get(&root.cameras, camera, &format!("{field}.camera"))?;
@@ -75,6 +98,13 @@ pub fn placed(document: &Document, scene: Option<&str>) -> Result<Placed> {
             placed.cameras.push(PlacedCamera { camera, name, to_world });
         }
         open.extend(node.children.iter().rev().map(|&child| (child, to_world, format!("{field}.children"))));
+    }
+    for (instances, skin, field) in skinned {
+        let joints = read_joints(document, skin, &globals, &field)?;
+        for instance in &mut placed.meshes[instances] {
+            // The node's own transform has no part in it, as the specification asks.
+            (instance.to_world, instance.joints) = (DAffine3::IDENTITY, joints.clone());
+        }
     }
     Ok(placed)
 }
@@ -123,11 +153,13 @@ fn place_mesh(
 ) -> Result<()> {
     let own = document.get(&document.root().meshes, mesh, &format!("{field}.mesh"))?;
     let name = node.name.as_ref().or(own.name.as_ref()).cloned().unwrap_or_default();
-    if node.skin.is_some() {
-        document.warn("skinned meshes are shown in bind pose");
-    }
-    let instance =
-        |to_world| Instance { mesh: mesh.index(), to_world, name: name.clone(), weights: node.weights.clone() };
+    let instance = |to_world| Instance {
+        mesh: mesh.index(),
+        to_world,
+        name: name.clone(),
+        weights: node.weights.clone(),
+        joints: Vec::new(),
+    };
     match &node.extensions.instancing {
         None => meshes.push(instance(to_world)),
         Some(instancing) => {

@@ -1,12 +1,13 @@
 //! From the primitives of a mesh to its triangles.
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DAffine3, Vec2, Vec3, Vec4};
 
 use super::{
     accessor::{has_components, read_indices, read_vectors},
     document::Document,
     in_field,
     json::{self, Primitive, TextureInfo, TextureTransform, Whole},
+    skins::bend,
 };
 use crate::{
     error::Result,
@@ -18,14 +19,20 @@ const TRIANGLES: u64 = 4;
 const TRIANGLE_STRIP: u64 = 5;
 const TRIANGLE_FAN: u64 = 6;
 
-/// The triangles of a mesh in its own coordinates, one mesh per primitive; points and lines are left out. `weights` are those of morph targets.
-pub fn read_mesh(document: &Document, index: usize, weights: Option<&[f32]>) -> Result<Vec<Mesh>> {
+/// The triangles of a mesh in its own coordinates, one mesh per primitive; points and lines are left out. `weights` are those of morph targets,
+/// `joints` the transforms of a skin, if there is one.
+pub fn read_mesh(document: &Document, index: usize, weights: Option<&[f32]>, joints: &[DAffine3]) -> Result<Vec<Mesh>> {
     let own = &document.root().meshes[index];
     let weights = weights.unwrap_or(&own.weights);
     let mut meshes = Vec::new();
     for (i, primitive) in own.primitives.iter().enumerate() {
         let field = format!("meshes[{index}].primitives[{i}]");
-        meshes.extend(read_primitive(document, primitive, weights, &field)?);
+        if !weights.is_empty() && weights.len() != primitive.targets.len() {
+            let reason = format!("has {} morph targets for {} weights", primitive.targets.len(), weights.len());
+            return Err(document.invalid(field, reason));
+        }
+        let Some(mesh) = read_primitive(document, primitive, weights, &field)? else { continue };
+        meshes.push(if joints.is_empty() { mesh } else { bend(document, primitive, joints, mesh, &field)? });
     }
     Ok(meshes)
 }

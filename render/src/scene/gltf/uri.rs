@@ -27,11 +27,11 @@ pub fn parse(uri: &str) -> Result<Source, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (kind, payload) = data.split_once(',').ok_or("has no data")?;
         if !kind.ends_with(";base64") {
-            return Err("is not base64 data".into());
+            return percent_decode(payload).map(Source::Data);
         }
         return BASE64.decode(payload).map(Source::Data).map_err(|error| format!("is not base64 data: {error}"));
     }
-    let path = percent_decode(uri)?;
+    let path = String::from_utf8(percent_decode(uri)?).map_err(|_| "is not UTF-8")?;
     // A backslash is a separator on some systems, and a colon names a scheme or a drive.
     let inside = !path.contains([':', '\\', '\0'])
         && PathBuf::from(&path).components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
@@ -42,7 +42,7 @@ pub fn parse(uri: &str) -> Result<Source, String> {
 }
 
 /// Replaces `%41` by `A`.
-fn percent_decode(text: &str) -> Result<String, String> {
+fn percent_decode(text: &str) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::with_capacity(text.len());
     let mut rest = text.bytes();
     while let Some(byte) = rest.next() {
@@ -56,7 +56,7 @@ fn percent_decode(text: &str) -> Result<String, String> {
             _ => return Err("has a '%' without two digits".into()),
         }
     }
-    String::from_utf8(bytes).map_err(|_| "is not UTF-8".into())
+    Ok(bytes)
 }
 
 #[cfg(test)]
@@ -68,6 +68,7 @@ mod tests {
         assert_eq!(parse("a%20b/./c.bin"), Ok(Source::File("a b/./c.bin".into())));
         assert_eq!(parse("data:application/octet-stream;base64,AQID"), Ok(Source::Data(vec![1, 2, 3])));
         assert_eq!(parse("data:;base64,AQI="), Ok(Source::Data(vec![1, 2])));
+        assert_eq!(parse("data:application/gltf-buffer,a%00"), Ok(Source::Data(vec![b'a', 0])));
         assert_eq!(parse("data:;base64,AQI"), Ok(Source::Data(vec![1, 2])));
     }
 
@@ -87,7 +88,6 @@ mod tests {
             "a%00",
             "a%4",
             "a%ff",
-            "data:,abc",
             "data:;base64",
             "data:;base64,?",
         ] {

@@ -3,6 +3,7 @@
 mod images;
 mod instances;
 mod masks;
+mod skins;
 mod unusual;
 
 use glam::{Vec3, Vec3A};
@@ -37,7 +38,7 @@ fn triangle() -> (Value, Vec<u8>) {
             {"bufferView": 0, "byteOffset": 36, "componentType": 5126, "count": 3, "type": "VEC2"}
         ],
         "bufferViews": [{"buffer": 0, "byteLength": 60}, {"buffer": 0, "byteOffset": 60, "byteLength": 6}],
-        "buffers": [{"byteLength": 68}]
+        "buffers": [{"byteLength": 68}, {"byteLength": 6}]
     });
     (json, bin)
 }
@@ -150,7 +151,7 @@ fn broken_fields_are_named() {
         ),
         ("/accessors/1/componentType", json!(5122), "I16"),
         ("/accessors/1/byteOffset", json!(4), "accessors[1].count"),
-        ("/bufferViews/0/buffer", json!(1), "bufferViews[0].buffer"),
+        ("/bufferViews/0/buffer", json!(9), "bufferViews[0].buffer"),
         ("/bufferViews/0/byteLength", json!(69), "bufferViews[0].byteLength"),
         ("/bufferViews/0/byteOffset", json!(u64::MAX), "bufferViews[0].byteLength"),
         ("/bufferViews/0/byteStride", json!(0), "bufferViews[0].byteStride"),
@@ -160,7 +161,7 @@ fn broken_fields_are_named() {
         ("/buffers/0/uri", json!("../scene.glb"), "buffers[0].uri: '../scene.glb' is not a relative path"),
         ("/buffers/0/uri", json!("/dev/zero"), "buffers[0].uri"),
         ("/buffers/0/uri", json!("."), "buffers[0].uri"),
-        ("/buffers", json!([{"byteLength": 68}, {"byteLength": 1}]), "buffers[1].uri: is missing"),
+        ("/bufferViews/1", json!({"buffer": 1, "byteLength": 6}), "buffers[1].uri: is missing"),
         ("/materials/0/pbrMetallicRoughness/baseColorFactor", json!([-1, 0, 0, 1]), "baseColorFactor"),
         ("/materials/0/pbrMetallicRoughness/roughnessFactor", json!(1e39), "roughnessFactor"),
         ("/materials/0/pbrMetallicRoughness/baseColorTexture", json!({"index": 0}), "baseColorTexture.index"),
