@@ -8,6 +8,7 @@
 //! | `tables.rs`, `forest.rs`, `recorded.rs` | what blocks become |
 //! | `prose.rs` | measured numbers outside generated blocks |
 
+mod bench;
 mod block;
 mod forest;
 mod pages;

@@ -9,13 +9,14 @@ use crate::{
     tables::{digits, table},
 };
 
-/// What a block shows of an output: the text, a table by its name (`table=`), or a pivot of a list (`rows=`, `columns=`, `value=`).
+/// What a block shows of an output: the text, a table of benchmarks, a table by its name (`table=`), or a pivot of a list (`rows=`, `columns=`, `value=`).
 ///
 /// # Errors
 /// If there is no such table.
 pub fn fill(output: &Output, block: &Block) -> Result<String> {
     match (&*block.kind, &output.output) {
         ("text", Value::String(text)) => Ok(format!("```text\n{}\n```", text.trim_end())),
+        ("bench", Value::String(text)) => crate::bench::shown(text),
         ("table", value) => {
             let wanted = block.need("table")?;
             let mut found = Vec::new();
