@@ -28,7 +28,7 @@ mod tests;
 
 use std::{collections::BTreeSet, path::Path};
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec2};
 
 use super::{Material, Mesh, Scene, TexturedMetallicRoughness};
 use crate::{
@@ -130,11 +130,28 @@ fn with_materials(document: &Document, meshes: Vec<Mesh>, materials: bool) -> Re
         None => mesh,
     };
     let materials = if materials {
+        meshes.iter().for_each(|mesh| warn_of_missing_texcoords(document, mesh));
         materials::read_all(document, &used, &mut textures)?
     } else {
         vec![default_material(); document.root().materials.len() + 1]
     };
     Ok((meshes.into_iter().map(masked).collect(), materials))
+}
+
+/// Warns of textures at coordinates that a mesh does not have.
+fn warn_of_missing_texcoords(document: &Document, mesh: &Mesh) {
+    let Some(material) = document.root().materials.get(mesh.material) else { return };
+    let pbr = &material.pbr_metallic_roughness;
+    let or_shared = |own: &Option<Vec<Vec2>>| own.as_ref().unwrap_or(&mesh.texcoords).is_empty();
+    let missing = [
+        (&pbr.base_color_texture, mesh.texcoords.is_empty()),
+        (&pbr.metallic_roughness_texture, or_shared(&mesh.roughness_texcoords)),
+        (&material.normal_texture, mesh.tangent_space.is_none()),
+        (&material.emissive_texture, or_shared(&mesh.emission_texcoords)),
+    ];
+    if !mesh.triangles.is_empty() && missing.iter().any(|(texture, is_missing)| texture.is_some() && *is_missing) {
+        document.warn("ignored textures at texture coordinates that a mesh does not have");
+    }
 }
 
 /// Where the origin of the scene is to be: in the middle of what is far away, to whole metres.

@@ -44,6 +44,10 @@ fn read_primitive(document: &Document, primitive: &Primitive, weights: &[f32], f
         0..TRIANGLES => return Ok(None),
         _ => return Err(document.invalid(format!("{field}.mode"), "is not a mode of glTF")),
     };
+    if !primitive.attributes.contains_key("POSITION") {
+        document.warn("left out primitives without POSITION");
+        return Ok(None);
+    }
     let attributes = Attributes { document, primitive, weights, field };
     let positions = attributes.positions()?;
     let indices = match primitive.indices {
@@ -115,9 +119,8 @@ impl Attributes<'_> {
     }
 
     fn positions(&self) -> Result<Vec<Vec3>> {
-        let Some((accessor, field)) = self.find("POSITION") else {
-            return Err(self.document.invalid(format!("{}.attributes.POSITION", self.field), "is missing"));
-        };
+        // Primitives without are left out before.
+        let Some((accessor, field)) = self.find("POSITION") else { return Ok(Vec::new()) };
         self.morphed("POSITION", read_vectors(self.document, accessor, &field)?)
     }
 

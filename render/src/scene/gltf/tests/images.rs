@@ -4,7 +4,7 @@ use base64::{Engine as _, engine::general_purpose::STANDARD};
 use glam::Vec3A;
 use serde_json::{Value, json};
 
-use super::{assert_fails, color_at, glb, load, set, surface_at, triangle};
+use super::{assert_fails, color_at, glb, load, set, surface_at, triangle, unusual::warnings};
 use crate::{
     image::encode_png_rgb8,
     scene::{Ray, Scene},
@@ -32,6 +32,20 @@ pub(super) fn textured(image: &Value) -> (Value, Vec<u8>) {
     bin.extend(png);
     set(&mut json, "/buffers/0/byteLength", json!(bin.len()));
     (json, bin)
+}
+
+#[test]
+fn textures_without_coordinates_raise_one_warning() {
+    let (mut json, bin) = textured(&json!({"bufferView": 2, "mimeType": "image/png"}));
+    set(&mut json, "/materials/0/pbrMetallicRoughness/baseColorTexture/texCoord", json!(1));
+    let mut bare = json["meshes"][0]["primitives"][0].clone();
+    bare["attributes"].as_object_mut().unwrap().remove("POSITION");
+    json["meshes"][0]["primitives"].as_array_mut().unwrap().push(bare);
+    let scene = load(&json, &bin).unwrap();
+    assert_eq!(color_at(&scene, 0.1, 0.1), Vec3A::ONE);
+    let expected =
+        ["left out primitives without POSITION", "ignored textures at texture coordinates that a mesh does not have"];
+    assert_eq!(warnings(&scene), expected);
 }
 
 #[test]

@@ -120,7 +120,7 @@ fn broken_fields_are_named() {
         ("/meshes/0/primitives/0/material", json!(5), "primitives[0].material"),
         ("/meshes/0/primitives/0/indices", json!(9), "primitives[0].indices: index 9"),
         ("/meshes/0/primitives/0/indices", json!(0), "accessors[0].type"),
-        ("/meshes/0/primitives/0/attributes", json!({}), "POSITION: is missing"),
+        ("/meshes/0/primitives/0/attributes", json!({}), "has no triangles"),
         ("/meshes/0/primitives/0/attributes/POSITION", json!(4_000_000_000_u32), "POSITION: index 4000000000"),
         ("/meshes/0/primitives/0/attributes/POSITION", json!(1), "accessors[1].type"),
         ("/meshes/0/primitives/0/attributes/NORMAL", json!(2), "accessors[2].type"),
