@@ -15,7 +15,7 @@ use obvhs::{
     bvh2::{Bvh2, builder::build_bvh2},
 };
 
-use super::{Bvh, Hit, Mesh, OFFSET, Ray};
+use super::{Bounds, Bvh, Hit, Mesh, OFFSET, Ray};
 
 /// A mesh that stands in many places.
 struct Prototype {
@@ -55,6 +55,8 @@ pub(super) struct Copies {
     boxes: Vec<Aabb>,
     tree: Bvh2,
     faces: usize,
+    /// Around all copies.
+    bounds: Bounds,
 }
 
 /// Whether copies of a mesh can be placed by a transform: rays are moved back by its inverse.
@@ -93,6 +95,7 @@ impl Copies {
             for &corner in corners.as_flattened() {
                 bounds.extend(to_world.transform_point3(corner).into());
             }
+            [bounds.min, bounds.max].into_iter().for_each(|corner| self.bounds.extend(corner.into()));
             // Rays are moved to the mesh with some rounding errors: as in `Scene::surface`.
             let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
             bounds = Aabb::new(bounds.min - 2.0 * OFFSET * reach, bounds.max + 2.0 * OFFSET * reach);
@@ -102,6 +105,11 @@ impl Copies {
             self.faces += triangles.len();
         }
         self.prototypes.push(Prototype { mesh: index, bvh: Bvh::build(&corners), triangles });
+    }
+
+    /// The box around all copies.
+    pub fn bounds(&self) -> Bounds {
+        self.bounds
     }
 
     /// How many faces all copies have together.

@@ -3,7 +3,7 @@
 use glam::{Affine3A, Vec2, Vec3, Vec3A, Vec4};
 
 use super::{
-    Bvh, Hit, Mesh, Ray, Scene, TangentSpace,
+    Bounds, Bvh, Hit, Mesh, Ray, Scene, TangentSpace,
     copies::Copies,
     mesh::{moved_tangent, normal_matrix},
 };
@@ -46,6 +46,14 @@ impl Faces {
     /// How many there are.
     pub fn count(&self) -> usize {
         self.placed.len() + self.copies.face_count()
+    }
+
+    /// The box around all faces of the scene that has those meshes.
+    pub fn bounds(&self, meshes: &[Mesh]) -> Bounds {
+        let mut bounds = self.copies.bounds();
+        let placed = self.placed.iter().flat_map(|face| meshes[face.mesh as usize].corners(face.triangle as usize));
+        placed.for_each(|corner| bounds.extend(corner));
+        bounds
     }
 
     /// The nearest hits of many rays; both slices have equal length.

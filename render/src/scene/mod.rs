@@ -170,9 +170,8 @@ impl Scene {
     fn rebuild(&mut self) {
         self.opaque = Faces::build(&self.meshes, false);
         self.masked = Faces::build(&self.meshes, true);
-        let mut bounds = Bounds::EMPTY;
-        self.triangles().flatten().for_each(|corner| bounds.extend(corner));
-        self.bounds = bounds;
+        let [opaque, masked] = [&self.opaque, &self.masked].map(|faces| faces.bounds(&self.meshes));
+        self.bounds = opaque.union(&masked);
     }
 
     /// The same geometry, with its alpha masks, all of it of one material.

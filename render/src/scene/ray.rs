@@ -47,6 +47,12 @@ pub struct Bounds {
     pub max: Vec3A,
 }
 
+impl Default for Bounds {
+    fn default() -> Self {
+        Self::EMPTY
+    }
+}
+
 impl Bounds {
     /// The box that contains nothing; extending it by a point gives that point.
     pub const EMPTY: Self = Self { min: Vec3A::INFINITY, max: Vec3A::NEG_INFINITY };
@@ -60,6 +66,12 @@ impl Bounds {
     pub fn extend(&mut self, point: Vec3) {
         self.min = self.min.min(point.into());
         self.max = self.max.max(point.into());
+    }
+
+    /// The smallest box that contains both.
+    #[must_use]
+    pub fn union(&self, other: &Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
     /// The middle of the box.
