@@ -83,7 +83,7 @@ pub fn openexr() -> Vec<Vec<u8>> {
     files
 }
 
-/// A triangle with a texture as `.gltf`, and as `.glb`.
+/// A triangle with a texture as `.glb`, another file of rarer parts, and the first one as `.gltf`.
 pub fn gltf() -> Vec<Vec<u8>> {
     let mut bin = Vec::new();
     for value in [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0] {
@@ -113,14 +113,42 @@ pub fn gltf() -> Vec<Vec<u8>> {
         )
         .into_bytes()
     };
+    let rare = glb(RARE.as_bytes(), &rare_numbers());
+    vec![glb(&json(""), &bin), rare, json(r#","uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAA""#)]
+}
+
+fn glb(json: &[u8], bin: &[u8]) -> Vec<u8> {
     let chunk = |kind: &[u8; 4], data: &[u8], fill: u8| {
         let mut padded = data.to_vec();
         padded.resize(data.len().next_multiple_of(4), fill);
         [&(padded.len() as u32).to_le_bytes()[..], kind, &padded].concat()
     };
-    let chunks = [chunk(b"JSON", &json(""), b' '), chunk(b"BIN\0", &bin, 0)].concat();
-    let glb = [&b"glTF"[..], &2_u32.to_le_bytes(), &(12 + chunks.len() as u32).to_le_bytes(), &chunks].concat();
-    vec![glb, json(r#","uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAA""#)]
+    let chunks = [chunk(b"JSON", json, b' '), chunk(b"BIN\0", bin, 0)].concat();
+    [&b"glTF"[..], &2_u32.to_le_bytes(), &(12 + chunks.len() as u32).to_le_bytes(), &chunks].concat()
+}
+
+/// A skin, morph targets, instances, sparse elements, an alpha mask, vertex colours, and two scenes.
+const RARE: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0,1,2]},{"name":"other","nodes":[3]}],
+"nodes":[{"mesh":0,"skin":0},{"children":[4],"translation":[0,0,1]},
+{"mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":4,"SCALE":0}}},"weights":[0.5]},
+{"mesh":0},{"rotation":[0,0.6,0,0.8]}],
+"skins":[{"joints":[1,4],"inverseBindMatrices":5}],
+"meshes":[{"weights":[0.25],"primitives":[{"attributes":{"POSITION":0,"NORMAL":6,"TEXCOORD_0":1,"COLOR_0":7,"JOINTS_0":3,"WEIGHTS_0":2},
+"targets":[{"POSITION":4}],"material":0,"mode":5}]}],
+"materials":[{"alphaMode":"MASK","alphaCutoff":0.6,"emissiveFactor":[1,0.5,0],"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":3}},
+"pbrMetallicRoughness":{"baseColorFactor":[1,1,1,0.7]}}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},{"bufferView":0,"componentType":5126,"count":3,"type":"VEC2"},
+{"bufferView":0,"componentType":5126,"count":3,"type":"VEC4"},{"bufferView":1,"componentType":5121,"count":3,"type":"VEC4"},
+{"componentType":5126,"count":3,"type":"VEC3","sparse":{"count":1,"indices":{"bufferView":1,"componentType":5121},"values":{"bufferView":0}}},
+{"bufferView":0,"componentType":5126,"count":2,"type":"MAT4"},{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
+{"bufferView":0,"byteOffset":8,"componentType":5126,"count":3,"type":"VEC4"}],
+"bufferViews":[{"buffer":0,"byteLength":128},{"buffer":0,"byteOffset":128,"byteLength":12}],
+"buffers":[{"byteLength":140}]}"#;
+
+/// Numbers that serve as positions, weights and matrices, then joints and an index.
+fn rare_numbers() -> Vec<u8> {
+    let number = |k: u32| if k.is_multiple_of(5) { 1.0 } else { 0.25 * (k * 7 % 4) as f32 };
+    (0..32).flat_map(|k| number(k).to_le_bytes()).chain([1, 0, 1, 0, 0, 1, 0, 0, 1, 1, 0, 0]).collect()
 }
 
 /// What is seen in a scene, in few cells.
