@@ -3,13 +3,15 @@
 //! Points and densities agree to rounding, but where rounding puts a point on the other side of a border (of a patch, a cell of a table, a texel):
 //! there densities jump, and few points are near to borders.
 
-use std::{borrow::Cow, path::Path, sync::Arc};
+mod draw;
+
+use std::{path::Path, sync::Arc};
 
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_sampling::{
     bake::{CellGrid, NormalGrid, direct_bake},
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
-    brdf::{Ggx, Kernel, Lambert},
+    brdf::{Ggx, Lambert},
     columns::Arena,
     environment::Environment,
     export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
@@ -23,7 +25,8 @@ use headtail_sampling::{
     tile::{ShadingPoint, Tile},
 };
 use headtail_shaders::Shader;
-use wgpu::util::DeviceExt;
+
+use draw::{Answer, Program, Query, queries};
 
 const COUNT: usize = 1 << 20;
 /// Points for heads, which software adapters take long for: all of them where `HEADTAIL_DEVICE_POINTS` is `all`.
@@ -38,116 +41,13 @@ const FAR: f64 = 5e-2;
 /// sampler, which a shader is not held to, and 3 of 1000 glossy points lie where the last digits of a mass matter as much.
 const ACROSS: f64 = 5e-3;
 
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct Query {
-    n: [f32; 3],
-    u: f32,
-    wo: [f32; 3],
-    v: f32,
-    lobes: [f32; 4],
-    wi: [f32; 4],
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct Answer {
-    wi: [f32; 3],
-    pdf: f32,
-    pdf_of_given: f32,
-    share: f32,
-    padding: [f32; 2],
-}
-
-/// Points everywhere; among normals and directions are the poles, and directions along the seam of the map.
-fn queries(count: usize, glossy: bool) -> (Vec<Query>, Vec<f32>) {
-    let mut random = Stream::new(11, Purpose::Test, u64::from(glossy));
-    let special =
-        [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [-1e-7, 0.0, -1.0], [1e-4, 1.0, -1e-4], [1.0, 0.0, 0.0]];
-    let mut alphas = Vec::with_capacity(count);
-    let queries = (0..count).map(|k| {
-        let mut direction = |every: usize| -> [f32; 3] {
-            let own = random.direction().to_array();
-            if k % every == 0 {
-                Vec3::from_array(special[k / every % special.len()]).normalize().to_array()
-            } else {
-                own
-            }
-        };
-        let (n, wo, wi) = (direction(997), direction(1009), direction(101));
-        let wo = if Vec3::from_array(n).dot(Vec3::from_array(wo)) < 0.0 { wo.map(|x| -x) } else { wo };
-        let (u, v, alpha) = (random.uniform(), random.uniform(), 0.1 + 0.9 * random.uniform());
-        alphas.push(alpha);
-        let cos_o = Vec3::from_array(n).dot(Vec3::from_array(wo));
-        let lobes =
-            if glossy { Ggx::new(alpha, Vec3::ONE).lobes(cos_o) } else { Lambert { albedo: Vec3::ONE }.lobes(cos_o) };
-        let lobes = [lobes.diffuse, lobes.specular, lobes.f0, lobes.alpha];
-        Query { n, u, wo, v, lobes, wi: [wi[0], wi[1], wi[2], 0.0] }
-    });
-    (queries.collect(), alphas)
-}
-
-fn draw_on_device(shader: &Shader, queries: &[Query]) -> Option<Vec<Answer>> {
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-    let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())).ok()?;
-    println!("adapter: {}", adapter.get_info().name);
-    let limits = adapter.limits();
-    let descriptor = wgpu::DeviceDescriptor { required_limits: limits, ..Default::default() };
-    let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
-    // The example answers with all but the share.
-    let source = shader.source.replace("pdf_of_given: f32 }", "pdf_of_given: f32, share: f32 }");
-    let source = source.replace("drawn.w, given)", "drawn.w, given, headtail_share(q.n, q.wo, q.lobes))");
-    let source = wgpu::ShaderSource::Wgsl(Cow::Owned(source));
-    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: None, source });
-    let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: None,
-        layout: None,
-        module: &module,
-        entry_point: Some("headtail_draw"),
-        compilation_options: Default::default(),
-        cache: None,
-    });
-    let buffer = |contents: &[u8], usage| {
-        device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
-    };
-    let storage = wgpu::BufferUsages::STORAGE;
-    let inputs =
-        [bytemuck::cast_slice(&shader.floats), bytemuck::cast_slice(&shader.integers), bytemuck::cast_slice(queries)]
-            .map(|bytes| buffer(bytes, storage));
-    let size = (queries.len() * size_of::<Answer>()) as u64;
-    let make =
-        |usage| device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false });
-    let answers = make(storage | wgpu::BufferUsages::COPY_SRC);
-    let copy = make(wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
-    let entries: Vec<_> = inputs
-        .iter()
-        .chain([&answers])
-        .zip(0..)
-        .map(|(buffer, binding)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-        .collect();
-    let layout = pipeline.get_bind_group_layout(0);
-    let group =
-        device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries });
-    let mut encoder = device.create_command_encoder(&Default::default());
-    {
-        let mut pass = encoder.begin_compute_pass(&Default::default());
-        pass.set_pipeline(&pipeline);
-        pass.set_bind_group(0, &group, &[]);
-        pass.dispatch_workgroups(queries.len().div_ceil(64) as u32, 1, 1);
-    }
-    encoder.copy_buffer_to_buffer(&answers, 0, &copy, 0, size);
-    queue.submit([encoder.finish()]);
-    copy.slice(..).map_async(wgpu::MapMode::Read, |result| result.unwrap());
-    device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
-    let view = copy.slice(..).get_mapped_range().unwrap();
-    Some(bytemuck::cast_slice(&view).to_vec())
-}
-
 /// Compares a shader with its native sampler; prints how far they are apart. The shares beside BRDF sampling are left to [`compare_shares`].
 fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glossy: bool) -> Vec<Answer> {
     let (queries, alphas) = queries(count, glossy);
     let start = std::time::Instant::now();
-    let answers = draw_on_device(shader, &queries).expect("a device: install mesa-vulkan-drivers");
+    let program = Program::new(shader, &queries).expect("a device: install mesa-vulkan-drivers");
+    program.run();
+    let answers = program.answers();
     let seconds = start.elapsed().as_secs_f64();
     let [n, wo]: [Vec<[f32; 3]>; 2] = [queries.iter().map(|q| q.n).collect(), queries.iter().map(|q| q.wo).collect()];
     let u: Vec<[f32; 2]> = queries.iter().map(|q| [q.u, q.v]).collect();
@@ -192,7 +92,7 @@ fn compare_shares(name: &str, sampler: &dyn Sampler, answers: &[Answer], glossy:
     };
     let points: Vec<ShadingPoint> = queries.iter().zip(&alphas).map(point).collect();
     // A share s follows the power 1.92 of the masses' unevenness: rounding that changes masses by the tolerance changes it by 1.92 s (1 - s) times twice as much
-    // at most, and a little more where the light of small lights is divided out.
+    // at most, and a little more where the light of small lights is divided out, by a division that may be 2.5 ULP wrong on a device.
     let (mut far, mut farthest) = (0, 0.0_f32);
     for (points, answers) in points.chunks(1024).zip(answers.chunks(1024)) {
         let (tile, arena) = (Tile::of(points), Arena::default());
@@ -205,7 +105,7 @@ fn compare_shares(name: &str, sampler: &dyn Sampler, answers: &[Answer], glossy:
         }
     }
     println!("{name}: {far} of {} shares beyond {TOLERANCE}, the farthest by {farthest:.1e}", answers.len());
-    assert!((far as f64) < FAR * answers.len() as f64 && farthest < 5.0 * TOLERANCE, "{name}: {far}, {farthest}");
+    assert!((far as f64) < FAR * answers.len() as f64 && farthest < 10.0 * TOLERANCE, "{name}: {far}, {farthest}");
 }
 
 /// How much directions, their pdfs and pdfs of given directions change, in the measure of the test, where the numbers given move by a few of the last

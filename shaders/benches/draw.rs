@@ -1,0 +1,69 @@
+//! Directions in shaders: `cargo bench -p headtail-shaders --features device --bench draw`.
+//!
+//! An item is one call each of `headtail_sample`, `headtail_pdf` and `headtail_share`, with its query read from and its
+//! answer written to the device's memory. Points are everywhere, and neighbours have nothing in common: rays behave better.
+
+#[path = "../tests/draw/mod.rs"]
+mod draw;
+
+use std::{path::Path, sync::Arc};
+
+use divan::{Bencher, counter::ItemsCount};
+use headtail_sampling::{
+    bake::{CellGrid, NormalGrid, direct_bake},
+    environment::Environment,
+    export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
+    flat::FlatArray,
+    patches::Detail,
+    sampler::EnvironmentLight,
+    tail::TailKind,
+};
+use headtail_shaders::Shader;
+
+use draw::{Program, queries};
+
+/// Queries in one iteration: half of what one dispatch can have.
+const QUERIES: usize = 1 << 21;
+
+fn main() {
+    divan::main();
+}
+
+fn bench(bencher: Bencher, arrays: &[FlatArray], glossy: bool) {
+    let shader = Shader::new(arrays).expect("a shader");
+    let program = Program::new(&shader, &queries(QUERIES, glossy).0).expect("an adapter");
+    let answers = {
+        program.run();
+        program.answers()
+    };
+    assert!(answers.iter().any(|answer| answer.pdf > 0.0 && answer.pdf_of_given > 0.0 && answer.share > 0.0));
+    bencher.counter(ItemsCount::new(QUERIES)).bench_local(|| program.run());
+}
+
+#[divan::bench(args = [false, true])]
+fn patches(bencher: Bencher, glossy: bool) {
+    let light = EnvironmentLight::new(Arc::new(studio()), TailKind::Hierarchical).expect("the light");
+    bench(bencher, &flat_patches(light.tail(), Detail::Leaves).expect("patches"), glossy);
+}
+
+#[divan::bench]
+fn table(bencher: Bencher) {
+    let map = Arc::new(studio());
+    let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical).expect("the light");
+    let table =
+        direct_bake(light.tail(), NormalGrid::new(16, 32).expect("a grid"), CellGrid::new(32, 32).expect("a grid"));
+    let exported =
+        ExportedSampler::new(Intermediate::DirectBake(table.expect("a table")), TailKind::Hierarchical, &map, None);
+    bench(bencher, &flat_exported(&exported.expect("a sampler")).expect("arrays"), false);
+}
+
+/// A head with 10,795 weights, two networks of two layers of 64 and K = 4.
+#[divan::bench]
+fn head(bencher: Bencher) {
+    let exported = ExportedSampler::read(Path::new("../checkpoints/studio-head.safetensors")).expect("the head");
+    bench(bencher, &flat_exported(&exported).expect("arrays"), false);
+}
+
+fn studio() -> Environment {
+    Environment::open("studio").expect("a built-in map")
+}
