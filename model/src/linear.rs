@@ -152,19 +152,19 @@ fn take(weights: &mut Vec<NamedTensor>, name: String, expected: &[usize]) -> Res
     Ok(values)
 }
 
-/// `x W + b` for `x` of `[rows, in]` with the columns `first..first + in` of the layer's inputs only, without the bias.
+/// `x W` for `x` of `[conditions, samples, in]` with the columns `first..first + in` of the layer's inputs only.
 ///
 /// A spline network applies the condition's columns once per condition and those of the coordinate once per sample.
-pub(crate) fn partial(linear: &Linear, first: usize, x: Tensor<2>) -> Tensor<2> {
-    let [_, inputs] = x.dims();
-    x.matmul(linear.weight.val().narrow(0, first, inputs))
+pub(crate) fn partial(linear: &Linear, first: usize, x: Tensor<3>) -> Tensor<3> {
+    let [_, _, inputs] = x.dims();
+    x.matmul(linear.weight.val().narrow(0, first, inputs).unsqueeze())
 }
 
 /// `max(x, 0) + slope min(x, 0)`.
 ///
 /// Written with `relu`, whose gradient is one pass: the tensor library's own leaky ReLU masks, which takes a tenth of a
 /// training step on a CPU. `x - relu(x)` is exact, so the values are the same to the bit.
-pub(crate) fn leaky_relu(x: Tensor<2>, slope: f64) -> Tensor<2> {
+pub(crate) fn leaky_relu<const D: usize>(x: Tensor<D>, slope: f64) -> Tensor<D> {
     let positive = relu(x.clone());
     (x - positive.clone()).mul_scalar(slope) + positive
 }

@@ -48,28 +48,26 @@ impl SplineNetwork {
     /// Logits `[conditions, samples, outputs]` of conditions `[conditions, length]` and features
     /// `[conditions, samples, features]`; without features `[conditions, 1, outputs]`.
     ///
-    /// The condition's part of the first layer is computed once per condition.
+    /// The condition's part of the first layer is computed once per condition. Samples stay in a matrix for each condition:
+    /// the gradient of a weight is then a sum over the conditions of products of matrices, which a GPU computes side by
+    /// side. As one product over all samples it is a single group of threads that adds up a quarter of a million terms.
     pub fn forward(&self, condition: Tensor<2>, features: Option<Tensor<3>>) -> Tensor<3> {
-        let [conditions, length] = condition.dims();
+        let [_, length] = condition.dims();
         let first = &self.linears[0];
-        let mut hidden = linear::partial(first, 0, condition);
+        let mut hidden = linear::partial(first, 0, condition.unsqueeze_dim(1));
         if let Some(bias) = &first.bias {
-            hidden = hidden + bias.val().unsqueeze::<2>();
+            hidden = hidden + bias.val().unsqueeze();
         }
-        let mut samples = 1;
         if let Some(features) = features {
-            let count = features.dims()[2];
-            samples = features.dims()[1];
-            let width = hidden.dims()[1];
-            let per_sample = linear::partial(first, length, features.reshape([conditions * samples, count]));
-            let sum = hidden.unsqueeze_dim::<3>(1) + per_sample.reshape([conditions, samples, width]);
-            hidden = sum.reshape([conditions * samples, width]);
+            hidden = hidden + linear::partial(first, length, features);
         }
         for layer in &self.linears[1..] {
-            hidden = layer.forward(linear::leaky_relu(hidden, self.leaky_slope));
+            hidden = linear::partial(layer, 0, linear::leaky_relu(hidden, self.leaky_slope));
+            if let Some(bias) = &layer.bias {
+                hidden = hidden + bias.val().unsqueeze();
+            }
         }
-        let outputs = hidden.dims()[1];
-        hidden.reshape([conditions, samples, outputs])
+        hidden
     }
 
     pub(crate) fn linears(&self) -> &[Linear] {

@@ -8,8 +8,8 @@ use headtail_render::simd::{self, LANES, Simd, Vectorized};
 use rayon::prelude::*;
 
 use super::{
-    PARTS,
     matrix::Matrix,
+    parts,
     perceptron::{Layer, leaky_relu, leaky_relu_backward},
     splines::Splines,
 };
@@ -79,7 +79,7 @@ impl FusedFlow {
             })
             .collect();
         assert_eq!(length, flow.weight_count(), "the layout is that of the flow's flat weights");
-        Self { layout: Layout { config, networks, length }, parts: (0..PARTS).map(|_| Part::default()).collect() }
+        Self { layout: Layout { config, networks, length }, parts: Vec::new() }
     }
 
     /// `-mean ln q(x)` over points of X, `[samples, 2]`, and its gradient.
@@ -87,8 +87,10 @@ impl FusedFlow {
         assert_eq!(weights.len(), self.layout.length, "one number for each weight");
         let count = points.len() / 2;
         let layout = &self.layout;
+        let parts = parts(count / BLOCK);
+        self.parts.resize_with(parts, Part::default);
         self.parts.par_iter_mut().enumerate().for_each(|(index, part)| {
-            let range = index * count / PARTS..(index + 1) * count / PARTS;
+            let range = index * count / parts..(index + 1) * count / parts;
             let points = &points[2 * range.start..2 * range.end];
             simd::dispatch(Work { part, layout, weights, points, scale: 1.0 / count as f32 });
         });

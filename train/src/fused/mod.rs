@@ -32,8 +32,12 @@ pub(crate) use matrix::Matrix;
 pub(crate) use perceptron::{BackwardScratch, Hidden, Layer};
 use samples::{Place, Samples, Scratch, Weights};
 
-/// Parts of a batch whose gradients are summed in order: a fixed number, so that the sum does not depend on the threads.
-const PARTS: usize = 8;
+/// Parts of a batch whose gradients are summed in order: a number that depends on the batch alone, so that the sum does not
+/// depend on the threads. Large batches have enough parts for many processors.
+const fn parts(groups: usize) -> usize {
+    let parts = groups / 16;
+    if parts > 8 { parts } else { 8 }
+}
 
 /// Samples of a group of conditions, about: a group has at least one whole condition.
 const GROUP: usize = 128;
@@ -95,7 +99,7 @@ impl FusedGradient {
     pub fn new(head: &Head) -> Self {
         let layout = Layout::new(*head.config());
         assert_eq!(layout.length, head.weight_count(), "the layout is that of the head's flat weights");
-        Self { layout, parts: (0..PARTS).map(|_| Part::default()).collect() }
+        Self { layout, parts: Vec::new() }
     }
 }
 
@@ -108,8 +112,10 @@ impl GradientSource for FusedGradient {
         }
         let count = batch.condition_count();
         let layout = &self.layout;
+        let parts = parts(count);
+        self.parts.resize_with(parts, Part::default);
         self.parts.par_iter_mut().enumerate().for_each(|(index, part)| {
-            let range = index * count / PARTS..(index + 1) * count / PARTS;
+            let range = index * count / parts..(index + 1) * count / parts;
             simd::dispatch(Work { part, layout, weights, objective, batch, range, scale: 1.0 / lit as f32 });
         });
         Some(StepGradient::sum(layout.length, self.parts.iter().map(|part| (part.loss, &part.gradient[..]))))
