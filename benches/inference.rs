@@ -5,9 +5,10 @@
 
 use std::hint::black_box;
 
+use burn::prelude::Device;
 use divan::{Bencher, counter::ItemsCount};
 use glam::{Vec3, Vec3A};
-use headtail_model::{Mode, burn::prelude::Device};
+use headtail_model::Mode;
 use headtail_render::{
     brdf::Ggx,
     columns::{Arena, Columns},

@@ -11,9 +11,10 @@ use std::{
     sync::{Arc, LazyLock},
 };
 
+use burn::prelude::Device;
 use divan::{Bencher, counter::ItemsCount};
 use glam::{Vec3, Vec3A};
-use headtail_model::{HeadConfig, burn::prelude::Device};
+use headtail_model::HeadConfig;
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     brdf::{Ggx, Lambert, Surface},

@@ -31,7 +31,7 @@ fn batch(conditions: usize, strata: usize) -> Batch {
     Batch::draw(&*target, shape, 0, Purpose::Batch, 0).expect("a density")
 }
 
-fn head(mode: Mode) -> (Head, headtail_model::burn::prelude::Device) {
+fn head(mode: Mode) -> (Head, burn::prelude::Device) {
     let device = Backend::Flex.device().expect("flex is compiled").autodiff();
     (Head::new(HeadConfig { mode, ..HeadConfig::MICROFACET }, 0, &device).expect("a valid head"), device)
 }

@@ -4,12 +4,12 @@
 //! It is written from the documented layout of logits and weights, so it also checks that the documentation is enough to
 //! read an exported head.
 
+use burn::{
+    optim::GradientsParams,
+    prelude::{Device, Module, Tensor, TensorData},
+};
 use headtail_model::{
     EncoderConfig, Head, HeadConfig, Mode, NamedTensor,
-    burn::{
-        optim::GradientsParams,
-        prelude::{Device, Module, Tensor, TensorData},
-    },
     spline::{self, Topology},
 };
 use headtail_render::random::{Purpose, Stream};
@@ -261,7 +261,7 @@ fn gradients_agree_with_central_differences() {
         let gradients = GradientsParams::from_grads(loss.backward(), &head);
         // A step of "plain" descent exposes the gradient under the exported names.
         let step = 1.0;
-        let moved = headtail_model::burn::optim::SgdConfig::new().init().step(step, head.clone(), gradients);
+        let moved = burn::optim::SgdConfig::new().init().step(step, head.clone(), gradients);
         let (before, after) = (head.weights(), moved.weights());
         let mut reference = Reference::new(config, &before);
         let mean = |reference: &Reference| {

@@ -25,7 +25,6 @@ pub mod spline;
 pub mod spline_network;
 pub mod weights;
 
-pub use burn;
 pub use error::{Error, Result};
 pub use flow::{Flow, FlowConfig, FlowForm};
 pub use head::{EncoderConfig, Head, HeadConfig};

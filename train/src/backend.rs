@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use headtail_model::burn::prelude::Device;
+use burn::prelude::Device;
 use serde::{Deserialize, Serialize};
 
 use crate::{Error, Result, config::name_of};
@@ -53,7 +53,7 @@ impl Backend {
 /// A graphics processor if there is one, else a software adapter, which the library never takes by itself.
 #[cfg(feature = "wgpu")]
 fn wgpu_device() -> Result<Device> {
-    use headtail_model::burn::{prelude::DeviceKind, tensor::DeviceType};
+    use burn::{prelude::DeviceKind, tensor::DeviceType};
 
     let software = Device::wgpu(DeviceKind::Cpu);
     let adapters = Device::enumerate(DeviceType::Wgpu);

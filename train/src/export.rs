@@ -80,10 +80,8 @@ fn identity(of: &Tail) -> Result<Tail> {
 
 #[cfg(test)]
 mod tests {
-    use headtail_model::{
-        HeadConfig, Mode,
-        burn::prelude::{Tensor, TensorData},
-    };
+    use burn::prelude::{Tensor, TensorData};
+    use headtail_model::{HeadConfig, Mode};
     use headtail_render::{
         random::{Purpose, Stream},
         tail::TailWarp,

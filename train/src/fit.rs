@@ -2,7 +2,8 @@
 
 use std::{cmp, sync::atomic::AtomicBool};
 
-use headtail_model::{Head, burn::prelude::Device};
+use burn::prelude::Device;
+use headtail_model::Head;
 use headtail_render::random::Purpose;
 use serde::{Deserialize, Serialize};
 

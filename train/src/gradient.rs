@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use headtail_model::{Head, burn::prelude::Device};
+use burn::prelude::Device;
+use headtail_model::Head;
 use serde::{Deserialize, Serialize};
 
 use crate::{

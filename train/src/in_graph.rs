@@ -1,12 +1,10 @@
 //! A training step's gradient in the tensor library's graph: the reference for [`crate::fused`], and what a GPU runs.
 
-use headtail_model::{
-    Head,
-    burn::{
-        optim::GradientsParams,
-        prelude::{Device, Tensor, TensorData},
-    },
+use burn::{
+    optim::GradientsParams,
+    prelude::{Device, Tensor, TensorData},
 };
+use headtail_model::Head;
 
 use crate::{Objective, StepGradient, integrand::Batch};
 

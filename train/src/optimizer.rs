@@ -77,10 +77,8 @@ impl OptimizerState {
 
 #[cfg(test)]
 mod tests {
-    use headtail_model::{
-        Head, HeadConfig,
-        burn::optim::{AdamWConfig, GradientsParams},
-    };
+    use burn::optim::{AdamWConfig, GradientsParams};
+    use headtail_model::{Head, HeadConfig};
     use headtail_render::random::{Purpose, Stream};
 
     use super::*;

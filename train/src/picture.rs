@@ -1,10 +1,7 @@
 //! A target and what a head has learned of it, over the square, for pictures.
 
-use headtail_model::{
-    Head,
-    burn::prelude::{Tensor, TensorData},
-    head::share_of_logit,
-};
+use burn::prelude::{Tensor, TensorData};
+use headtail_model::{Head, head::share_of_logit};
 use headtail_render::random::{Purpose, Stream};
 
 use crate::{FitConfig, Result, Target};

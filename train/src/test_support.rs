@@ -5,7 +5,8 @@ use std::{
     sync::atomic::{AtomicBool, Ordering},
 };
 
-use headtail_model::{Head, HeadConfig, burn::prelude::Device};
+use burn::prelude::Device;
+use headtail_model::{Head, HeadConfig};
 use headtail_render::{
     brdf::neural::{INPUTS, Network, OUTPUTS},
     environment::built_in,

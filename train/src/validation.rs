@@ -1,6 +1,7 @@
 //! How far a head is from its target, on a fixed set of conditions and points.
 
-use headtail_model::{Head, burn::prelude::Device};
+use burn::prelude::Device;
+use headtail_model::Head;
 use headtail_render::{random::Purpose, statistics::relative_variance_of_log_moment};
 use serde::{Deserialize, Serialize};
 

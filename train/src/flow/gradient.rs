@@ -1,12 +1,10 @@
 //! The gradient of a flow's likelihood, on the host or by burn.
 
-use headtail_model::{
-    Flow,
-    burn::{
-        optim::GradientsParams,
-        prelude::{Device, Tensor, TensorData},
-    },
+use burn::{
+    optim::GradientsParams,
+    prelude::{Device, Tensor, TensorData},
 };
+use headtail_model::Flow;
 
 use crate::{FitConfig, GradientForm, StepGradient, fused::FusedFlow};
 

@@ -79,8 +79,8 @@ fn the_table_is_the_inverse_of_the_density_direction() {
     assert_eq!(repair, Repair::default());
     let nodes = map.nodes();
     let x: Vec<f32> = nodes.iter().flat_map(|node| [node.x.rem_euclid(1.0), node.y]).collect();
-    let x = headtail_model::burn::prelude::TensorData::new(x, [nodes.len(), 2]);
-    let (y, log) = flow.inverse(&headtail_model::burn::prelude::Tensor::from_data(x, &device));
+    let x = burn::prelude::TensorData::new(x, [nodes.len(), 2]);
+    let (y, log) = flow.inverse(&burn::prelude::Tensor::from_data(x, &device));
     let (y, log) = (y.try_into_vec_as::<f32>().unwrap(), log.try_into_vec_as::<f32>().unwrap());
     let (mut worst, mut jacobian) = (0.0_f32, 0.0_f32);
     for (k, y) in y.chunks_exact(2).enumerate() {

@@ -1,9 +1,7 @@
 //! The losses in the tensor library's graph: the reference for the derivatives in closed form.
 
-use headtail_model::{
-    burn::prelude::{Tensor, TensorData},
-    head::share_of_logits,
-};
+use burn::prelude::{Tensor, TensorData};
+use headtail_model::head::share_of_logits;
 
 use super::{ENTROPIC_RANGE, LARGEST_LOG_CHI_SQUARE, Loss, NormalizedTarget, Objective, REVERSE_TARGET_FLOOR};
 use crate::integrand::Batch;

@@ -2,11 +2,11 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use glam::{Vec2, Vec3};
-use headtail_model::burn::{
+use burn::{
     prelude::{Device, Int, Tensor, TensorData},
     tensor::activation::{relu, sigmoid},
 };
+use glam::{Vec2, Vec3};
 use headtail_render::{
     brdf::neural_texture::{
         COSINE_FLOOR, FARTHEST, FARTHEST_SHIFT, FEATURES, LARGEST_LOG, LEAST_SHIFT_COSINE, LOBE_FLOOR, Pyramid, WIDTHS,

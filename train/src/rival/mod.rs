@@ -17,7 +17,7 @@ mod tests;
 
 pub use points::{RivalMaterial, RivalQuality};
 
-use headtail_model::burn::prelude::Device;
+use burn::prelude::Device;
 use headtail_render::{
     brdf::neural_texture::FEATURES,
     rival::{Rival, RivalKind},

@@ -2,13 +2,11 @@
 
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
-use headtail_model::{
-    burn::{
-        prelude::{Device, Tensor, TensorData},
-        tensor::activation::{relu, sigmoid, softmax},
-    },
-    spline::{self, Topology},
+use burn::{
+    prelude::{Device, Tensor, TensorData},
+    tensor::activation::{relu, sigmoid, softmax},
 };
+use headtail_model::spline::{self, Topology};
 use headtail_render::{
     brdf::neural_texture::FEATURES,
     head::Linear,
