@@ -3,6 +3,7 @@
 use std::{
     path::{Path, PathBuf},
     sync::atomic::AtomicBool,
+    time::Instant,
 };
 
 use anyhow::{Result, ensure};
@@ -96,7 +97,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let opened = arguments.view.open_part(arguments.light, arguments.crop)?;
     memory::require_pictures(opened.part().width, opened.part().height, 0)?;
     let busy = progress::busy("sampler");
+    let start = Instant::now();
     let (sampler, estimator, choice) = prepared(&arguments.sampler, &opened, budget, &stop)?;
+    let preparation = start.elapsed().as_secs_f64();
     drop(busy);
     if let Some(choice) = &choice {
         say!("{choice}");
@@ -156,6 +159,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             "auto": choice,
             "spp": rendering.spp,
             "points": rendering.points.to_string(),
+            "preparation_seconds": preparation,
             "seconds": rendering.seconds,
             "rays_per_sample": rendering.rays_per_sample,
             "max_weight": rendering.max_weight,

@@ -1,4 +1,4 @@
-//! Commands whose output is data: benches, `headtail paper`, `headtail stability`.
+//! Commands whose output is data: benches, `headtail paper`, `headtail stability`, other renderers.
 
 use std::{
     path::{Path, PathBuf},
@@ -31,7 +31,7 @@ pub struct Recording {
 pub struct RecordedCommand {
     /// The stem of the file of its output.
     pub name: String,
-    /// Arguments of `headtail`, or of `cargo` where they begin with `bench`.
+    /// Arguments of `headtail`, or of `cargo` where they begin with `bench`, or of `python3` where they begin with a file `.py`.
     pub run: String,
     /// The miniature; empty if there is none.
     #[serde(default)]
@@ -96,7 +96,13 @@ impl Recording {
         [program, data, out]: [&Path; 3],
     ) -> Result<()> {
         let words = if is_quick { &command.quick } else { &command.run };
-        let program = if words.starts_with("bench") { Path::new("cargo") } else { program };
+        let first = words.split_whitespace().next().unwrap_or_default();
+        let is_script = Path::new(first).extension().is_some_and(|extension| extension == "py");
+        let program = match first {
+            "bench" => Path::new("cargo"),
+            _ if is_script => Path::new("python3"),
+            _ => program,
+        };
         let out = out.join(&self.name).join(&command.name);
         std::fs::create_dir_all(&out).map_err(|error| Error::file(&out, error))?;
         let place = |word: &str| {

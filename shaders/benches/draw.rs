@@ -26,6 +26,7 @@ use draw::{Program, queries};
 const QUERIES: usize = 1 << 21;
 
 fn main() {
+    println!("adapter: {}", draw::adapter().expect("an adapter").get_info().name);
     divan::main();
 }
 

@@ -153,6 +153,7 @@ impl Spread {
 
 #[test]
 fn shaders_draw_what_the_native_samplers_draw() {
+    println!("adapter: {}", draw::adapter().expect("a device: install mesa-vulkan-drivers").get_info().name);
     let map = Arc::new(Environment::open("studio").unwrap());
     let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical).unwrap();
     let shader = Shader::new(&flat_patches(light.tail(), Detail::Leaves).unwrap()).unwrap();

@@ -61,6 +61,14 @@ pub fn queries(count: usize, glossy: bool) -> (Vec<Query>, Vec<f32>) {
     (queries.collect(), alphas)
 }
 
+/// The fastest adapter; `None` where there is none.
+pub fn adapter() -> Option<wgpu::Adapter> {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    let power_preference = wgpu::PowerPreference::HighPerformance;
+    let options = wgpu::RequestAdapterOptions { power_preference, ..Default::default() };
+    pollster::block_on(instance.request_adapter(&options)).ok()
+}
+
 /// A shader with its buffers and a list of queries on a device.
 pub struct Program {
     device: wgpu::Device,
@@ -72,15 +80,9 @@ pub struct Program {
 }
 
 impl Program {
-    /// Puts all that is needed on the first adapter; `None` where there is no adapter.
+    /// Puts all that is needed on the [`adapter`]; `None` where there is none.
     pub fn new(shader: &Shader, queries: &[Query]) -> Option<Self> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-        let options = wgpu::RequestAdapterOptions {
-            power_preference: wgpu::PowerPreference::HighPerformance,
-            ..Default::default()
-        };
-        let adapter = pollster::block_on(instance.request_adapter(&options)).ok()?;
-        println!("adapter: {}", adapter.get_info().name);
+        let adapter = adapter()?;
         let descriptor = wgpu::DeviceDescriptor { required_limits: adapter.limits(), ..Default::default() };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
         // The example answers with all but the mixture weight.

@@ -227,7 +227,8 @@ fn run_quickly(root: &Path, mut plans: Plans, options: &RunOptions, folder: &Pat
             recording.run(&store, command, true, [&options.program, &options.data, folder])?;
         }
     }
-    for experiment in &plans.experiments {
+    // Those that need maps and scenes which are not built in have no miniature.
+    for experiment in plans.experiments.iter().filter(|own| own.quick.views > 0) {
         let options = RunOptions {
             most_views: experiment.quick.views,
             data: options.data.clone(),

@@ -1,0 +1,51 @@
+"""headtail by its command line. The time of a picture includes the preparation of the sampler."""
+
+import json
+import os
+import subprocess
+import tempfile
+from pathlib import Path
+
+import exr
+from views import ALBEDO
+
+
+def program():
+    target = os.environ.get("CARGO_TARGET_DIR", Path(__file__).resolve().parents[3] / "target")
+    return os.environ.get("HEADTAIL", str(Path(target) / "release" / "headtail"))
+
+
+class Renderer:
+    def __init__(self, picture, sampler="auto"):
+        self.folder = tempfile.TemporaryDirectory()
+        self.out = Path(self.folder.name) / "picture.exr"
+        self.version = run([program(), "--version"]).split()[1]
+        self.note = ""
+        triple = lambda point: ",".join(f"{x:.9g}" for x in point)
+        material = f"lambert:albedo={ALBEDO}" if picture.alpha is None else f"ggx:alpha={picture.alpha}"
+        self.command = [
+            program(), "render", "--scene", picture.glb, "--env", picture.map, "--material", material,
+            f"--look-from={triple(picture.look_from)}", f"--look-at={triple(picture.look_at)}", f"--fov={picture.fov}",
+            f"--width={picture.width}", f"--height={picture.height}", f"--depth={picture.depth}", f"--threads={picture.threads}",
+            f"--sampler={sampler}", "--json", "--force", "--out", str(self.out),
+        ]  # fmt: skip
+
+    def render(self, samples, seed):
+        """(linear image, seconds, seconds of preparation among them)"""
+        report = json.loads(run([*self.command, f"--spp={samples}", f"--seed={seed}"]))
+        if report["auto"]:
+            self.note = report["sampler"]
+        preparation = report["preparation_seconds"]
+        return exr.read(self.out), preparation + report["seconds"], preparation
+
+    def coverage(self):
+        """Whether the centre of each pixel sees a surface."""
+        run([*self.command, "--spp=1", "--aovs"])
+        return exr.read(self.out.with_suffix(".aovs.exr"), "albedo").max(-1) > 0
+
+
+def run(command):
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)}\n{done.stderr}")
+    return done.stdout

@@ -1,0 +1,64 @@
+"""Mitsuba 3: its integrators `direct` and `path`, with the map's sampling as it is or compensated for BSDF sampling."""
+
+import time
+
+import mitsuba as mi
+import numpy as np
+
+from views import ALBEDO
+
+
+def use_fastest_variant():
+    """Selects llvm_ad_rgb where LLVM is found, else scalar_rgb."""
+    try:
+        mi.set_variant("llvm_ad_rgb")
+        import drjit
+
+        np.array(drjit.arange(mi.Float, 4) + 1)
+    except Exception:
+        mi.set_variant("scalar_rgb")
+
+
+use_fastest_variant()
+
+
+class Renderer:
+    def __init__(self, picture, compensation=False):
+        self.version, self.note = mi.__version__, mi.variant()
+        if "llvm" in mi.variant():
+            import drjit
+
+            drjit.set_thread_count(picture.threads)
+        depth = picture.depth + 1
+        integrator = {"type": "direct"} if picture.depth == 1 else {"type": "path", "max_depth": depth}
+        properties = mi.Properties()
+        properties["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": material(picture.alpha)})
+        properties["face_normals"] = True
+        mesh = mi.Mesh("mesh", len(picture.vertices), len(picture.faces), props=properties)
+        parameters = mi.traverse(mesh)
+        parameters["vertex_positions"] = picture.vertices.astype(np.float32).ravel()
+        parameters["faces"] = picture.faces.astype(np.uint32).ravel()
+        parameters.update()
+        look = mi.ScalarTransform4f().look_at(origin=picture.look_from, target=picture.look_at, up=[0, 1, 0])
+        film = {"type": "hdrfilm", "width": picture.width, "height": picture.height, "rfilter": {"type": "box"}}
+        self.scene = mi.load_dict({
+            "type": "scene",
+            "integrator": integrator,
+            "sensor": {"type": "perspective", "fov": picture.fov, "fov_axis": "y", "to_world": look, "film": film},
+            "map": {"type": "envmap", "filename": picture.map, "mis_compensation": compensation},
+            "mesh": mesh,
+        })  # fmt: skip
+
+    def render(self, samples, seed):
+        """(linear image, seconds, seconds of preparation among them)"""
+        start = time.perf_counter()
+        image = np.array(mi.render(self.scene, spp=samples, seed=seed))
+        return image[..., :3].astype(np.float64), time.perf_counter() - start, 0.0
+
+
+def material(alpha):
+    if alpha is None:
+        return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [ALBEDO] * 3}}
+    import height_correlated  # noqa: F401  (registers the plugin for this variant)
+
+    return {"type": "height_correlated", "alpha": alpha}
