@@ -160,6 +160,15 @@ pub(crate) fn partial(linear: &Linear, first: usize, x: Tensor<3>) -> Tensor<3> 
     x.matmul(linear.weight.val().narrow(0, first, inputs).unsqueeze())
 }
 
+/// `x W + b` of [`partial`] with the layer's first inputs.
+pub(crate) fn affine(linear: &Linear, x: Tensor<3>) -> Tensor<3> {
+    let product = partial(linear, 0, x);
+    match &linear.bias {
+        Some(bias) => product + bias.val().unsqueeze(),
+        None => product,
+    }
+}
+
 /// `max(x, 0) + slope min(x, 0)`.
 ///
 /// Written with `relu`, whose gradient is one pass: the tensor library's own leaky ReLU masks, which takes a tenth of a

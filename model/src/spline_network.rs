@@ -54,18 +54,12 @@ impl SplineNetwork {
     pub fn forward(&self, condition: Tensor<2>, features: Option<Tensor<3>>) -> Tensor<3> {
         let [_, length] = condition.dims();
         let first = &self.linears[0];
-        let mut hidden = linear::partial(first, 0, condition.unsqueeze_dim(1));
-        if let Some(bias) = &first.bias {
-            hidden = hidden + bias.val().unsqueeze();
-        }
+        let mut hidden = linear::affine(first, condition.unsqueeze_dim(1));
         if let Some(features) = features {
             hidden = hidden + linear::partial(first, length, features);
         }
         for layer in &self.linears[1..] {
-            hidden = linear::partial(layer, 0, linear::leaky_relu(hidden, self.leaky_slope));
-            if let Some(bias) = &layer.bias {
-                hidden = hidden + bias.val().unsqueeze();
-            }
+            hidden = linear::affine(layer, linear::leaky_relu(hidden, self.leaky_slope));
         }
         hidden
     }

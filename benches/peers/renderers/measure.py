@@ -10,8 +10,6 @@ BLOCK = 16
 MEAN_TOLERANCE = 0.005
 # ... and the means of blocks by this fraction of the picture's mean, as a root mean square beyond three standard errors.
 BLOCK_TOLERANCE = 0.03
-# Of which the noise of blocks is estimated.
-FEWEST_RUNS = 4
 RESAMPLINGS = 2000
 
 
@@ -59,7 +57,7 @@ def difference(own, other):
     noise = np.square(a["error"]) + np.square(b["error"])
     excess = np.sum(np.square(np.subtract(a["sum"], b["sum"])) - noise)
     # Squares of normal numbers deviate from their expectation by the square root of 2, and so do variances from few runs.
-    excess -= 3 * np.sqrt((2 + 2 / (FEWEST_RUNS - 1)) * np.sum(np.square(noise)))
+    excess -= 3 * np.sqrt((2 + 2 / (own["runs"] - 1)) * np.sum(np.square(noise)))
     blocks = np.sqrt(max(excess, 0) * len(noise)) / np.sum(b["sum"])
     return relative, error, blocks
 

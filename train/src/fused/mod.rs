@@ -34,9 +34,8 @@ use samples::{Place, Samples, Scratch, Weights};
 
 /// Parts of a batch whose gradients are summed in order: a number that depends on the batch alone, so that the sum does not
 /// depend on the threads. Large batches have enough parts for many processors.
-const fn parts(groups: usize) -> usize {
-    let parts = groups / 16;
-    if parts > 8 { parts } else { 8 }
+fn parts(groups: usize) -> usize {
+    (groups / 16).max(8)
 }
 
 /// Samples of a group of conditions, about: a group has at least one whole condition.
