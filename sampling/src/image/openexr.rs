@@ -28,6 +28,10 @@ use crate::remark::Remark;
 
 /// The largest block (tile, or rows that are compressed together) that is read, in bytes.
 const MAX_BLOCK_BYTES: usize = 1 << 30;
+/// A display window of more pixels, 200 MB, is read if it has no more than [`MAX_MARGIN`] times those of the data window.
+const FREE_DISPLAY_PIXELS: usize = 1 << 24;
+/// See [`FREE_DISPLAY_PIXELS`]: black around a crop, where more is taken for damage.
+const MAX_MARGIN: usize = 1024;
 
 /// Reads the open `file` of `file_size` bytes; `path` is for the messages, `layer` the name of the layer to read, if not the default.
 pub(super) fn read(path: &Path, file: File, file_size: u64, layer: Option<&str>) -> Result<Picture> {
@@ -78,6 +82,10 @@ fn displayed(path: &Path, data: Image, header: &Header, remarks: &mut Vec<Remark
         return Ok(data);
     }
     check_size(path, "displayWindow", width, height)?;
+    if width * height > FREE_DISPLAY_PIXELS.max(MAX_MARGIN * data.pixels.len()) {
+        let reason = format!("{width} x {height} pixels for a data window of {} x {}", data.width, data.height);
+        return Err(Error::invalid(path, "displayWindow", reason));
+    }
     let mut image = Image::black(width, height);
     let left = i64::from(position.x()) - i64::from(origin.x());
     let top = i64::from(position.y()) - i64::from(origin.y());
