@@ -90,7 +90,7 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
     let start = Instant::now();
     let fractions = classes(view);
     let costs = [0, 1].map(|k| COSTS.iter().map(|(class, costs)| fractions[*class as usize] * costs[k]).sum::<f64>());
-    let patches = view.patches_with_visibility()?.drawing(DIRECTIONS)?;
+    let patches = view.patches_with_visibility()?.with_directions(DIRECTIONS)?;
     let spec = SamplerSpec::split_patches_with_visibility(DIRECTIONS);
     let small = view.resized(COARSENESS);
     let pixels = (small.view().width * small.view().height) as f64;
@@ -117,7 +117,7 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
     let Some(samples) = affordable(thread_seconds / (LEARNED_POINT * points)) else {
         return by_rule(patches);
     };
-    let informed = patches.clone().knowing(&learned)?;
+    let informed = patches.clone().with_precomputed(&learned)?;
     let compensated = SamplerSpec::split_compensated(DIRECTIONS);
     let split_mis = view.estimator(&compensated)?;
     let trial = |spec: SamplerSpec, cost: f64, estimator: &dyn Estimator| Trial {

@@ -2,12 +2,12 @@
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `tails.rs`, `continuity.rs` | `--tail`; where a tail tears the square |
+//! | `tails.rs`, `discontinuities.rs` | `--tail`; where a tail is not continuous |
 //! | `visibility.rs` | `--visibility` |
 //! | `cloth.rs` | `--place`: a point of a neural material |
 
 mod cloth;
-mod continuity;
+mod discontinuities;
 pub mod tails;
 mod visibility;
 
@@ -54,10 +54,10 @@ pub struct Arguments {
     /// A file written by fit or bake.
     #[arg(required_unless_present = "tail")]
     file: Option<PathBuf>,
-    /// Show what the tails of --env (and the flow tail of the file, if it has one) make of the square, with a table.
+    /// Draw and measure the tails of --env, and the flow tail of the file if it has one.
     #[arg(long, requires = "env")]
     tail: bool,
-    /// Show what a file of bake --visibility knows: its cells in false colours and, for one pixel, the sky as learned and below it as it is.
+    /// Draw a file of bake --visibility: its cells in false colours and, for one pixel, the map by learned and by traced visibility.
     #[arg(long, requires = "env", requires = "file", requires = "scene", conflicts_with = "tail")]
     visibility: bool,
     /// The map for --tail and --visibility: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.

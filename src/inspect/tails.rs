@@ -1,4 +1,4 @@
-//! `headtail inspect --tail`: what tails make of the square, as a picture and in figures.
+//! `headtail inspect --tail`: draws and measures the tails of a map.
 
 use std::time::Instant;
 
@@ -11,7 +11,7 @@ use headtail_render::{
     tail::{Tail, TailKind, TailWarp},
 };
 
-use super::continuity::{self, Tears};
+use super::discontinuities::{self, Discontinuities};
 use crate::report::{
     chart::{Panel, Sides, densities},
     vector::Chart,
@@ -36,8 +36,7 @@ struct Figures {
     /// Largest ratio of the Jacobians of neighbouring points, and the ratio that one pair in a hundred passes.
     jump: f64,
     jump_99: f64,
-    /// Where neighbours land apart.
-    tears: Tears,
+    discontinuities: Discontinuities,
     /// Energy of the fullest of 64 x 64 cells of Y, as a share of all.
     worst_cell: f64,
     /// Nanoseconds for y -> x and x -> y.
@@ -69,17 +68,17 @@ pub fn inspect(environment: &Environment, flow: Option<&Tail>) -> Result<Found> 
     tails.extend(flow.cloned());
     let figures: Vec<Figures> = tails.iter().map(Figures::of).collect();
     let mut table = String::from(
-        "tail           KL (nats)  largest jump  99 % jump  tears  mean tear  worst cell  y -> x   x -> y\n",
+        "tail           KL (nats)  largest jump  99 % jump  breaks  mean break  worst cell  y -> x   x -> y\n",
     );
     for f in &figures {
         table += &format!(
-            "{:<13} {:>10.4} {:>13.3e} {:>10.2} {:>6.2} {:>8.2} % {:>9.4} % {:>5.0} ns {:>5.0} ns\n",
+            "{:<13} {:>10.4} {:>13.3e} {:>10.2} {:>7.2} {:>9.2} % {:>9.4} % {:>5.0} ns {:>5.0} ns\n",
             f.kind.name(),
             f.kl,
             f.jump,
             f.jump_99,
-            f.tears.length,
-            100.0 * f.tears.mean,
+            f.discontinuities.length,
+            100.0 * f.discontinuities.mean,
             100.0 * f.worst_cell,
             f.nanoseconds[0],
             f.nanoseconds[1]
@@ -91,8 +90,8 @@ pub fn inspect(environment: &Environment, flow: Option<&Tail>) -> Result<Found> 
             "kl": f.kl,
             "largest_jump": f.jump,
             "jump_99": f.jump_99,
-            "tear_sides": f.tears.length,
-            "mean_tear": f.tears.mean,
+            "discontinuity_sides": f.discontinuities.length,
+            "mean_discontinuity": f.discontinuities.mean,
             "worst_cell_share": f.worst_cell,
             "ns_y_to_x": f.nanoseconds[0],
             "ns_x_to_y": f.nanoseconds[1],
@@ -113,7 +112,8 @@ impl Figures {
         let kl = logs.sum::<f64>() / POINTS as f64;
         let (jump, jump_99) = neighbours(tail);
         let nanoseconds = [false, true].map(|back| lookup_time(tail, back));
-        Self { kind: tail.kind(), kl, jump, jump_99, tears: Tears::of(tail), worst_cell: worst_cell(tail), nanoseconds }
+        let discontinuities = Discontinuities::of(tail);
+        Self { kind: tail.kind(), kl, jump, jump_99, discontinuities, worst_cell: worst_cell(tail), nanoseconds }
     }
 }
 
@@ -178,7 +178,7 @@ fn rgb_of_hsl(hue: f32, saturation: f32, lightness: f32) -> [u8; 3] {
     })
 }
 
-/// The square itself, its image under each tail, then where each tears it.
+/// The square itself, its image under each tail, then the discontinuities of each.
 fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
     let pixel = |k: usize| {
         Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
@@ -195,13 +195,14 @@ fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
         panels.push(panel(title, &images, Sides::Sphere)?);
     }
     for figures in figures {
-        let Tears { length, mean, .. } = figures.tears;
-        let title = format!("{}: torn along {length:.1} sides, by {:.1} %", figures.kind.name(), 100.0 * mean);
+        let Discontinuities { length, mean, .. } = figures.discontinuities;
+        let title =
+            format!("{}: discontinuities of {length:.1} sides, {:.1} % on average", figures.kind.name(), 100.0 * mean);
         // Twice as wide as high, as the square is drawn above.
-        let colors: Vec<[u8; 3]> = figures.tears.colors().into_iter().flat_map(|color| [color; 2]).collect();
-        panels.push(Panel::plain(title, (&colors, 2 * continuity::SIDE), Sides::Square)?);
+        let colors: Vec<[u8; 3]> = figures.discontinuities.colors().into_iter().flat_map(|color| [color; 2]).collect();
+        panels.push(Panel::plain(title, (&colors, 2 * discontinuities::SIDE), Sides::Square)?);
     }
-    densities("tails", &[format!("What tails of '{map}' make of the square")], &panels, 2)
+    densities("tails", &[format!("Tails of '{map}'")], &panels, 2)
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! `headtail inspect --visibility`: what was learned of a scene, as pictures.
+//! `headtail inspect --visibility`: draws the learned visibility of a scene.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use headtail_render::{
     scene::Scene,
     tail::TailKind,
     tile::ShadingPoint,
-    visibility::{Known, SceneVisibility},
+    visibility::{PrecomputedVisibility, SceneVisibility},
 };
 
 use crate::{
@@ -28,29 +28,29 @@ use crate::{
 
 /// Columns and rows of a picture of the sky.
 const SKY: (usize, usize) = (512, 256);
-/// The share of its colour that what is not seen keeps, and what is added to it.
+/// Factor and offset of the colours of hidden texels.
 const HIDDEN: (f32, Vec3) = (0.08, Vec3::new(0.02, 0.03, 0.10));
-/// What the brightest part of a sky is shown with, over its mean.
+/// Upper bound of the radiance that is shown, over the mean.
 const BRIGHTEST: f32 = 6.0;
 
-/// What `--visibility` needs.
+/// Arguments of `--visibility`.
 #[derive(Args)]
 #[command(next_help_heading = "For --visibility")]
 pub struct Arguments {
     /// The scene that the visibility was learned in: a built-in scene or a glTF 2.0 file.
     #[arg(long, value_name = "NAME|FILE", requires = "visibility", value_parser = given::<String>())]
     scene: Option<String>,
-    /// With the plane under it that it was learned with.
+    /// Add the ground plane, if the visibility was learned with it.
     #[arg(long, requires = "visibility")]
     ground: bool,
-    /// The pixel whose sky is shown. Default: the middle.
+    /// The pixel whose visibility is shown. Default: the middle.
     #[arg(long, value_name = "X,Y", requires = "visibility", value_delimiter = ',', num_args = 1..=2)]
     pixel: Option<Vec<u32>>,
     #[command(flatten)]
     camera: CameraArguments,
 }
 
-/// The cells in false colours and, for one pixel, the sky as learned and as it is; with what that shows in words.
+/// Draws the cells in false colours and, for one pixel, the map by learned and by traced visibility; with a summary in words.
 pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, String)> {
     let environment = open_environment(map)?;
     let mut scene = open_scene(arguments.scene.as_deref().context("--scene: name the scene")?, true)?;
@@ -61,7 +61,7 @@ pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, 
     let visibility = SceneVisibility::open(file, &scene.geometry_hash(), &environment)?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let patches = PatchSampler::new(light, Detail::Leaves)?;
-    let known = Known::new(&visibility, &patches.division(), usize::MAX)?;
+    let precomputed = PrecomputedVisibility::new(&visibility, &patches.division(), usize::MAX)?;
 
     let (width, height) = (arguments.camera.width as usize, arguments.camera.height as usize);
     let [x, y] = match arguments.pixel.as_deref() {
@@ -74,59 +74,76 @@ pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, 
     let cells: Vec<[u8; 3]> = (0..width * height)
         .map(|k| {
             let (column, row) = (k % width, k / width);
-            let is_mark = (column == x) != (row == y) && column.abs_diff(x) + row.abs_diff(y) < 12;
-            tone_map(if is_mark { Vec3A::splat(10.0) } else { cell_color(&known, hit(column, row).as_ref()).into() })
+            let (dx, dy) = (column.abs_diff(x), row.abs_diff(y));
+            // Two pixels wide, so that it survives scaling.
+            let is_mark = dx.min(dy) < 2 && (4..14).contains(&dx.max(dy));
+            tone_map(if is_mark {
+                Vec3A::splat(10.0)
+            } else {
+                cell_color(&precomputed, hit(column, row).as_ref()).into()
+            })
         })
         .collect();
     let at = hit(x, y).with_context(|| format!("--pixel {x},{y}: no surface is seen there"))?;
-    let sky = Sky::new(&environment, &scene, &patches, &known, &at);
-    let [learned, truth] = [&sky.learned, &sky.truth].map(|seen| format!("{:.1} %", 100.0 * sky.share(seen)));
+    let sky = Sky::new(&environment, &scene, &patches, &precomputed, &at);
+    let [learned, traced] =
+        [&sky.learned, &sky.traced].map(|seen| format!("{:.1} %", 100.0 * sky.visible_fraction(seen)));
     let panels = [
-        Panel::plain("cells in false colour; the cross is the pixel", (&cells, width), Sides::View)?,
+        Panel::plain("cells in false colour; the cross marks the pixel", (&cells, width), Sides::View)?,
         Panel::plain(
-            format!("its sky as learned: {learned} seen"),
+            format!("map at the pixel, as learned: {learned} visible"),
             (&sky.picture(&sky.learned), SKY.0),
             Sides::Sphere,
         )?,
-        Panel::plain(format!("its sky in truth: {truth} seen"), (&sky.picture(&sky.truth), SKY.0), Sides::Sphere)?,
+        Panel::plain(
+            format!("map at the pixel, as traced: {traced} visible"),
+            (&sky.picture(&sky.traced), SKY.0),
+            Sides::Sphere,
+        )?,
     ];
-    let known_there = sky.cell.map_or_else(
-        || "nothing is known there".to_owned(),
+    let cell = sky.cell.map_or_else(
+        || "outside of all cells".to_owned(),
         |(cell, level)| format!("in cell {cell}, {level} sizes above the smallest"),
     );
     let rays = visibility.rays() as f64 / 1e6;
     let lines = [
         format!("{} in {}: {} cells from {rays:.1} million shadow rays", scene.name(), map, visibility.cells()),
-        format!("Pixel {x},{y}, {known_there}; shares are of what a diffuse surface there would reflect"),
+        format!("Pixel {x},{y}, {cell}; percentages of the light that a diffuse surface would reflect"),
     ];
-    let said = format!("{}\n{}: {learned} seen as learned, {truth} in truth", lines[0], lines[1]);
+    let said = format!("{}\n{}: {learned} visible as learned, {traced} as traced", lines[0], lines[1]);
     Ok((densities("visibility", &lines, &panels, panels.len())?, said))
 }
 
 /// A colour for each cell, darker where the surface turns away.
-fn cell_color(known: &Known, at: Option<&ShadingPoint>) -> Vec3 {
+fn cell_color(precomputed: &PrecomputedVisibility, at: Option<&ShadingPoint>) -> Vec3 {
     let Some(at) = at else { return Vec3::ZERO };
     let shade = 0.25 + 0.75 * at.ns.dot(at.wo).max(0.0);
-    let Some((cell, ..)) = known.at(at.p, at.ns) else { return Vec3::splat(0.3 * shade) };
+    let Some((cell, ..)) = precomputed.at(at.p, at.ns) else { return Vec3::splat(0.3 * shade) };
     let hash = cell.wrapping_mul(0x9e37_79b1);
     let channel = |k: u32| 0.15 + 0.85 * f32::from((hash >> (8 * k) & 255) as u8) / 255.0;
     Vec3::new(channel(1), channel(2), channel(3)) * shade
 }
 
-/// The sky of a surface, texel by texel.
+/// The map from a surface, texel by texel.
 struct Sky {
     radiance: Vec<Vec3>,
-    /// What a diffuse surface reflects of each texel.
+    /// Light that a diffuse surface reflects of each texel.
     reflected: Vec<f32>,
-    /// How much is seen of each texel: as learned, and in truth.
+    /// Visibility of each texel: as learned, and as traced.
     learned: Vec<f32>,
-    truth: Vec<f32>,
+    traced: Vec<f32>,
     /// The cell, and how many sizes above the smallest it is.
     cell: Option<(u32, usize)>,
 }
 
 impl Sky {
-    fn new(environment: &Environment, scene: &Scene, patches: &PatchSampler, known: &Known, at: &ShadingPoint) -> Self {
+    fn new(
+        environment: &Environment,
+        scene: &Scene,
+        patches: &PatchSampler,
+        precomputed: &PrecomputedVisibility,
+        at: &ShadingPoint,
+    ) -> Self {
         let (columns, rows) = SKY;
         let directions: Vec<Vec3A> = (0..columns * rows)
             .map(|k| {
@@ -147,19 +164,19 @@ impl Sky {
         let rays: Vec<_> = directions.iter().map(|&wi| scene.leaving(at.p, at.ng, wi)).collect();
         let mut visible = vec![false; rays.len()];
         scene.visible_batch(&rays, &mut visible);
-        let seen = known.at(at.p, at.ns);
+        let seen = precomputed.at(at.p, at.ns);
         let of_patch = |patch: u16| seen.map_or(1.0, |(_, _, visibility)| visibility[usize::from(patch)]);
         Self {
             radiance,
             reflected,
             learned: patches.patches_of(&directions).into_iter().map(of_patch).collect(),
-            truth: visible.into_iter().map(|visible| f32::from(u8::from(visible))).collect(),
+            traced: visible.into_iter().map(|visible| f32::from(u8::from(visible))).collect(),
             cell: seen.map(|(cell, level, _)| (cell, level)),
         }
     }
 
-    /// The share of the reflected light that is seen.
-    fn share(&self, seen: &[f32]) -> f32 {
+    /// The visible fraction of the reflected light.
+    fn visible_fraction(&self, seen: &[f32]) -> f32 {
         let sum: f32 = self.reflected.iter().sum();
         let own: f32 = self.reflected.iter().zip(seen).map(|(light, seen)| light * seen).sum();
         own / sum.max(f32::MIN_POSITIVE)
@@ -171,7 +188,7 @@ impl Sky {
         let texels = self.radiance.iter().zip(seen).zip(&self.reflected).map(|((&radiance, &seen), &reflected)| {
             let shown = (radiance * scale).min(Vec3::splat(BRIGHTEST));
             let hidden = shown * HIDDEN.0 + HIDDEN.1;
-            // Below the surface there is nothing to be seen.
+            // Below the surface everything is dark.
             tone_map(if reflected > 0.0 { hidden.lerp(shown, seen) } else { hidden * 0.4 }.into())
         });
         texels.collect()

@@ -84,7 +84,7 @@ fn tails(environment: &Environment, flow: Option<&Tail>, ratio: f64) -> Result<S
         None => "The flow tail is missing: see above.".to_owned(),
     };
     let said = format!(
-        "Colours and lines encode the mapping from the unit square; below, where each tail tears it. {ours} <span class=\"paper\">The paper: its flow tail \u{201c}makes for a smooth mapping and halves the \
+        "Colours and lines encode the mapping from the unit square; below, the discontinuities of each tail. {ours} <span class=\"paper\">The paper: its flow tail \u{201c}makes for a smooth mapping and halves the \
          MSE of images\u{201d} against the hierarchical one; in its table it is 0.93 (cosine), 0.96 (microfacet) and 0.82 (neural) times that.</span>"
     );
     Ok(format!(

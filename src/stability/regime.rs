@@ -209,7 +209,7 @@ pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<Missing>)> {
         ("forward KL", "the paper's loss", Change::Loss(Loss::ForwardKl)),
         ("reverse KL", "a loss that the paper found unstable", Change::Loss(Loss::ReverseKl)),
         ("chi-square loss", "a loss with unbounded gradients", Change::Loss(Loss::ChiSquare)),
-        ("row-column tail", "a tail with tears", Change::Tail(TailKind::RowColumn)),
+        ("row-column tail", "a tail with other discontinuities", Change::Tail(TailKind::RowColumn)),
         ("flow tail", "a smooth tail that is not exact, of a map with hard edges", Change::Tail(TailKind::Flow)),
     ] {
         all.push(Regime { change, ..lambert(name, why, studio.clone()) });

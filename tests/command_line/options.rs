@@ -199,7 +199,7 @@ fn data_is_json_and_nothing_else() {
     assert!(json("inspect f/sampler.safetensors --json --out f.svg")["kl"].is_f64());
     assert_eq!(json("info f/sampler.safetensors --json")["tail"], "hierarchical");
     let tails = json("inspect --tail --env overcast --json --out tails.svg");
-    assert!(tails[1]["tail"] == "hierarchical" && tails[1]["tear_sides"].is_f64(), "{tails}");
+    assert!(tails[1]["tail"] == "hierarchical" && tails[1]["discontinuity_sides"].is_f64(), "{tails}");
     let cloth = json("fit-material --source lacquer --side 8 --steps 1 --batch 256 --json --out cloth.safetensors");
     assert!(cloth["source"] == "lacquer" && cloth["psnr"].is_f64() && cloth["path_error"].is_f64(), "{cloth}");
     let rivals =

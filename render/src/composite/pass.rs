@@ -15,8 +15,8 @@ use super::{
     worker::{Pixels, Worker, Workspace},
 };
 use crate::{
-    estimator::{Estimator, Learner, Setting},
-    integrator::{Lesson, MAX_SIDE},
+    estimator::{Estimator, ViewGeometry, VisibilityTrainer},
+    integrator::{MAX_SIDE, TrainingPass},
     points::{PointSet, Points},
 };
 
@@ -36,9 +36,9 @@ pub fn compose(composition: Composition<'_>, settings: Settings, stop: &AtomicBo
     assert!(side <= MAX_SIDE, "an image of more pixels along a side than can be numbered");
     let start = Instant::now();
     composition.stage.all.prepare_materials();
-    let learner = learn(composition, settings, stop);
-    let estimator = learner.as_deref().map_or(composition.estimator, |learner| learner as &dyn Estimator);
-    let run = Run { composition: Composition { estimator, ..composition }, settings, learner: None };
+    let trainer = learn(composition, settings, stop);
+    let estimator = trainer.as_deref().map_or(composition.estimator, |trainer| trainer as &dyn Estimator);
+    let run = Run { composition: Composition { estimator, ..composition }, settings, trainer: None };
     let points = Points::new(PointSet::Sobol, settings.seed);
     let total = settings.spp.max(1);
     let mut film = Film::new(settings.width, settings.height);
@@ -65,22 +65,26 @@ pub fn compose(composition: Composition<'_>, settings: Settings, stop: &AtomicBo
     film
 }
 
-/// What an estimator that learns has learned of the stage, from samples that are thrown away.
-fn learn<'a>(composition: Composition<'a>, settings: Settings, stop: &AtomicBool) -> Option<Box<dyn Learner + 'a>> {
+/// The estimator with the visibility of the stage, learned from samples that are discarded.
+fn learn<'a>(
+    composition: Composition<'a>,
+    settings: Settings,
+    stop: &AtomicBool,
+) -> Option<Box<dyn VisibilityTrainer + 'a>> {
     let Settings { width, height, spp, seed, .. } = settings;
     let camera = composition.camera;
-    let setting = Setting { eye: camera.look_from(), pixel: camera.pixel_spread(height), pixels: width * height };
-    let mut learner = composition.estimator.learner(setting)?;
-    Lesson::before(spp, 0).in_parts(&mut *learner, |lesson, learner| {
-        let mut tiles = Pixels::tiles(width, height, |key| lesson.has(key));
-        lesson.teach(learner, seed, stop, |learner, points, sample| {
-            let composition = Composition { estimator: learner, ..composition };
-            let run = Run { composition, settings: Settings { depth: 1, ..settings }, learner: Some(learner) };
+    let view = ViewGeometry { eye: camera.look_from(), pixel: camera.pixel_spread(height), pixels: width * height };
+    let mut trainer = composition.estimator.trainer(view)?;
+    TrainingPass::before(spp, 0).in_parts(&mut *trainer, |pass, trainer| {
+        let mut tiles = Pixels::tiles(width, height, |key| pass.includes(key));
+        pass.train(trainer, seed, stop, |trainer, points, sample| {
+            let composition = Composition { estimator: trainer, ..composition };
+            let run = Run { composition, settings: Settings { depth: 1, ..settings }, trainer: Some(trainer) };
             run.add(&mut tiles, points, sample..sample + 1);
         });
     });
-    learner.finish();
-    Some(learner)
+    trainer.finish();
+    Some(trainer)
 }
 
 /// What tiles are sampled with.
@@ -88,13 +92,13 @@ fn learn<'a>(composition: Composition<'a>, settings: Settings, stop: &AtomicBool
 struct Run<'a> {
     composition: Composition<'a>,
     settings: Settings,
-    learner: Option<&'a dyn Learner>,
+    trainer: Option<&'a dyn VisibilityTrainer>,
 }
 
 impl Run<'_> {
     /// Adds samples to all tiles.
     fn add(self, tiles: &mut [Pixels], points: Points, samples: Range<u32>) {
-        let Self { composition, settings, learner } = self;
+        let Self { composition, settings, trainer } = self;
         tiles.par_iter_mut().for_each(|pixels| {
             thread_local! {
                 static WORKSPACE: RefCell<Workspace> = RefCell::default();
@@ -102,7 +106,7 @@ impl Run<'_> {
             WORKSPACE.with_borrow_mut(|workspace| {
                 for sample in samples.clone() {
                     let points = points.at_sample(sample);
-                    Worker { composition, settings, learner, points, workspace, pixels }.sample();
+                    Worker { composition, settings, trainer, points, workspace, pixels }.sample();
                 }
             });
         });

@@ -11,7 +11,7 @@ use crate::{
     brdf::Lambert,
     color::luminance,
     columns::Arena,
-    estimator::{Contributions, Learner},
+    estimator::{Contributions, VisibilityTrainer},
     integrator::path::{BOUNCE_SPREAD, bounce, camera_rays, key_of, shadow_rays},
     points::Points,
     scene::Ray,
@@ -101,7 +101,7 @@ pub(super) struct Worker<'a> {
     pub composition: Composition<'a>,
     pub settings: Settings,
     /// Who is told what was visible.
-    pub learner: Option<&'a dyn Learner>,
+    pub trainer: Option<&'a dyn VisibilityTrainer>,
     pub points: Points,
     pub workspace: &'a mut Workspace,
     pub pixels: &'a mut Pixels,
@@ -234,10 +234,10 @@ impl Worker<'_> {
     fn tell(&self, which: Which) {
         let Workspace { object, catcher, contributions, visible, .. } = &*self.workspace;
         let front = if which == Which::Object { object } else { catcher };
-        if let Some(learner) = self.learner
+        if let Some(trainer) = self.trainer
             && !front.tile.is_empty()
         {
-            learner.observe(&front.tile.rows(), contributions, visible);
+            trainer.observe(&front.tile.rows(), contributions, visible);
         }
     }
 

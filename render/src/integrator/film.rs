@@ -11,7 +11,7 @@ use super::{
     wavefront::{Estimate, Pixel, TilePixels, Workspace},
 };
 use crate::{
-    estimator::{Estimator, Learner},
+    estimator::{Estimator, VisibilityTrainer},
     image::Image,
     morton::morton,
     points::{PointSet, Points},
@@ -28,7 +28,7 @@ const BLOCK: usize = 4;
 pub(super) struct Pass<'a> {
     pub estimator: &'a dyn Estimator,
     /// Who is told what was visible.
-    pub learner: Option<&'a dyn Learner>,
+    pub trainer: Option<&'a dyn VisibilityTrainer>,
     pub points: Points,
     /// The first, and the first after them.
     pub samples: (u32, u32),
@@ -85,7 +85,7 @@ impl Film {
         }
         tiles.into_par_iter().for_each(|mut pixels| {
             WORKSPACE.with_borrow_mut(|workspace| {
-                let estimate = Estimate { estimator: pass.estimator, learner: pass.learner };
+                let estimate = Estimate { estimator: pass.estimator, trainer: pass.trainer };
                 for sample in pass.samples.0..pass.samples.1 {
                     workspace.sample(view, estimate, pass.points.at_sample(sample), &mut pixels);
                 }

@@ -20,7 +20,7 @@ mod view;
 mod wavefront;
 
 pub use features::{Features, features};
-pub(crate) use learn::Lesson;
+pub(crate) use learn::TrainingPass;
 pub use learn::learn_visibility;
 pub use render::{MAX_SIDE, render, render_part};
 pub use rendering::{Budget, Rendering};

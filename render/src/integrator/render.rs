@@ -7,7 +7,7 @@ use std::{
 
 use super::{
     film::{Film, Pass},
-    learn::{learn_before, setting},
+    learn::{learn_before, view_geometry},
     rendering::{Budget, Rendering},
     view::{Part, View},
 };
@@ -67,15 +67,15 @@ pub fn render_part(
     let budget = if budget == Budget::Spp(0) { Budget::Spp(1) } else { budget };
     let pass = if matches!(budget, Budget::Spp(_)) { PASS } else { SHORT_PASS };
     let mut film = Film::new(part);
-    let mut learner = estimator.learner(setting(&view, part));
-    if let Some(learner) = &mut learner {
-        learn_before((&view, part), &mut **learner, budget, points.seed(), stop);
+    let mut trainer = estimator.trainer(view_geometry(&view, part));
+    if let Some(trainer) = &mut trainer {
+        learn_before((&view, part), &mut **trainer, budget, points.seed(), stop);
     }
-    let estimator = learner.as_ref().map_or(estimator, |learner| &**learner as &dyn Estimator);
+    let estimator = trainer.as_ref().map_or(estimator, |trainer| &**trainer as &dyn Estimator);
     let mut spp = 0;
     loop {
         let count = if let Budget::Spp(total) = budget { pass.min(total - spp) } else { pass };
-        film.add(&view, &Pass { estimator, learner: None, points, samples: (spp, spp + count) });
+        film.add(&view, &Pass { estimator, trainer: None, points, samples: (spp, spp + count) });
         spp += count;
         let spent = match budget {
             Budget::Spp(total) => f64::from(spp) / f64::from(total),
@@ -91,6 +91,6 @@ pub fn render_part(
             break;
         }
     }
-    let learned = learner.map(|learner| learner.size());
+    let learned = trainer.map(|trainer| trainer.size());
     Rendering { learned, ..film.resolve(points.set(), spp, start.elapsed().as_secs_f64()) }
 }

@@ -9,7 +9,7 @@ use super::{
 use crate::{
     color::luminance,
     columns::Arena,
-    estimator::{Contributions, Estimator, Learner},
+    estimator::{Contributions, Estimator, VisibilityTrainer},
     points::Points,
     scene::Ray,
     simd::LANES,
@@ -40,7 +40,7 @@ pub(super) struct TilePixels<'a> {
 pub(super) struct Estimate<'a> {
     pub estimator: &'a dyn Estimator,
     /// Who is told what was visible.
-    pub learner: Option<&'a dyn Learner>,
+    pub trainer: Option<&'a dyn VisibilityTrainer>,
 }
 
 /// What a thread works with, kept from tile to tile.
@@ -130,9 +130,9 @@ impl Workspace {
                 view.scene.visible_batch(rays, visible);
             });
         }
-        if let Some(learner) = estimate.learner {
+        if let Some(trainer) = estimate.trainer {
             // What is sent to learn from adds nothing.
-            return timed(Stage::Learning, || learner.observe(&tile.rows(), contributions, visible));
+            return timed(Stage::Learning, || trainer.observe(&tile.rows(), contributions, visible));
         }
         let all = contributions.places().iter().zip(contributions.radiance()).zip(&*visible);
         for ((&place, &radiance), &visible) in all {

@@ -50,14 +50,14 @@ fn a_file_is_drawn_with_where_that_pays_and_where_one_asks_for_it() {
         let scene = Scene::built_in(scene).unwrap();
         let setting =
             Setting { scene, environment: environment.clone(), unshadowed: false, depth: 1, points: PointSet::Sobol };
-        let knowing = learned(&environment).knowing(&learn(&setting, 16, None)).unwrap();
+        let informed = learned(&environment).with_precomputed(&learn(&setting, 16, None)).unwrap();
         let render =
             |estimator: &dyn Estimator| setting.estimate_until(estimator, 16, 3, &AtomicBool::new(false), &|_| {});
-        let (plain, knowing, always) =
-            (setting.render(&SamplerSpec::patches(), 16, 3), render(&knowing), render(&knowing.clone().always()));
-        assert_eq!(bits(&plain.surfaces) == bits(&knowing.surfaces), !pays);
-        assert_eq!(bits(&knowing.surfaces) == bits(&always.surfaces), pays);
-        let [foreseen, asked] = [knowing, always].map(|rendering| rendering.learned.unwrap());
+        let (plain, informed, always) =
+            (setting.render(&SamplerSpec::patches(), 16, 3), render(&informed), render(&informed.clone().always()));
+        assert_eq!(bits(&plain.surfaces) == bits(&informed.surfaces), !pays);
+        assert_eq!(bits(&informed.surfaces) == bits(&always.surfaces), pays);
+        let [foreseen, asked] = [informed, always].map(|rendering| rendering.learned.unwrap());
         assert!(foreseen.pays == pays && asked.pays, "{foreseen:?}, {asked:?}");
         assert!((foreseen.gain > 1.2) == pays && (foreseen.gain >= 1.0), "{foreseen:?}");
     }
@@ -127,8 +127,8 @@ fn means_agree_with_mis(scenes: &[&str], renderings: u64, spp: u32, sharpness: f
         let mis = SamplerSpec::mis().build(&setting.environment).unwrap();
         let (truth, error) = mean_of(&setting, &*mis, 8 * spp, renderings);
         let plain = learned(&setting.environment).always();
-        let knowing = plain.clone().knowing(&learn(&setting, 16, None)).unwrap();
-        for (estimator, kind) in [(plain, "learning"), (knowing, "knowing")] {
+        let informed = plain.clone().with_precomputed(&learn(&setting, 16, None)).unwrap();
+        for (estimator, kind) in [(plain, "learning"), (informed, "informed")] {
             let (mean, own) = mean_of(&setting, &estimator, spp, renderings);
             let error = error.hypot(own);
             println!("{name}, {kind}: {:.1e} of the mean, error {:.1e}", (mean - truth) / truth, error / truth);
@@ -190,10 +190,10 @@ fn what_was_learned_beforehand_is_kept_in_a_file_and_makes_pictures_better() {
     let spec: SamplerSpec = format!("patches+vis:{}", file.display()).parse().unwrap();
     let context = BuildContext { scene: Some(&setting.scene), ..BuildContext::default() };
     let error = |estimator: &dyn Estimator| mean_square_error(&setting, estimator);
-    let knowing = error(&*spec.build_in(&setting.environment, context).unwrap());
+    let informed = error(&*spec.build_in(&setting.environment, context).unwrap());
     let plain = error(&*SamplerSpec::patches().build(&setting.environment).unwrap());
     // Twice and more of it at this size; pictures of other seeds differ by a tenth.
-    assert!(1.5 * knowing < plain, "{knowing} {plain}");
+    assert!(1.5 * informed < plain, "{informed} {plain}");
 
     // Another scene, another map, too little memory, no scene.
     let refused = |spec: &SamplerSpec, environment: &Arc<Environment>, context: BuildContext<'_>| {
@@ -250,7 +250,7 @@ fn damaged_files_of_visibility_are_refused() {
         }
         if let Ok(visibility) = read(&damaged) {
             assert!(visibility.cells() <= cells);
-            let _ = estimator.clone().knowing(&visibility);
+            let _ = estimator.clone().with_precomputed(&visibility);
         }
     }
 }

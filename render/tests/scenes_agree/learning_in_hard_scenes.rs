@@ -96,9 +96,9 @@ fn what_is_learned_stays_within_its_memory_and_the_mean_stays() {
             assert!((mean - truth).abs() < 4.1 * error.hypot(own), "{name}: {mean} {truth} +- {}", error.hypot(own));
             assert!(error.hypot(own) < 5e-3 * truth, "{name}: the test is not sharp");
             // What was learned beforehand is drawn with within the same memory.
-            let knowing = plain.knowing(&learned).unwrap();
-            let (mean, own) = learning::mean_of(&setting, &knowing, 64, 6);
-            let size = setting.estimate_until(&knowing, 64, 5, &AtomicBool::new(false), &|_| {}).learned.unwrap();
+            let informed = plain.with_precomputed(&learned).unwrap();
+            let (mean, own) = learning::mean_of(&setting, &informed, 64, 6);
+            let size = setting.estimate_until(&informed, 64, 5, &AtomicBool::new(false), &|_| {}).learned.unwrap();
             assert!(size.bytes <= memory && size.pays, "{name}, known: {size:?}, allowed {memory}");
             assert!((mean - truth).abs() < 4.1 * error.hypot(own), "{name}, known: {mean} {truth}");
             assert!(size.unknown < 0.5, "{name}: coarser cells stand in for those that have no room, {size:?}");

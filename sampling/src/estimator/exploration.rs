@@ -1,4 +1,4 @@
-//! Shadow rays that are sent to learn from: many from each point, and for their answers alone.
+//! Shadow rays that visibility is learned from: several from each point.
 
 use super::Contributions;
 use crate::{
@@ -9,9 +9,9 @@ use crate::{
     timings::{Stage, timed},
 };
 
-/// Adds `rays` directions for each row, in proportion to what is reflected of the patches of a sky; what they add to an estimate is of no account.
+/// Adds `rays` rays for each row, in proportion to the reflected light of patches; their contributions are 0.
 ///
-/// A further ray from a point costs a third of a point with its camera ray and its masses, and says as much of the cell that the point is in.
+/// A further ray from a point costs a third of a point with its camera ray and masses, and says as much about the cell.
 pub(super) fn explore(
     sky: &SkyRays,
     at: &Rows<'_>,

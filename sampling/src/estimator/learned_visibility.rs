@@ -1,9 +1,9 @@
-//! Patches with the visibility that a rendering learns.
+//! Patches with visibility that is learned before each rendering.
 
 use std::sync::Arc;
 
 use super::{
-    Contributions, Estimator, Learner, Setting,
+    Contributions, Estimator, ViewGeometry, VisibilityTrainer,
     exploration::explore,
     split::{check_directions, propose_mean},
 };
@@ -16,38 +16,40 @@ use crate::{
     sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis},
     tail::TailKind,
     tile::Rows,
-    visibility::{CacheSize, Cells, Division, Known, SceneVisibility, Unoccluded, VisibilityCache, Weighting},
+    visibility::{
+        CacheSize, Cells, Division, PrecomputedVisibility, SceneVisibility, Unoccluded, VisibilityCache, Weighting,
+    },
 };
 
-/// Pixels that a cell is wide, at least.
+/// Least width of a cell in pixels.
 const CELL_PIXELS: f32 = 8.0;
-/// Cells for a pixel if they are so wide, those of all levels.
+/// Cells of all levels per pixel at that width.
 const CELLS_PER_PIXEL: f32 = 0.045;
 
-/// Shadow rays from each point that is learned from.
+/// Shadow rays from each point.
 const RAYS: u32 = 8;
 
-/// An estimator that draws from patches, or from a head over patches, beside BRDF sampling on glossy surfaces. The masses of patches are multiplied
-/// by weights that follow from the visibility of the light in cells of the scene, learned from shadow rays.
+/// Draws from patches, or from a head over patches, beside BRDF sampling on glossy surfaces. The masses of patches are multiplied by weights from
+/// learned visibility ([`crate::visibility`]).
 #[derive(Clone)]
 pub struct LearnedVisibility {
     sampler: Arc<Covering<PatchSampler>>,
-    /// From each surface point.
+    /// Directions from each shading point.
     directions: u32,
-    /// The patches of sky that rays are counted by.
+    /// The patches that rays are counted by.
     sky: Arc<SkyRays>,
     division: Arc<Division>,
     environment: Arc<Environment>,
     memory: usize,
-    known: Option<Arc<Known>>,
+    precomputed: Option<Arc<PrecomputedVisibility>>,
     always: bool,
 }
 
 impl LearnedVisibility {
-    /// The bytes that it learns with where nobody says otherwise.
+    /// Default size of the cache in bytes.
     pub const MEMORY: usize = 64 << 20;
 
-    /// An estimator over the patches of a map's sky, in this detail, that learns with at most `memory` bytes.
+    /// Over the patches of a map, with a cache of at most `memory` bytes.
     ///
     /// # Errors
     /// The map has no light, or is too large.
@@ -56,48 +58,51 @@ impl LearnedVisibility {
         Self::of_sampler(PatchSampler::new(light, detail)?, environment, memory)
     }
 
-    /// The same over patches that are there already, perhaps below a head.
+    /// Over given patches, which may have a head over them.
     ///
     /// # Errors
     /// The sampler leaves a part of the light out.
     pub fn of_sampler(sampler: PatchSampler, environment: Arc<Environment>, memory: usize) -> Result<Self> {
         let (sky, division) = (Arc::new(SkyRays::new(sampler.clone())), Arc::new(sampler.division()));
         let sampler = Arc::new(Covering::new(sampler)?);
-        Ok(Self { sampler, directions: 1, sky, division, environment, memory, known: None, always: false })
+        Ok(Self { sampler, directions: 1, sky, division, environment, memory, precomputed: None, always: false })
     }
 
-    /// The same with the mean of so many directions from each surface point.
+    /// Takes the mean of `directions` directions from each shading point.
     ///
     /// # Errors
     /// There must be 1 to [`Split::MOST`](super::Split::MOST).
-    pub fn drawing(self, directions: u32) -> Result<Self> {
+    pub fn with_directions(self, directions: u32) -> Result<Self> {
         Ok(Self { directions: check_directions(directions)?, ..self })
     }
 
-    /// The same that draws with what it knows even where that is foreseen to gain less than it takes: where a ray is dear, or to measure it.
+    /// Uses weights whatever the predicted gain, for scenes in which rays are expensive, or to measure weights.
     #[must_use]
     pub fn always(self) -> Self {
         Self { always: true, ..self }
     }
 
-    /// The same with what was learned beforehand: if that gains more than it takes it draws with it from the first sample on, and it learns where nothing is known. The points of a
-    /// rendering must be independent of those that it was learned with, as those of `headtail_render::integrator::learn_visibility` are.
+    /// Adds precomputed visibility; cells that it does not have are learned. The points of a rendering must be independent of those that it was
+    /// learned from, as with `headtail_render::integrator::learn_visibility`.
     ///
     /// # Errors
     /// It takes more memory than the estimator has.
-    pub fn knowing(self, visibility: &SceneVisibility) -> Result<Self> {
-        let known = Known::new(visibility, &self.division, self.memory)?;
-        Ok(Self { known: Some(Arc::new(known)), ..self })
+    pub fn with_precomputed(self, visibility: &SceneVisibility) -> Result<Self> {
+        let precomputed = PrecomputedVisibility::new(visibility, &self.division, self.memory)?;
+        Ok(Self { precomputed: Some(Arc::new(precomputed)), ..self })
     }
 
-    /// What learns in one rendering; the concrete type of [`Estimator::learner`].
-    pub fn session(&self, setting: Setting) -> LearningSession<'_> {
-        let cells = CELLS_PER_PIXEL * setting.pixels as f32;
+    /// The concrete type of [`Estimator::trainer`].
+    pub fn session(&self, view: ViewGeometry) -> LearningSession<'_> {
+        let cells = CELLS_PER_PIXEL * view.pixels as f32;
         let needed = cells * VisibilityCache::CELL_BYTES as f32;
         let shortage = (needed / self.memory as f32).max(1.0).sqrt();
-        let cells = Cells::new(setting.eye, CELL_PIXELS * shortage * setting.pixel);
+        let cells = Cells::new(view.eye, CELL_PIXELS * shortage * view.pixel);
         let cache = VisibilityCache::new(cells, self.division.clone(), self.memory);
-        let cache = if let Some(known) = &self.known { cache.knowing(known.clone()) } else { cache };
+        let cache = match &self.precomputed {
+            Some(precomputed) => cache.with_precomputed(precomputed.clone()),
+            None => cache,
+        };
         let cache = if self.always { cache.always() } else { cache };
         LearningSession { estimator: self, cache, explores: false }
     }
@@ -120,8 +125,8 @@ impl Estimator for LearnedVisibility {
         self.propose_with(&Unoccluded, at, points, out, arena);
     }
 
-    fn learner<'a>(&'a self, setting: Setting) -> Option<Box<dyn Learner + 'a>> {
-        Some(Box::new(self.session(setting)))
+    fn trainer<'a>(&'a self, view: ViewGeometry) -> Option<Box<dyn VisibilityTrainer + 'a>> {
+        Some(Box::new(self.session(view)))
     }
 }
 
@@ -133,13 +138,13 @@ pub struct LearningSession<'a> {
 }
 
 impl LearningSession<'_> {
-    /// The same that goes on where others have ended.
+    /// Continues from the counts of an earlier session.
     #[must_use]
     pub fn resuming(self, visibility: SceneVisibility) -> Self {
         Self { cache: self.cache.resuming(visibility), ..self }
     }
 
-    /// What it has learned. `scene_hash` is [`SceneContext::geometry_hash`](crate::spec::SceneContext::geometry_hash).
+    /// The counts. `scene_hash` is [`SceneContext::geometry_hash`](crate::spec::SceneContext::geometry_hash).
     pub fn into_visibility(self, scene_hash: String) -> SceneVisibility {
         let map = &self.estimator.environment;
         self.cache.into_scene_visibility(scene_hash, map.name().to_owned(), map.hash().to_owned())
@@ -158,7 +163,7 @@ impl Estimator for LearningSession<'_> {
     }
 }
 
-impl Learner for LearningSession<'_> {
+impl VisibilityTrainer for LearningSession<'_> {
     fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]) {
         let rays = contributions.places().iter().zip(&contributions.patches).zip(visible);
         self.cache.observe(at, rays.map(|((&place, &patch), &visible)| (place, patch, visible)));
@@ -176,8 +181,8 @@ impl Learner for LearningSession<'_> {
         self.cache.finish();
     }
 
-    fn promises(&mut self, times: f64) -> bool {
-        self.cache.promises(times)
+    fn could_pay(&mut self, factor: f64) -> bool {
+        self.cache.could_pay(factor)
     }
 
     fn explore(&mut self, explores: bool) {

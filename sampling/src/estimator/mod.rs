@@ -1,13 +1,13 @@
-//! Unbiased estimators of the light that shading points reflect from the environment.
+//! Unbiased estimators of the environment's light that shading points reflect.
 //!
-//! An estimator proposes contributions; whoever owns the scene finds out which of them are visible and tells the estimator.
+//! An estimator proposes contributions; the owner of the scene adds those whose shadow rays are unblocked.
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `mod.rs` | the traits `Estimator` and `Learner`, contributions |
+//! | `mod.rs` | the traits `Estimator` and `VisibilityTrainer`, contributions |
 //! | `single_sample.rs`, `split.rs` | one direction, and the mean of several |
 //! | `two_sample_mis.rs`, `ris.rs` | two-sample MIS, resampling |
-//! | `learned_visibility.rs` | patches with visibility learned before each rendering |
+//! | `learned_visibility.rs` | patches with visibility that is learned before each rendering |
 //! | `exploration.rs` | the shadow rays that visibility is learned from |
 
 mod exploration;
@@ -27,60 +27,60 @@ use glam::Vec3A;
 
 use crate::{columns::Arena, environment::Environment, points::Points, simd::Lanes, tile::Rows, visibility::CacheSize};
 
-/// An unbiased estimator of reflected light: the sum of its contributions that are not occluded.
+/// An unbiased estimator of reflected light: the sum of its unoccluded contributions.
 pub trait Estimator: Send + Sync {
     /// Adds contributions for each row; all randomness comes from `points`.
     fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena);
 
-    /// An estimator of its own for one rendering, if this one learns before it renders: what it has learned ends with the rendering, so that results
-    /// depend on nothing else.
-    fn learner<'a>(&'a self, _setting: Setting) -> Option<Box<dyn Learner + 'a>> {
+    /// An estimator for one rendering, if this one learns visibility before it renders. What it learns is dropped after the rendering, so that
+    /// pictures do not depend on earlier ones.
+    fn trainer<'a>(&'a self, _view: ViewGeometry) -> Option<Box<dyn VisibilityTrainer + 'a>> {
         None
     }
 }
 
-/// What a rendering is like, for those that learn from it.
+/// Camera and size of a rendering, which determine the size of cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Setting {
-    /// Where the camera stands, in metres.
+pub struct ViewGeometry {
+    /// Position of the camera, in metres.
     pub eye: Vec3A,
-    /// The angle that a pixel spans, in radians.
+    /// Angle of a pixel, in radians.
     pub pixel: f32,
     /// Pixels of the image.
     pub pixels: usize,
 }
 
-/// An estimator that learns from shadow rays.
-pub trait Learner: Estimator {
-    /// Tells which of the contributions that were proposed for these rows while it [explored](Self::explore) are visible.
+/// An estimator that learns visibility from shadow rays before a picture.
+pub trait VisibilityTrainer: Estimator {
+    /// Counts the shadow rays of contributions that it proposed for these rows while [exploring](Self::explore).
     fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]);
 
-    /// Takes in what was observed, so that it needs less memory.
+    /// Makes cells for the rays so far, which take less memory than a list of rays.
     fn settle(&mut self);
 
-    /// Takes in what was observed, and finds out what it is worth.
+    /// [Settles](Self::settle), and predicts the gain of weights.
     fn learn(&mut self);
 
-    /// Lets what was learned be drawn with from now on.
+    /// Ends learning: computes the weights, if they pay.
     fn finish(&mut self);
 
-    /// Whether there may be something to gain from learning so many times as much in all; it is told by what was gained since it was last asked, too.
-    fn promises(&mut self, times: f64) -> bool;
+    /// Whether `factor` times as many rays in all could make weights pay; depends on the growth of the gain since the last call, too.
+    fn could_pay(&mut self, factor: f64) -> bool;
 
-    /// Whether what it proposes is for learning alone from now on: what such contributions add to an estimate is of no account.
+    /// Starts or ends exploring: proposals are then shadow rays for learning, and their contributions are 0.
     fn explore(&mut self, explores: bool);
 
-    /// What there is to be told about it.
+    /// Size and predicted gain of its cache.
     fn size(&self) -> CacheSize;
 }
 
-/// Directions and what they add to an estimate if the environment is seen along them. None of them is black, but those that are sent to learn from.
+/// Directions with their contributions if unoccluded. Contributions are positive, except for rays that visibility is learned from.
 #[derive(Clone, Debug, Default)]
 pub struct Contributions {
     places: Vec<u16>,
     wi: Vec<Vec3A>,
     radiance: Vec<Vec3A>,
-    /// The patches of sky that they are in, of those that are sent to learn from.
+    /// The patches of rays that visibility is learned from.
     patches: Vec<u16>,
 }
 
@@ -93,20 +93,20 @@ impl Contributions {
         self.patches.clear();
     }
 
-    /// Adds a contribution of the point at a place among the rows.
+    /// Adds a contribution of a row.
     pub fn push(&mut self, place: usize, wi: Vec3A, radiance: Vec3A) {
         self.places.push(place as u16);
         self.wi.push(wi);
         self.radiance.push(radiance);
     }
 
-    /// Adds a direction that is sent to learn from, in a patch of sky.
+    /// Adds a ray to a patch, to learn visibility from.
     pub(crate) fn push_ray(&mut self, place: usize, wi: Vec3A, patch: u16) {
         self.push(place, wi, Vec3A::ZERO);
         self.patches.push(patch);
     }
 
-    /// Places of the shading points among the rows that were proposed for.
+    /// The row of each contribution.
     pub fn places(&self) -> &[u16] {
         &self.places
     }
@@ -116,7 +116,7 @@ impl Contributions {
         &self.wi
     }
 
-    /// Reflected radiance per channel, if visible.
+    /// Reflected radiance per channel, if unoccluded.
     pub fn radiance(&self) -> &[Vec3A] {
         &self.radiance
     }
@@ -154,7 +154,7 @@ pub(crate) fn contribute(
     let ([x, y, z], [red, green, blue]) = (wi.map(<[Lanes]>::as_flattened), values.get().map(<[Lanes]>::as_flattened));
     for (place, &weight) in weights.as_flattened()[..at.len()].iter().enumerate() {
         let radiance = Vec3A::new(red[place], green[place], blue[place]) * weight;
-        // No sample has any direction, and what it reflects may be no number.
+        // Rejected samples have arbitrary directions and may evaluate to NaN.
         if weight > 0.0 && radiance.max_element() > 0.0 {
             out.push(place, Vec3A::new(x[place], y[place], z[place]), radiance);
         }

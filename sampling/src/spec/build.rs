@@ -97,14 +97,14 @@ impl SamplerSpec {
             Source::Patches(detail) => LearnedVisibility::new(environment.clone(), *detail, context.memory)?,
             _ => unreachable!("SamplerSpec::fault rejects visibility of other sources"),
         };
-        let estimator = estimator.drawing(self.directions())?;
+        let estimator = estimator.with_directions(self.directions())?;
         let estimator = match &self.visibility {
             Visibility::File(file) => {
                 let scene = context
                     .scene
                     .ok_or_else(|| Error::invalid(file, "visibility", "belongs to a scene, and no scene is given"))?;
                 let visibility = SceneVisibility::open(file, &scene.geometry_hash(), environment)?;
-                estimator.knowing(&visibility).map_err(|error| error.in_file(file))?
+                estimator.with_precomputed(&visibility).map_err(|error| error.in_file(file))?
             }
             _ => estimator,
         };

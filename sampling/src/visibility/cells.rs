@@ -1,4 +1,4 @@
-//! Cells of space: shading points that see much the same sky.
+//! Cells of space, within which visibility is nearly the same.
 
 use glam::Vec3A;
 
@@ -7,7 +7,7 @@ use crate::{
     simd::{LANES, Lanes},
 };
 
-/// How many sizes of cells lie within each other, each twice as large as the one below.
+/// Levels of cells, each twice as large as the one below.
 pub const LEVELS: usize = 7;
 
 /// Bits of a coordinate in a key.
@@ -18,26 +18,26 @@ const AXIS_BITS: u32 = 3;
 const SIZE_BITS: u32 = 8;
 /// The smallest logarithm of a size.
 const LEAST_SIZE: i32 = -100;
-/// The largest of a cell that is in none.
+/// The largest logarithm of a size at the finest level.
 const MOST_SIZE: i32 = 100;
 /// Bits of a key.
 const CELL_BITS: u32 = 3 * COORDINATE_BITS + AXIS_BITS + SIZE_BITS;
 
-/// The division of space into cubes, smaller near to a camera, and by the axis that a normal is nearest to.
+/// The division of space into cubes, which grow with the distance from the camera, and of normals by their nearest axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cells {
     eye: Vec3A,
-    /// The side of a cell over its distance from the eye.
+    /// Side of a cell over its distance from the eye.
     angle: f32,
 }
 
-/// A cell. Its bits are its size, the axis of normals, and three coordinates modulo 2^17: cells so
-/// far from each other share what they learn, which costs accuracy and nothing else.
+/// A cell: its size, axis of normals, and three coordinates modulo 2^17. Cells that far apart share
+/// their visibility, which costs variance and adds no bias.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CellKey(pub u64);
 
 impl Cells {
-    /// Cells that a camera at `eye` sees under an angle of `angle` to twice that, in radians.
+    /// Cells that subtend `angle` to `2 angle` radians from `eye`.
     pub fn new(eye: Vec3A, angle: f32) -> Self {
         Self { eye, angle: angle.max(f32::MIN_POSITIVE) }
     }
@@ -47,13 +47,13 @@ impl Cells {
         (self.eye, self.angle)
     }
 
-    /// The cell of the finest level that a single point with a normal lies in.
+    /// The finest cell of a point with a normal.
     pub fn key(&self, p: Vec3A, n: Vec3A) -> CellKey {
         let lanes = |vector: Vec3A| vector.to_array().map(|number| [number; LANES]);
         CellKey(self.keys(&lanes(p), &lanes(n))[0])
     }
 
-    /// The cells of the finest level that a strip of points with normals lies in.
+    /// The finest cells of a strip of points with normals.
     #[inline(always)]
     fn keys(&self, p: &[Lanes; 3], n: &[Lanes; 3]) -> [u64; LANES] {
         let eye = self.eye.to_array();
@@ -113,12 +113,12 @@ impl CellKey {
         self.0 >> (3 * COORDINATE_BITS + AXIS_BITS) & ((1 << SIZE_BITS) - 1)
     }
 
-    /// Whether some cell has this key.
+    /// Whether a cell can have this key.
     pub fn is_valid(self) -> bool {
         self.0 >> CELL_BITS == 0
     }
 
-    /// The cell of the level above that it lies in.
+    /// The cell of the next level that contains it.
     #[inline]
     pub fn parent(self) -> Self {
         let own = |k: u32| {

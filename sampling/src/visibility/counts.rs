@@ -6,38 +6,38 @@ use std::sync::{
 };
 
 use super::{
+    cell_index::{ByKey, CellIndex},
     cells::{CellKey, LEVELS},
     division::PATCHES,
-    places::{ByKey, Places},
 };
 
-/// Observations that make a cell: half of what its larger one counts as. Fewer say little, and take time and memory.
+/// Least number of rays of a cell, half of what the prior counts as; fewer say little for their time and memory.
 const LEAST_RAYS: usize = 32;
 
-/// A shadow ray from a cell that is not there yet: its patch, and in the lowest bit whether it came through.
+/// A shadow ray without a cell so far: the key, and the patch with the visibility in the lowest bit.
 type Ray = (CellKey, u16);
 
 /// The cells with their counts.
 #[derive(Debug, Default)]
 pub struct Counts {
-    places: Places,
-    /// Of each cell, the place of the one that it lies in.
+    index: CellIndex,
+    /// The cell that contains each cell.
     parents: Vec<Option<u32>>,
     keys: Vec<CellKey>,
-    /// For each cell and patch the rays that came through in the upper half, all in the lower.
+    /// For each cell and patch: unblocked rays in the upper half, all in the lower.
     rays: Vec<AtomicU64>,
-    /// Rays of cells that are not there.
+    /// Rays without a cell.
     fresh: Mutex<Vec<Ray>>,
 }
 
 impl Counts {
-    /// The finest cell that a key lies in, and how many levels above it.
+    /// The finest cell that contains a key, and its level above it.
     #[inline]
     pub fn find(&self, key: CellKey) -> Option<(u32, usize)> {
-        self.places.find(key)
+        self.index.find(key)
     }
 
-    /// How many cells.
+    /// Number of cells.
     pub fn cells(&self) -> usize {
         self.parents.len()
     }
@@ -47,7 +47,7 @@ impl Counts {
         self.keys[cell]
     }
 
-    /// The cell that a cell lies in.
+    /// The cell that contains a cell.
     pub fn parent(&self, cell: usize) -> Option<u32> {
         self.parents[cell]
     }
@@ -59,7 +59,7 @@ impl Counts {
         cells.chunk_by(|&a, &b| self.keys[a].size() == self.keys[b].size()).map(<[usize]>::to_vec).collect()
     }
 
-    /// Rays of each patch: those that came through, and all.
+    /// Rays of each patch: unblocked, and all.
     pub fn rays(&self, cell: usize) -> impl Iterator<Item = [u32; 2]> {
         self.packed(cell).iter().map(|rays| {
             let rays = rays.load(Relaxed);
@@ -67,7 +67,7 @@ impl Counts {
         })
     }
 
-    /// The same for each patch in one number: those that came through in the upper half, all in the lower.
+    /// The same in one number for each patch: unblocked rays in the upper half, all in the lower.
     pub fn packed(&self, cell: usize) -> &[AtomicU64] {
         &self.rays[cell * PATCHES..][..PATCHES]
     }
@@ -88,27 +88,27 @@ impl Counts {
             }
         }
         if !fresh.is_empty() {
-            // By whoever adds them, and not all at once: those of a cell become neighbours.
+            // Sorted by each thread, so that rays of a cell become neighbours.
             fresh.sort_unstable();
             self.fresh.lock().unwrap_or_else(PoisonError::into_inner).append(&mut fresh);
         }
     }
 
-    /// Makes cells for the rays that had none: the finest that were seen often enough, and those that they lie in. At most `most`.
+    /// Makes cells for rays without one: the finest with enough rays, and those that contain them, up to `most` cells.
     pub fn settle(&mut self, most: usize) {
         let mut rays = std::mem::take(self.fresh.get_mut().unwrap_or_else(PoisonError::into_inner));
         for level in 0..LEVELS {
             let groups = || rays.chunk_by(|a, b| a.0 == b.0);
             let mut missing: ByKey<usize> = ByKey::default();
-            for group in groups().filter(|group| self.places.get(group[0].0).is_none()) {
+            for group in groups().filter(|group| self.index.get(group[0].0).is_none()) {
                 *missing.entry(group[0].0).or_default() += group.len();
             }
             let makes_cell = |&(_, count): &(CellKey, usize)| count >= LEAST_RAYS || level + 1 == LEVELS;
             let mut new: Vec<(usize, CellKey)> =
                 missing.into_iter().filter(makes_cell).map(|(key, count)| (count, key)).collect();
-            // Where memory is short, the cells that are seen most.
+            // Cells with most rays first, for where memory is short.
             new.sort_unstable_by_key(|&(count, key)| (std::cmp::Reverse(count), key));
-            // With those that they lie in, of which they share most.
+            // With the cells that contain them, most of which are shared.
             let room = most.saturating_sub(self.cells()).min(new.len() + new.len() / 2);
             self.rays.reserve(room * PATCHES);
             for (_, key) in new {
@@ -118,7 +118,7 @@ impl Counts {
             }
             let mut left = Vec::new();
             for group in groups() {
-                match self.places.get(group[0].0) {
+                match self.index.get(group[0].0) {
                     Some(place) => {
                         for (_, ray) in group {
                             let rays = &mut self.rays[place as usize * PATCHES + usize::from(ray >> 1)];
@@ -132,9 +132,9 @@ impl Counts {
         }
     }
 
-    /// Adds a cell that there is not yet, after those that it lies in, with its rays: for each patch those that came through, and all.
+    /// Adds a new cell with its rays (unblocked, and all, for each patch), after the cells that contain it.
     pub fn restore(&mut self, key: CellKey, rays: impl Iterator<Item = [u32; 2]>) {
-        let parent = self.places.get(key.parent());
+        let parent = self.index.get(key.parent());
         self.push(key, parent);
         let cell = self.cells() - 1;
         for (own, [seen, all]) in self.rays[cell * PATCHES..].iter_mut().zip(rays) {
@@ -142,9 +142,9 @@ impl Counts {
         }
     }
 
-    /// Adds a cell and all that it lies in; its place.
+    /// Adds a cell and the cells that contain it; returns its number.
     fn insert(&mut self, key: CellKey, level: usize) -> u32 {
-        if let Some(cell) = self.places.get(key) {
+        if let Some(cell) = self.index.get(key) {
             return cell;
         }
         let parent = (level + 1 < LEVELS).then(|| self.insert(key.parent(), level + 1));
@@ -153,7 +153,7 @@ impl Counts {
 
     fn push(&mut self, key: CellKey, parent: Option<u32>) -> u32 {
         let cell = self.cells() as u32;
-        self.places.insert(key, cell);
+        self.index.insert(key, cell);
         self.parents.push(parent);
         self.keys.push(key);
         self.rays.extend(std::iter::repeat_with(AtomicU64::default).take(PATCHES));
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_bounded_and_what_is_seen_most_stays() {
+    fn cells_with_most_rays_stay_within_the_memory() {
         let mut counts = Counts::default();
         counts.add(rays(50_000).into_iter());
         let often = Cells::new(Vec3A::ZERO, 0.01).key(Vec3A::new(-3.0, 0.0, 9.0), Vec3A::Y);

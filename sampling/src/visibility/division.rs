@@ -14,16 +14,16 @@ pub struct Division {
 }
 
 impl Division {
-    /// Patches with their shares of light, in their order; those that do not exist have 0.
+    /// From the energy of each patch; 0 for patches that do not exist.
     ///
     /// # Panics
     /// If there are not [`PATCHES`] of them.
     pub fn new(energies: Vec<f32>) -> Self {
-        assert_eq!(energies.len(), PATCHES, "a share of light for each patch");
+        assert_eq!(energies.len(), PATCHES, "an energy for each patch");
         Self { energies }
     }
 
-    /// The shares of light of the patches.
+    /// The energies of the patches.
     pub fn energies(&self) -> &[f32] {
         &self.energies
     }

@@ -1,4 +1,4 @@
-//! From counted rays to weights.
+//! Visibility from counted rays, and weights from visibility.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
@@ -12,17 +12,17 @@ use super::{
 };
 use crate::{columns::vectorized, simd::LANES};
 
-/// What visibility is taken for where nothing is known.
+/// Visibility without any rays.
 const UNKNOWN: f32 = 0.7;
-/// Rays that what is known from larger cells counts as.
+/// Rays that the prior of a larger cell counts as.
 const STRENGTH: f32 = 64.0;
-/// From this visibility on, a patch counts as seen: the noise of what was learned would only roughen the integrand.
+/// Least visibility of full weight: above, the noise of estimates would make the integrand rough.
 const SEEN: f32 = 0.2;
-/// The least weight, relative to the mean of the cell: it bounds how bright a sample is that was thought to be in shadow. A weight is the root of a
-/// visibility, the choice of least variance.
+/// Least weight over the mean of the cell, which bounds the brightness of samples that seemed to be blocked. Weights are roots of visibilities, the
+/// choice of least variance.
 const LEAST: f32 = 0.3;
 
-/// Visibility of the patches of a cell, and of their clusters.
+/// Visibility of the patches and clusters from a cell.
 #[derive(Clone, Debug)]
 pub struct Visibility {
     patches: Vec<f32>,
@@ -30,7 +30,7 @@ pub struct Visibility {
 }
 
 impl Visibility {
-    /// That of which nothing is known.
+    /// The prior of the largest cells.
     pub fn unknown() -> Self {
         Self { patches: vec![UNKNOWN; PATCHES], clusters: [UNKNOWN; CLUSTERS] }
     }
@@ -46,14 +46,14 @@ impl Visibility {
         self.patches[..patches.len()].copy_from_slice(patches);
     }
 
-    /// The visibility that rays speak for, after that of a larger cell.
+    /// The estimate from rays, with a larger cell as the prior.
     fn of(rays: &Rays, above: &Self) -> Self {
         let mut own = above.clone();
         update(rays, above, &mut own);
         own
     }
 
-    /// What each patch of a division is to be weighed with, `[PATCHES]`, and the least of what may be.
+    /// Weights of the patches of a division, `[PATCHES]`, and their lower bound.
     pub fn weigh(&self, division: &Division) -> (Vec<f32>, f32) {
         let (mut weights, mut least) = (vec![0.0; PATCHES], 0.0);
         weigh(&self.patches, division.energies(), &mut weights, &mut least);
@@ -81,7 +81,7 @@ vectorized! {
             let mean = (seen.iter().sum::<f32>() + STRENGTH * before) / (all.iter().sum::<f32>() + STRENGTH);
             own.clusters[cluster] = mean;
             for ((patch, seen), all) in patches.iter_mut().zip(seen).zip(all) {
-                // What the cluster has learned goes for all of its patches.
+                // The cluster's change is part of the prior of its patches.
                 let prior = (*patch + mean - before).clamp(0.0, 1.0);
                 *patch = (seen + STRENGTH * prior) / (all + STRENGTH);
             }
@@ -101,7 +101,7 @@ vectorized! {
                 all[k] += energies[k];
             }
         }
-        // Above 0 even where nothing is seen at all.
+        // Above 0 even where everything is blocked.
         let mean = sum.iter().sum::<f32>() / all.iter().sum::<f32>().max(f32::MIN_POSITIVE);
         let bound = (LEAST * mean).max(f32::MIN_POSITIVE);
         for weight in weights {
@@ -111,12 +111,12 @@ vectorized! {
     }
 }
 
-/// What `of` makes of the rays of each of the `asked` cells, those of smaller ones that lie in it aside, and of its visibility. The latter is that of the larger one that the cell lies in until it has rays of its own; where
-/// `known` has something of the cell, that takes the larger one's place.
+/// Calls `of` with the rays and the visibility of each of the `chosen` cells. Rays do not include those of smaller cells within it; the prior of
+/// its visibility is that of the cell that contains it, or its own in `precomputed`.
 pub fn estimate<'a, T: Send>(
     counts: &Counts,
-    known: impl Fn(CellKey) -> Option<&'a Visibility> + Sync,
-    asked: impl IntoParallelIterator<Item = usize, Iter: IndexedParallelIterator>,
+    precomputed: impl Fn(CellKey) -> Option<&'a Visibility> + Sync,
+    chosen: impl IntoParallelIterator<Item = usize, Iter: IndexedParallelIterator>,
     of: impl Fn(&Rays, Visibility) -> T + Sync,
 ) -> Vec<T> {
     let by_size = counts.by_size();
@@ -126,7 +126,7 @@ pub fn estimate<'a, T: Send>(
             inside[parent as usize].push(cell);
         }
     }
-    // Cells that others lie in, with the rays of all of these: smaller ones first.
+    // Rays of cells with those of the cells within them: smaller ones first.
     let mut rays: Vec<Option<Rays>> = vec![None; counts.cells()];
     for cells in &by_size {
         let sums = cells.par_iter().filter(|&&cell| !inside[cell].is_empty()).map(|&cell| {
@@ -148,7 +148,7 @@ pub fn estimate<'a, T: Send>(
     let mut found: Vec<Option<Visibility>> = vec![None; counts.cells()];
     let before = |found: &[Option<Visibility>], cell: usize, rays: &Rays| {
         let above = counts.parent(cell).and_then(|parent| found[parent as usize].as_ref());
-        Visibility::of(rays, known(counts.key(cell)).or(above).unwrap_or(&unknown))
+        Visibility::of(rays, precomputed(counts.key(cell)).or(above).unwrap_or(&unknown))
     };
     for cells in by_size.iter().rev() {
         let own = cells.par_iter().filter_map(|&cell| Some((cell, before(&found, cell, rays[cell].as_ref()?))));
@@ -160,10 +160,10 @@ pub fn estimate<'a, T: Send>(
         let rays = Rays::of(counts, cell);
         of(&rays, found[cell].clone().unwrap_or_else(|| before(&found, cell, &rays)))
     };
-    asked.into_par_iter().map(of_cell).collect()
+    chosen.into_par_iter().map(of_cell).collect()
 }
 
-/// Rays of each patch, `[PATCHES]`: those that came through, and all.
+/// Rays of each patch, `[PATCHES]`: unblocked, and all.
 #[derive(Clone)]
 pub struct Rays {
     pub seen: Vec<f32>,
@@ -171,7 +171,7 @@ pub struct Rays {
 }
 
 impl Rays {
-    /// Those of a cell, without the cells that lie in it.
+    /// The rays of a cell, without those of cells within it.
     fn of(counts: &Counts, cell: usize) -> Self {
         let mut rays = Self { seen: vec![0.0; PATCHES], all: vec![0.0; PATCHES] };
         add_counts(counts.packed(cell), &mut rays);
@@ -197,7 +197,7 @@ vectorized! {
                 *packed = count.load(Relaxed);
             }
             for k in 0..LANES {
-                // As signed numbers, which every processor turns at once.
+                // As signed numbers, which every processor converts in one instruction.
                 seen[k] += (packed[k] >> 32) as i32 as f32;
                 all[k] += packed[k] as i32 as f32;
             }
@@ -212,7 +212,7 @@ mod tests {
     use glam::Vec3A;
 
     #[test]
-    fn where_nothing_is_seen_weights_are_above_0() {
+    fn weights_are_positive_where_everything_is_blocked() {
         let mut dark = Visibility::unknown();
         dark.set(&[0.0; PATCHES]);
         let (weights, least) = dark.weigh(&Division::new(vec![1.0; PATCHES]));
@@ -220,11 +220,11 @@ mod tests {
     }
 
     #[test]
-    fn what_many_rays_say_is_believed_and_what_none_say_is_taken_from_around() {
+    fn cells_with_few_rays_follow_their_prior() {
         let cells = Cells::new(Vec3A::ZERO, 0.01);
         let key = |x: f32| cells.key(Vec3A::new(x, 0.0, 10.0), Vec3A::Y);
         let mut counts = Counts::default();
-        // In a cell, 4000 rays to patch 3 (one in sixteen comes through) and to patch 20 (none does); in its neighbour, forty to patch 3.
+        // In a cell, 4000 rays to patch 3 (1 in 16 is unblocked) and to patch 20 (all are blocked); in its neighbour, 40 to patch 3.
         let rays = (0..8000).map(|k| (key(0.01), if k % 2 == 0 { 3 } else { 20 }, k % 32 == 0));
         counts.add(rays.chain((0..40).map(|_| (key(0.13), 3, false))));
         counts.settle(1000);
@@ -233,11 +233,11 @@ mod tests {
         let at = |x: f32, patch| weights[counts.find(key(x)).unwrap().0 as usize].of_patch(patch);
         // The root of (1/16) / 0.2, in steps of 1/255; 64 rays of the prior, which is as good as the same, change little.
         assert!((at(0.01, 3) - (0.0625_f32 / SEEN).sqrt()).abs() < 0.015, "{}", at(0.01, 3));
-        // No less than a share of the mean, which is near to 1.
+        // At least a fraction of the mean, which is near 1.
         assert!((LEAST * 0.9..=LEAST).contains(&at(0.01, 20)), "{}", at(0.01, 20));
         // Forty rays against 64 of the prior, for the cluster as a whole first: 0.0625 * 64 / 104 = 0.0385, and 0.0385 * 64 / 104 = 0.0237.
         assert!((at(0.13, 3) - (0.0237_f32 / SEEN).sqrt()).abs() < 0.015, "{}", at(0.13, 3));
-        // Nothing is known of the patches of another cluster but that they are like all.
+        // Patches of another cluster have the prior.
         assert_eq!(at(0.01, 100), 1.0);
     }
 }

@@ -10,7 +10,7 @@ use super::{
     cells::{CellKey, Cells},
     counts::Counts,
     division::PATCHES,
-    known::SceneVisibility,
+    precomputed::SceneVisibility,
 };
 use crate::{
     error::{Error, Result},

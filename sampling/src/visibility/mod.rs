@@ -1,37 +1,36 @@
-//! What part of the sky is seen from where, learned from the shadow rays of a rendering.
+//! Visibility of the map from places of a scene, learned from shadow rays; `docs/method/visibility.md` describes the method.
 //!
-//! Shading points are gathered in cells of space ([`Cells`]), and for each cell the shadow rays are counted that were sent to each patch of
-//! sky, and those that were not stopped. From these follow weights ([`Weights`]) that a sampler multiplies its product of light,
-//! BRDF and cosine with: equal areas of Y carry equal light, so patches are small where light is.
+//! Shadow rays, and those of them that were not blocked, are counted by the cell of space that they leave ([`Cells`]) and the patch of
+//! the map that they are sent to. The counts become weights ([`Weights`]), which multiply the masses of patches.
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `mod.rs` | the cache of one rendering |
-//! | `cells.rs`, `places.rs` | cells of space, and their numbers |
+//! | `mod.rs` | the visibility cache of one rendering |
+//! | `cells.rs`, `cell_index.rs` | cells of space, and their numbers |
 //! | `counts.rs` | shadow rays counted by cell and patch |
 //! | `estimate.rs` | visibility from counts, and weights from visibility |
 //! | `division.rs`, `weights.rs` | the patches that weights are for; the weights |
-//! | `worth.rs` | whether weights gain more than they cost |
-//! | `known.rs`, `file.rs` | precomputed visibility, and its file |
+//! | `predicted_gain.rs` | whether weights gain more than they cost |
+//! | `precomputed.rs`, `file.rs` | precomputed visibility, and its file |
 //!
 //! # Why estimates stay unbiased
 //!
-//! A pixel's points are one scrambled sequence: each point alone is uniform, but not after others of the sequence have been seen. So what is drawn with is
-//! learned from other points, before the first one of a picture is drawn, and then stays.
+//! The points of a pixel are one scrambled sequence: each is uniform, but not given the others. Weights are therefore learned from
+//! independent points before the picture, and then fixed.
 
+mod cell_index;
 mod cells;
 mod counts;
 mod division;
 mod estimate;
 mod file;
-mod known;
-mod places;
+mod precomputed;
+mod predicted_gain;
 mod weights;
-mod worth;
 
 pub use cells::Cells;
 pub use division::{CLUSTERS, Division, PATCHES};
-pub use known::{Known, SceneVisibility};
+pub use precomputed::{PrecomputedVisibility, SceneVisibility};
 pub use weights::{Unoccluded, Weighting, Weights};
 
 use std::sync::{
@@ -43,62 +42,62 @@ use crate::parallel::*;
 use cells::CellKey;
 use counts::Counts;
 use estimate::{Rays, Visibility};
-use worth::Worth;
+use predicted_gain::PredictedGain;
 
 use crate::{
     simd::{LANES, Lanes},
     tile::Rows,
 };
 
-/// The visibility of the sky in the cells of a scene, and what was seen of it since it was last updated.
+/// The visibility of the map in the cells of a scene, for one rendering.
 #[derive(Debug)]
 pub struct VisibilityCache {
     cells: Cells,
     counts: Counts,
     weights: Vec<Weights>,
-    /// What weights would gain, by some of the cells until all are [finished](Self::finish).
-    worth: Worth,
-    /// The same when it was last asked whether to learn on.
-    promised: Option<Worth>,
-    /// What was learned before. Nothing is counted in its cells.
-    known: Option<Arc<Known>>,
-    /// Whether it is drawn with whatever that gains.
+    /// Estimated from some of the cells until all are [finished](Self::finish).
+    gain: PredictedGain,
+    /// The gain at the last call of [`Self::could_pay`].
+    previous_gain: Option<PredictedGain>,
+    /// Precomputed visibility; no rays are counted in its cells.
+    precomputed: Option<Arc<PrecomputedVisibility>>,
+    /// Use weights whatever the predicted gain.
     always: bool,
     division: Arc<Division>,
     most_cells: usize,
-    /// Shadow rays, those in cells that were known before, too.
+    /// Shadow rays, including those in precomputed cells.
     observed: AtomicU64,
-    /// Points that were drawn for since the last update: all, and those without a cell.
-    asked: [AtomicU64; 2],
+    /// Shading points since the last update: all, and those without a cell.
+    looked_up: [AtomicU64; 2],
 }
 
-/// What a cache has come to.
+/// Size and predicted gain of a visibility cache.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CacheSize {
     /// Cells, of all levels.
     pub cells: usize,
-    /// Bytes that they take.
+    /// Their size in bytes.
     pub bytes: usize,
-    /// The share of the points that were last drawn for of which nothing was known, as they lie in no cell.
+    /// The fraction of shading points that lie in no cell.
     pub unknown: f64,
-    /// The variance of samples that are drawn without it over that of those drawn with it, as foreseen; usually less than is found.
+    /// Predicted variance without weights over that with them; measured gains are usually higher.
     pub gain: f64,
-    /// Whether it is drawn with: where little is in shadow, it would gain less than it takes.
+    /// Whether weights are used: their gain exceeds their cost.
     pub pays: bool,
 }
 
-/// The least share of rays in cells of which nothing was known before for more to be sent.
+/// Least fraction of rays outside of precomputed cells for learning to go on.
 const LEAST_NEW: f64 = 0.25;
-/// Cells, at least, that say what all are worth.
-const ENOUGH_CELLS: usize = 1024;
-/// Marks numbers of weights that were known before; the others count those of this rendering, after those of no cell.
-const IS_KNOWN: u32 = 1 << 31;
+/// Least number of cells that the gain of all is estimated from.
+const SAMPLED_CELLS: usize = 1024;
+/// Marks the numbers of precomputed cells. Other numbers are those of this rendering's cells plus 1; 0 is no cell.
+const IS_PRECOMPUTED: u32 = 1 << 31;
 
 impl VisibilityCache {
-    /// Bytes of a cell: its counts, its weights, and its place in the lists of cells.
+    /// Bytes of a cell: counts, weights, and entries in the lists of cells.
     pub const CELL_BYTES: usize = PATCHES * 8 + size_of::<Weights>() + 40;
 
-    /// A cache that knows nothing yet, of at most `bytes` bytes.
+    /// An empty cache of at most `bytes` bytes.
     pub fn new(cells: Cells, division: Arc<Division>, bytes: usize) -> Self {
         let (counts, weights) = (Counts::default(), vec![Weights::unknown()]);
         let most_cells = bytes / Self::CELL_BYTES;
@@ -106,31 +105,31 @@ impl VisibilityCache {
             cells,
             counts,
             weights,
-            worth: Worth::default(),
-            promised: None,
-            known: None,
+            gain: PredictedGain::default(),
+            previous_gain: None,
+            precomputed: None,
             always: false,
             division,
             most_cells,
             observed: AtomicU64::new(0),
-            asked: Default::default(),
+            looked_up: Default::default(),
         }
     }
 
-    /// The same with what was learned before, in whose cells it learns on: what is known keeps, the rest is learned.
+    /// Adds precomputed visibility. Its cells stay as they are, and cells that it does not have are learned.
     #[must_use]
-    pub fn knowing(self, known: Arc<Known>) -> Self {
-        let most_cells = self.most_cells.saturating_sub(known.bytes() / Self::CELL_BYTES);
-        Self { cells: known.cells(), known: Some(known), most_cells, ..self }
+    pub fn with_precomputed(self, precomputed: Arc<PrecomputedVisibility>) -> Self {
+        let most_cells = self.most_cells.saturating_sub(precomputed.bytes() / Self::CELL_BYTES);
+        Self { cells: precomputed.cells(), precomputed: Some(precomputed), most_cells, ..self }
     }
 
-    /// The same, to be drawn with even where that gains less than it takes.
+    /// Uses weights whatever the predicted gain.
     #[must_use]
     pub fn always(self) -> Self {
         Self { always: true, ..self }
     }
 
-    /// The same that goes on learning everywhere where others have begun.
+    /// Continues from the counts of an earlier rendering.
     #[must_use]
     pub fn resuming(mut self, visibility: SceneVisibility) -> Self {
         (self.cells, self.counts) = (visibility.cells, visibility.counts);
@@ -139,7 +138,7 @@ impl VisibilityCache {
         self
     }
 
-    /// What was learned, of a scene and under a map with these hashes.
+    /// The counts, labelled with the hashes of scene and map.
     pub fn into_scene_visibility(
         self,
         scene_hash: String,
@@ -161,16 +160,16 @@ impl VisibilityCache {
         keys
     }
 
-    /// Counts shadow rays: the place among the rows that each left from, the patch that it was sent to, and whether it came through. Whatever the order
-    /// of the rays, and on any number of threads, what is learned is the same.
+    /// Counts shadow rays: the row that each starts from, its patch, and whether it is unblocked. The result depends neither on their order nor
+    /// on the number of threads.
     pub fn observe(&self, at: &Rows<'_>, rays: impl Iterator<Item = (u16, u16, bool)>) {
         let keys = self.keys(at);
-        // A cell that was known before keeps what is known of it.
-        let is_known = |key: &CellKey| self.known.as_ref().is_some_and(|known| known.visibility(*key).is_some());
+        let is_precomputed =
+            |key: &CellKey| self.precomputed.as_ref().is_some_and(|cells| cells.visibility(*key).is_some());
         let mut last = (None, None);
         let learning = keys.into_iter().map(|key| {
             if last.0 != Some(key) {
-                last = (Some(key), Some(key).filter(|key| !is_known(key)));
+                last = (Some(key), Some(key).filter(|key| !is_precomputed(key)));
             }
             last.1
         });
@@ -182,79 +181,78 @@ impl VisibilityCache {
         self.observed.fetch_add(observed, Relaxed);
     }
 
-    /// Counts what was observed in cells.
+    /// Makes cells for the rays so far, which take less memory than a list of rays.
     pub fn settle(&mut self) {
         self.counts.settle(self.most_cells);
     }
 
-    /// Counts what was observed, and finds out what it is worth: of many cells, by some of them.
+    /// [Settles](Self::settle), and predicts the gain; of many cells, from some of them.
     pub fn learn(&mut self) {
         self.settle();
         let cells = self.counts.cells();
-        // Cells stand by how many rays they had when they were made, so that these are of all kinds.
-        let one_in = (cells / ENOUGH_CELLS).max(1);
-        let asked = (0..cells).into_par_iter().step_by(one_in);
-        let worths = self.estimate(asked, |rays, visibility| Worth::of(rays, &visibility, &self.division));
-        self.worth = worths.into_iter().fold(Worth::default(), Worth::with).times(one_in);
+        // Cells are in the order of their rays when they were made, so that every n-th is a fair selection.
+        let one_in = (cells / SAMPLED_CELLS).max(1);
+        let some = (0..cells).into_par_iter().step_by(one_in);
+        let gains = self.estimate(some, |rays, visibility| PredictedGain::of(rays, &visibility, &self.division));
+        self.gain = gains.into_iter().fold(PredictedGain::default(), PredictedGain::with).times(one_in);
     }
 
-    /// Turns what was learned into weights, if they gain more than they take, and finds out what all of it is worth.
+    /// Computes the weights, if they pay, and the gain over all cells.
     pub fn finish(&mut self) {
         self.weights.truncate(1);
         if self.pays() {
             let of_cell = |rays: &_, visibility: Visibility| {
-                (Worth::of(rays, &visibility, &self.division), visibility.weights(&self.division))
+                (PredictedGain::of(rays, &visibility, &self.division), visibility.weights(&self.division))
             };
-            let (worths, weights): (Vec<_>, Vec<_>) =
-                self.estimate(0..self.counts.cells(), of_cell).into_iter().unzip();
-            self.worth = worths.into_iter().fold(Worth::default(), Worth::with);
+            let (gains, weights): (Vec<_>, Vec<_>) = self.estimate(0..self.counts.cells(), of_cell).into_iter().unzip();
+            self.gain = gains.into_iter().fold(PredictedGain::default(), PredictedGain::with);
             self.weights.extend(weights);
         }
-        self.asked = Default::default();
+        self.looked_up = Default::default();
     }
 
     fn estimate<T: Send>(
         &self,
-        asked: impl IntoParallelIterator<Item = usize, Iter: IndexedParallelIterator>,
+        chosen: impl IntoParallelIterator<Item = usize, Iter: IndexedParallelIterator>,
         of: impl Fn(&Rays, Visibility) -> T + Sync,
     ) -> Vec<T> {
-        let known = |key| self.known.as_ref().and_then(|known| known.visibility(key));
-        estimate::estimate(&self.counts, known, asked, of)
+        let precomputed = |key| self.precomputed.as_ref().and_then(|cells| cells.visibility(key));
+        estimate::estimate(&self.counts, precomputed, chosen, of)
     }
 
-    /// The number of the weights at a key: those of the finest cell that is known.
+    /// The number of the weights at a key: those of the finest cell.
     fn number(&self, key: CellKey) -> u32 {
         let own = self.counts.find(key);
-        match self.known.as_ref().and_then(|known| known.find(key)) {
-            Some((cell, level)) if own.is_none_or(|(_, own)| level < own) => IS_KNOWN | cell,
+        match self.precomputed.as_ref().and_then(|cells| cells.find(key)) {
+            Some((cell, level)) if own.is_none_or(|(_, own)| level < own) => IS_PRECOMPUTED | cell,
             _ => own.map_or(0, |(cell, _)| cell + 1),
         }
     }
 
-    /// Whether what was learned gains more than it takes to draw with it.
+    /// Whether weights are used: the predicted gain exceeds their cost.
     pub fn pays(&self) -> bool {
-        self.always || self.worth_of_all().pays()
+        self.always || self.total_gain().pays()
     }
 
-    /// Whether it may come to gain so much if it learns so many times as much in all: if it knew something before, where that has no cells. What it says depends on what it
-    /// had learned when it was last asked.
-    pub fn promises(&mut self, times: f64) -> bool {
-        let before = self.promised.replace(self.worth);
-        let is_new = self.known.is_none() || self.worth.rays() >= LEAST_NEW * self.observed.load(Relaxed) as f64;
-        is_new && (self.always || self.worth.promises(times, before.as_ref()))
+    /// Whether `factor` times as many rays in all could make weights pay, judged by the gain and its growth since the last call; with
+    /// precomputed visibility, whether enough rays start outside of its cells.
+    pub fn could_pay(&mut self, factor: f64) -> bool {
+        let before = self.previous_gain.replace(self.gain);
+        let is_new = self.precomputed.is_none() || self.gain.rays() >= LEAST_NEW * self.observed.load(Relaxed) as f64;
+        is_new && (self.always || self.gain.could_pay(factor, before.as_ref()))
     }
 
-    /// What weights would gain, those that were known before and those that were learned.
-    fn worth_of_all(&self) -> Worth {
-        self.known.as_ref().map_or(self.worth, |known| known.worth().with(self.worth))
+    /// The predicted gain over precomputed and learned cells.
+    fn total_gain(&self) -> PredictedGain {
+        self.precomputed.as_ref().map_or(self.gain, |cells| cells.gain().with(self.gain))
     }
 
-    /// How large it is.
+    /// Size and predicted gain.
     pub fn size(&self) -> CacheSize {
-        let (cells, bytes) = self.known.as_ref().map_or((0, 0), |known| (known.count(), known.bytes()));
+        let (cells, bytes) = self.precomputed.as_ref().map_or((0, 0), |cells| (cells.count(), cells.bytes()));
         let (cells, bytes) = (cells + self.counts.cells(), bytes + self.counts.cells() * Self::CELL_BYTES);
-        let [all, unknown] = self.asked.each_ref().map(|count| count.load(Relaxed) as f64);
-        CacheSize { cells, bytes, unknown: unknown / all.max(1.0), gain: self.worth_of_all().gain(), pays: self.pays() }
+        let [all, unknown] = self.looked_up.each_ref().map(|count| count.load(Relaxed) as f64);
+        CacheSize { cells, bytes, unknown: unknown / all.max(1.0), gain: self.total_gain().ratio(), pays: self.pays() }
     }
 }
 
@@ -268,15 +266,15 @@ impl Weighting for VisibilityCache {
             unknown += u64::from(last.1 == 0);
             *out = f32::from_bits(last.1);
         }
-        self.asked[0].fetch_add(at.len() as u64, Relaxed);
-        self.asked[1].fetch_add(unknown, Relaxed);
+        self.looked_up[0].fetch_add(at.len() as u64, Relaxed);
+        self.looked_up[1].fetch_add(unknown, Relaxed);
     }
 
     #[inline(always)]
     fn at(&self, index: f32) -> Option<&Weights> {
         let number = index.to_bits();
-        if number & IS_KNOWN != 0 {
-            return self.known.as_ref().and_then(|known| known.weights(number & !IS_KNOWN));
+        if number & IS_PRECOMPUTED != 0 {
+            return self.precomputed.as_ref().and_then(|cells| cells.weights(number & !IS_PRECOMPUTED));
         }
         self.weights.get(number as usize)
     }

@@ -1,4 +1,4 @@
-//! What a sampler multiplies its product with, for each patch of sky.
+//! Visibility weights, which multiply the masses of patches.
 
 use super::division::CLUSTERS;
 use crate::{
@@ -6,7 +6,7 @@ use crate::{
     tile::Rows,
 };
 
-/// Weights of the patches of sky at a place, each above 0 and at most 1, in steps of 1/255.
+/// Weights of the patches from a cell, each above 0 and at most 1, in steps of 1/255.
 #[derive(Clone, Debug)]
 pub struct Weights {
     clusters: [u8; CLUSTERS],
@@ -14,12 +14,12 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// Nothing is known: all patches count as seen.
+    /// Weights of 1.
     pub fn unknown() -> Self {
         Self { clusters: [255; CLUSTERS], patches: [[255; LANES]; CLUSTERS] }
     }
 
-    /// The weights of patches, and of clusters as their means by shares of light.
+    /// Weights of patches; those of clusters are their means by energy.
     pub fn new(weights: impl Fn(usize) -> f32, energies: &[f32]) -> Self {
         let mut out = Self::unknown();
         for (cluster, own) in out.patches.iter_mut().enumerate() {
@@ -52,12 +52,12 @@ fn quantized(weight: f32) -> u8 {
     (255.0 * weight + 0.5).clamp(1.0, 255.0) as u8
 }
 
-/// What weights a sampler takes at its points. All are relative: a sampler divides by their sum.
+/// The weights of shading points. They are relative: samplers divide by their sum.
 pub trait Weighting: Send + Sync {
-    /// The numbers of the weights at points, as the bits of lanes.
+    /// The numbers of the weights of points, as the bits of lanes.
     fn indices(&self, _at: &Rows<'_>, _out: &mut [Lanes]) {}
 
-    /// The weights with a number.
+    /// The weights of a number; `None` for weights of 1.
     fn at(&self, index: f32) -> Option<&Weights>;
 
     /// Weights of the clusters at the points of a strip.
@@ -97,7 +97,7 @@ pub trait Weighting: Send + Sync {
     }
 }
 
-/// Everything is seen from everywhere.
+/// Weights of 1 everywhere.
 #[derive(Clone, Copy, Debug)]
 pub struct Unoccluded;
 

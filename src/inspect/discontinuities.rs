@@ -1,27 +1,27 @@
-//! Where a tail tears the square: points of Y that land apart on the map, however near they are to each other.
+//! Where a tail is not continuous: points of Y that land apart on the map, however near they are to each other.
 
 use glam::Vec2;
 use headtail_render::tail::{Tail, TailWarp};
 
-/// Points along a side of Y; tears are looked for between neighbours.
+/// Points along a side of Y, which are compared with their neighbours.
 pub const SIDE: usize = 256;
 /// How often the distance of two neighbours is halved, always towards the half that lands further apart: to 2^-20 of a side.
 const HALVINGS: usize = 12;
-/// The least jump that counts, as a share of the map's side: what lands so far apart is torn, or stretched more than a thousand times.
+/// The least jump that counts, as a fraction of the map's side: points so far apart are separated, or stretched more than 1000 times.
 const LEAST: f32 = 1.0 / 1024.0;
 
-/// The tears of a tail.
-pub struct Tears {
+/// The discontinuities of a tail.
+pub struct Discontinuities {
     /// Their length in sides of Y, along both axes.
     pub length: f64,
-    /// The mean jump across them, as a share of the map's width or height, whichever is more; 0 without tears.
+    /// The mean jump across them, as a fraction of the map's width or height, whichever is more; 0 if there are none.
     pub mean: f64,
     /// The largest jump to the right and downwards of each of `SIDE x SIDE` points.
     pub jumps: Vec<f32>,
 }
 
-impl Tears {
-    /// Follows every pair of neighbours to where it is torn.
+impl Discontinuities {
+    /// Bisects every pair of neighbours towards its largest jump.
     pub fn of(tail: &Tail) -> Self {
         let mut pairs: Vec<[Vec2; 2]> = (0..SIDE * SIDE).flat_map(neighbours).collect();
         for _ in 0..HALVINGS {
@@ -36,15 +36,15 @@ impl Tears {
         }
         let [from, to] = [0, 1].map(|end| images(tail, &pairs.iter().map(|pair| pair[end]).collect::<Vec<_>>()));
         let gaps: Vec<f32> = from.into_iter().zip(to).map(|(a, b)| apart(a, b)).collect();
-        let torn: Vec<f64> = gaps.iter().filter(|&&gap| gap > LEAST).map(|&gap| f64::from(gap)).collect();
+        let separated: Vec<f64> = gaps.iter().filter(|&&gap| gap > LEAST).map(|&gap| f64::from(gap)).collect();
         Self {
-            length: torn.len() as f64 / SIDE as f64,
-            mean: if torn.is_empty() { 0.0 } else { torn.iter().sum::<f64>() / torn.len() as f64 },
+            length: separated.len() as f64 / SIDE as f64,
+            mean: if separated.is_empty() { 0.0 } else { separated.iter().sum::<f64>() / separated.len() as f64 },
             jumps: gaps.chunks_exact(2).map(|gaps| gaps[0].max(gaps[1])).collect(),
         }
     }
 
-    /// The square, black where it is whole, and brighter the further apart its points land.
+    /// The square, black where the tail is continuous, and brighter the larger its jump.
     pub fn colors(&self) -> Vec<[u8; 3]> {
         let bright = |jump: &f32| {
             // From a thousandth to half of the map.
@@ -81,15 +81,15 @@ mod tests {
 
     use super::*;
 
-    fn tears(kind: TailKind, luminance: impl Fn(usize, usize) -> f32) -> Tears {
+    fn of(kind: TailKind, luminance: impl Fn(usize, usize) -> f32) -> Discontinuities {
         let texels: Vec<f32> = (0..64 * 32).map(|k| luminance(k % 64, k / 64)).collect();
-        Tears::of(&Tail::new(kind, 64, 32, &texels).unwrap())
+        Discontinuities::of(&Tail::new(kind, 64, 32, &texels).unwrap())
     }
 
     #[test]
-    fn a_map_without_light_and_shade_is_not_torn() {
+    fn tails_of_uniform_light_are_continuous() {
         for kind in [TailKind::RowColumn, TailKind::Hierarchical] {
-            let found = tears(kind, |_, _| 1.0);
+            let found = of(kind, |_, _| 1.0);
             assert!(found.length == 0.0 && found.mean == 0.0, "{}: {} sides", kind.name(), found.length);
             assert_eq!(found.colors()[0], [0; 3]);
         }
@@ -97,8 +97,8 @@ mod tests {
 
     /// Two halves that are bright at opposite ends: their rows do not meet. A quarter of a side of the map lies between the middles of their light.
     #[test]
-    fn rows_that_do_not_meet_are_tears() {
-        let found = tears(TailKind::Hierarchical, |column, row| if (column < 32) == (row < 16) { 1.0 } else { 0.1 });
+    fn rows_that_do_not_meet_are_discontinuities() {
+        let found = of(TailKind::Hierarchical, |column, row| if (column < 32) == (row < 16) { 1.0 } else { 0.1 });
         // The halves meet twice on the circle, each time along the whole height of Y.
         assert!((1.5..4.0).contains(&found.length), "{} sides", found.length);
         assert!(found.mean > 0.1, "{}", found.mean);

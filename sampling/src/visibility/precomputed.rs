@@ -1,25 +1,25 @@
-//! What was learned of a scene beforehand, for renderings that begin with it.
+//! Visibility of a scene that was learned before a rendering, as in files of `bake --visibility`.
 
 use std::path::Path;
 
 use glam::Vec3A;
 
 use super::{
+    cell_index::CellIndex,
     cells::{CellKey, Cells},
     counts::Counts,
     division::{Division, PATCHES},
     estimate::{self, Visibility},
-    places::Places,
+    predicted_gain::PredictedGain,
     weights::Weights,
-    worth::Worth,
 };
 use crate::{
     environment::Environment,
     error::{Error, Result},
 };
 
-/// The shadow rays of a scene under a map, counted by cell and patch. It holds for every material and from every viewpoint, but for this scene and this
-/// map alone. Its file is described at [`Self::read`].
+/// Shadow rays of a scene under a map, counted by cell and patch: valid for all materials and viewpoints of this scene and map.
+/// [`Self::read`] describes its file.
 #[derive(Debug)]
 pub struct SceneVisibility {
     /// The hash of the scene's geometry: [`SceneContext::geometry_hash`](crate::spec::SceneContext::geometry_hash).
@@ -28,19 +28,19 @@ pub struct SceneVisibility {
     pub environment: String,
     /// [`Environment::hash`](crate::environment::Environment::hash).
     pub environment_hash: String,
-    /// Wall-clock seconds that learning took, where they are known.
+    /// Wall-clock seconds of learning, if recorded.
     pub seconds: Option<f64>,
     pub(super) cells: Cells,
     pub(super) counts: Counts,
 }
 
 impl SceneVisibility {
-    /// How many cells, of all sizes.
+    /// Number of cells of all sizes.
     pub fn cells(&self) -> usize {
         self.counts.cells()
     }
 
-    /// How many shadow rays it was learned from.
+    /// Number of shadow rays.
     pub fn rays(&self) -> u64 {
         (0..self.cells()).flat_map(|cell| self.counts.rays(cell)).map(|[_, all]| u64::from(all)).sum()
     }
@@ -59,23 +59,23 @@ impl SceneVisibility {
     }
 }
 
-/// A [`SceneVisibility`] as renderings use it.
+/// A [`SceneVisibility`] with its weights, as renderings use it.
 #[derive(Debug)]
-pub struct Known {
+pub struct PrecomputedVisibility {
     cells: Cells,
-    places: Places,
-    found: Vec<(Visibility, Weights)>,
-    worth: Worth,
+    index: CellIndex,
+    estimates: Vec<(Visibility, Weights)>,
+    gain: PredictedGain,
 }
 
-impl Known {
-    /// Bytes of a cell: its visibility, its weights, and its place in the list of cells.
+impl PrecomputedVisibility {
+    /// Bytes of a cell: visibility, weights, and its entry in the index.
     const CELL_BYTES: usize = PATCHES * 4 + size_of::<(Visibility, Weights)>() + 24;
 
-    /// The visibility for a division of the sky, in at most `bytes` bytes.
+    /// The visibility of the patches of a division.
     ///
     /// # Errors
-    /// It takes more.
+    /// It takes more than `bytes` bytes.
     pub fn new(visibility: &SceneVisibility, division: &Division, bytes: usize) -> Result<Self> {
         let cells = visibility.cells();
         let cell_bytes = Self::CELL_BYTES;
@@ -85,21 +85,21 @@ impl Known {
             return Err(Error::argument("visibility", format!("takes {needed} MB, and {allowed} MB are allowed")));
         }
         let counts = &visibility.counts;
-        let found = estimate::estimate(
+        let estimates = estimate::estimate(
             counts,
             |_| None,
             0..cells,
             |rays, visibility| {
-                let (worth, weights) = (Worth::of(rays, &visibility, division), visibility.weights(division));
-                (worth, (visibility, weights))
+                let (gain, weights) = (PredictedGain::of(rays, &visibility, division), visibility.weights(division));
+                (gain, (visibility, weights))
             },
         );
-        let (worths, found): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+        let (gains, estimates): (Vec<_>, Vec<_>) = estimates.into_iter().unzip();
         Ok(Self {
             cells: visibility.cells,
-            places: (0..cells).map(|cell| (counts.key(cell), cell as u32)).collect(),
-            found,
-            worth: worths.into_iter().fold(Worth::default(), Worth::with),
+            index: (0..cells).map(|cell| (counts.key(cell), cell as u32)).collect(),
+            estimates,
+            gain: gains.into_iter().fold(PredictedGain::default(), PredictedGain::with),
         })
     }
 
@@ -108,42 +108,42 @@ impl Known {
         self.cells
     }
 
-    /// Bytes that it takes.
+    /// Its size in bytes.
     pub fn bytes(&self) -> usize {
-        self.found.len() * Self::CELL_BYTES
+        self.estimates.len() * Self::CELL_BYTES
     }
 
-    /// What drawing with it would gain.
-    pub(super) fn worth(&self) -> Worth {
-        self.worth
+    /// The predicted gain of its weights.
+    pub(super) fn gain(&self) -> PredictedGain {
+        self.gain
     }
 
-    /// How many cells.
+    /// Number of cells.
     pub fn count(&self) -> usize {
-        self.found.len()
+        self.estimates.len()
     }
 
-    /// The finest cell that a point with a normal lies in: its number, how many sizes it is above the smallest, and the visibility of each patch from
-    /// there; `None` where nothing is known.
+    /// The finest cell of a point with a normal: its number, its level above the smallest cells, and the visibility of each patch; `None` outside
+    /// of all cells.
     pub fn at(&self, p: Vec3A, n: Vec3A) -> Option<(u32, usize, &[f32])> {
         let (cell, level) = self.find(self.cells.key(p, n))?;
-        Some((cell, level, self.found[cell as usize].0.patches()))
+        Some((cell, level, self.estimates[cell as usize].0.patches()))
     }
 
-    /// The finest cell that a key lies in, and how many levels above it.
+    /// The finest cell that contains a key, and its level above it.
     #[inline]
     pub(super) fn find(&self, key: CellKey) -> Option<(u32, usize)> {
-        self.places.find(key)
+        self.index.find(key)
     }
 
-    /// The visibility in exactly this cell.
+    /// The visibility of the cell with exactly this key.
     pub(super) fn visibility(&self, key: CellKey) -> Option<&Visibility> {
-        self.places.get(key).map(|cell| &self.found[cell as usize].0)
+        self.index.get(key).map(|cell| &self.estimates[cell as usize].0)
     }
 
     /// The weights of a cell by its number.
     #[inline(always)]
     pub(super) fn weights(&self, cell: u32) -> Option<&Weights> {
-        self.found.get(cell as usize).map(|found| &found.1)
+        self.estimates.get(cell as usize).map(|(_, weights)| weights)
     }
 }

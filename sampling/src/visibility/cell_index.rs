@@ -1,4 +1,4 @@
-//! Where the cells of a scene are kept: from keys to numbers.
+//! The numbers of cells by their keys.
 
 use std::{
     collections::HashMap,
@@ -28,21 +28,21 @@ impl Hasher for KeyHasher {
     }
 }
 
-/// Something for each of some cells.
+/// A map from keys of cells.
 pub type ByKey<T> = HashMap<CellKey, T, BuildHasherDefault<KeyHasher>>;
 
 /// The numbers of cells by their keys.
 #[derive(Debug, Default)]
-pub struct Places(ByKey<u32>);
+pub struct CellIndex(ByKey<u32>);
 
-impl Places {
+impl CellIndex {
     /// The cell of exactly this key.
     #[inline]
     pub fn get(&self, key: CellKey) -> Option<u32> {
         self.0.get(&key).copied()
     }
 
-    /// The finest cell that a key lies in, and how many levels above it.
+    /// The finest cell that contains a key, and its level above it.
     #[inline]
     pub fn find(&self, mut key: CellKey) -> Option<(u32, usize)> {
         if self.0.is_empty() {
@@ -57,13 +57,13 @@ impl Places {
         None
     }
 
-    /// Gives a key its number.
+    /// Sets the number of a key.
     pub fn insert(&mut self, key: CellKey, cell: u32) {
         self.0.insert(key, cell);
     }
 }
 
-impl FromIterator<(CellKey, u32)> for Places {
+impl FromIterator<(CellKey, u32)> for CellIndex {
     fn from_iter<T: IntoIterator<Item = (CellKey, u32)>>(cells: T) -> Self {
         Self(cells.into_iter().collect())
     }
